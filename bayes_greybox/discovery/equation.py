@@ -43,7 +43,7 @@ ON_PATH = 0.1
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of one equation.
+    """Data, model and settings of the study of one equation.
 
     Attributes:
         model: The model before.

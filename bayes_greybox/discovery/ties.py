@@ -5,12 +5,11 @@ velocity in one, have one evidence. What a processor's kernels make of its last 
 what differs by less than `TIE` is a tie, and stays in the order that it came in, which for effects is the catalogue's.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import TypeVar
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 
 TIE = 1e-6
 """Nats, or share of a probability, up to which two are equal: rounding makes far less of it, and no evidence says so
@@ -48,12 +47,6 @@ def likeliest_first(probabilities: Mapping[Key, float]) -> dict[Key, float]:
     """
     with np.errstate(divide="ignore"):
         return dict(ranked(probabilities.items(), lambda item: float(np.log(max(item[1], 0.0)))))
-
-
-def first_of_best(nats: Sequence[float] | Float[np.ndarray, " n"]) -> int:
-    """Place of the largest, or of the first that ties with it."""
-    values = np.asarray(nats, float)
-    return int(np.argmax(values >= np.max(values) - TIE))
 
 
 def sorted_by_probability(table: pd.DataFrame, ignore_index: bool = False) -> pd.DataFrame:

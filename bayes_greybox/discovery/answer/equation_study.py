@@ -29,16 +29,14 @@ from .amendment import Amendment
 from .checks.adequacy import Check
 from .coefficients import Coefficients
 from .instrument import instrument_table
+from .interval import REACH, TAIL
 from .where import GapMap, GapTrace
 
 KEYS = ("equation", "memory")
 """Index of the table of what remains."""
 
-TAIL, REACH = 0.05, 1.6448536269514722
-"""Probability on either side of the intervals in tables, and how many standard deviations that is."""
-
 UNUSUAL = "the opposite of what such an effect usually does"
-"""What is said of a reversed effect where the catalogue has no words for that."""
+"""Words for a reversed effect where the catalogue has none of its own."""
 
 ANOTHER_SENSOR = "show the sensor a motion that is known, or measure with another one beside it"
 """Advice where only a fault of the sensor does the same as an effect: no range of the data tells them apart."""

@@ -1,4 +1,4 @@
-"""What a study says of the measurement: channels that are late, scaled, offset or bent, and noise that is not white."""
+"""Table of the measurement's errors: channels that are late, scaled, offset or bent, and noise that is not white."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -21,6 +21,7 @@ from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
 
 from .coefficients import Coefficients
+from .interval import REACH
 
 NOISY = "noisy state"
 """A state whose samples carry white noise of their own."""
@@ -42,8 +43,6 @@ COLUMNS = (
 
 ALIKE = 0.8
 """Ends of a range that are as far from the middle of a bend but for this share are alike."""
-
-_REACH = 1.6448536269514722
 
 
 def instrument_table(
@@ -134,7 +133,7 @@ def _row(
     equation: str, suspect: ChannelSuspect, p: float, mean: float, sd: float, in_model: bool, data: Trajectories,
     samples: Trajectories,
 ) -> dict[str, Any]:  # fmt: skip
-    low, high = mean - _REACH * sd, mean + _REACH * sd
+    low, high = mean - REACH * sd, mean + REACH * sd
     time = data.unit("t") or ""
     channel = "all states" if suspect.channel == STATES else suspect.channel
     row = _blank(equation, suspect.kind, suspect.channel, p, IN_MODEL if in_model else "", "")

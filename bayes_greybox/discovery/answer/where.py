@@ -25,7 +25,9 @@ MOST_REGIONS, MOST_WINDOWS = 3, 5
 """Regions and windows reported at most."""
 
 CELL = 0.05
-"""Width of a cell of a map over the range of its variable."""
+"""Width of the Gaussian that smooths a map, over the range of its variable: a grid of 41 points has two in it.
+
+It decides nothing."""
 
 WINDOW = 40
 """A window lasts at least this part of a run's rows, so that noise does not cut it up."""
@@ -77,7 +79,7 @@ class GapTrace:
 
 
 class Gap(NamedTuple):
-    """What a model lacks along time: the smoothed latent force, user's units.
+    """Smoothed latent force along time, which the model lacks, user's units.
 
     Attributes:
         mean: Posterior mean at the samples.

@@ -14,10 +14,10 @@ VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly na
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
 
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
-"""What speaks against effects that together may be one law."""
+"""Reason against effects that together may be one law."""
 
 AND_MORE = f"{ONE_LAW}, and something is left besides"
-"""The same where they leave something."""
+"""Reason against them where they leave something, too."""
 
 
 @dataclass(frozen=True)

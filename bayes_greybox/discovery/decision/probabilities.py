@@ -1,4 +1,4 @@
-"""What the hypotheses come to: probabilities of effects, of corrections, of sensor errors, and of what remains.
+"""Probabilities of effects, of corrections, of sensor errors and of what remains, summed over the hypotheses.
 
 An effect whose contribution is no larger than what remains unexplained beside it may be its imitation: its probability
 counts with own²/(own² + left²), RMS along the record. So do those of corrections and of sensor errors.
@@ -16,14 +16,14 @@ from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, SENSOR, 
 from .criteria import Criteria
 
 NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN, EFFECTS = "no gap", "recalibrate", "instrument", "unknown", "effects"
-"""What a hypothesis says."""
+"""Kinds of hypotheses, by what they say is wrong."""
 
 STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN)
-"""Of these, what is said without a name."""
+"""Kinds that name no effect."""
 
 
 class Share(NamedTuple):
-    """Of all hypotheses that hold something.
+    """Probability and agreement of all hypotheses that hold something, together.
 
     Attributes:
         probability: Their posterior probability.

@@ -17,13 +17,14 @@ from jaxtyping import Float, Int
 from .gram import Gram
 
 CHUNK = 400_000
-"""Numbers of a batch's arrays, so that they stay in the cache."""
+"""Largest number of values in a batch's arrays, some 3 MB: they stay in the cache."""
 
 RIDGE = 1e-13
 """Added to products of unit columns, which may be one and the same."""
 
 PASSES = 3
-"""How often v is taken again: from the fit without a prior on, D moves its mode by a share of order k/n each time."""
+"""Number of steps to the mode of v, from that of the fit without a prior: what D moves it by is of order k/n smaller in
+each."""
 
 START = 1e-8
 """First v, over the target's: small enough for the fit to be that without a prior, and above its rounding."""

@@ -105,21 +105,16 @@ class Weighed:
 
         It is white and of unit variance where the model is right.
         """
-        plain = np.array([point.shape == 0 for point in self.grid.points])
-        number = int(np.argmax(np.where(plain, hypothesis.points, -1.0)))
-        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
-        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
-        pieces = _Pieces(self.table, self.forces, self.grid.points, {})
-        return pieces.white(number, residual[:, None])[0][:, 0] / np.sqrt(found.v[0])
+        number, residual, v = self._likeliest(hypothesis, [point.shape == 0 for point in self.grid.points])
+        return self._pieces.white(number, residual)[0][:, 0] / np.sqrt(v)
 
     def standardised(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
         """Return leave-one-out residuals at a hypothesis's mode, each over its predictive standard deviation.
 
         z_i = e_i / (√v √(1 − h_i)), e the whitened residual and h the leverage of the columns.
         """
-        pieces = _Pieces(self.table, self.forces, self.grid.points, {})
         rows = np.column_stack([self.residual(hypothesis), self.table.columns[:, list(hypothesis.members)]])
-        white = pieces.white(hypothesis.point, rows)[0]
+        white = self._pieces.white(hypothesis.point, rows)[0]
         X = white[:, 1:]
         leverage = np.clip(np.einsum("ij,jk,ik->i", X, hypothesis.covariance, X) / hypothesis.noise**2, 0.0, 0.99)
         return white[:, 0] / (hypothesis.noise * np.sqrt(1 - leverage))
@@ -129,38 +124,27 @@ class Weighed:
 
         It is that of the likeliest noise point with a force in time: a law of the states is one, too.
         """
-        able = np.array([point.kind == TIME for point in self.grid.points])
-        if not np.any(able):
-            return self._law(hypothesis)
-        number = int(np.argmax(np.where(able, hypothesis.points, -1.0)))
-        point = self.grid.points[number]
-        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
-        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
-        mean, variance = self.forces[point.shape].smooth(residual[:, None], point.scale, point.ratio)
-        return mean[:, 0], np.sqrt(found.v[0] * variance)
+        kinds = [point.kind for point in self.grid.points]
+        number, residual, v = self._likeliest(hypothesis, [kind == (TIME if TIME in kinds else LAW) for kind in kinds])
+        mean, variance = self._pieces.smoothed(number, residual)
+        return mean[:, 0], np.sqrt(v * variance)
 
-    def _law(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the smoothed law of the states beside a hypothesis at the samples, mean and standard deviation."""
-        able = np.array([point.kind == LAW for point in self.grid.points])
+    @cached_property
+    def _pieces(self) -> "_Pieces":
+        return _Pieces(self.table, self.forces, self.grid.points, {})
+
+    def _likeliest(self, hypothesis: Hypothesis, able: Sequence[bool]) -> tuple[int, Float[np.ndarray, "n 1"], float]:
+        """Return the likeliest of the noise points that may be, with the residual and v at the mode there."""
         number = int(np.argmax(np.where(able, hypothesis.points, -1.0)))
-        point = self.grid.points[number]
         found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
         residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
-        basis = discrepancy_basis(self.table, point)
-        white = self.table.force.whiten(residual[:, None], 1.0, np.zeros(1))[0][:, 0]
-        variance = found.v[0] * basis.acting**2 @ (point.ratio**2 / (1 + point.ratio**2 * basis.eigenvalues))
-        return (basis.acting @ basis.posterior(white, point.ratio))[:, 0], np.sqrt(variance)
+        return number, residual[:, None], float(found.v[0])
 
     @property
     def before(self) -> Hypothesis:
         """Return the hypothesis with the user's own terms alone."""
         free = self.table.of_kind(FREE)
         return next(h for h in self.hypotheses if h.members == free)
-
-    def likeliest_point(self, hypothesis: Hypothesis, remains: bool) -> int:
-        """Return the number of the likeliest noise point with, or without, a discrepancy."""
-        able = np.array([point.remains == remains for point in self.grid.points])
-        return int(np.argmax(np.where(able, hypothesis.points, -1.0)))
 
 
 def weigh(
@@ -296,14 +280,15 @@ class _Pieces:
             white = white - basis.features @ basis.posterior(white, point.ratio)
         return white, logs
 
-    def smoothed(self, number: int, residuals: np.ndarray) -> np.ndarray:
-        """Return the posterior mean of the discrepancy, as a force."""
+    def smoothed(self, number: int, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the posterior mean of the discrepancy, as a force, and its variance over v."""
         point = self.points[number]
         if point.kind == TIME:
-            return self.forces[point.shape].smooth(residuals, point.scale, point.ratio)[0]
+            return self.forces[point.shape].smooth(residuals, point.scale, point.ratio)
         basis = self._basis(point)
         white = self.forces[point.shape].whiten(residuals, 1.0, np.zeros(1))[0][:, 0]
-        return basis.acting @ basis.posterior(white, point.ratio)
+        variance = basis.acting**2 @ (point.ratio**2 / (1 + point.ratio**2 * basis.eigenvalues))
+        return basis.acting @ basis.posterior(white, point.ratio), variance
 
     def block_logs(self, best: np.ndarray, residuals: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return the log likelihood of each block at each hypothesis's mode [n_hypothesis, n_block]."""
@@ -323,7 +308,7 @@ class _Pieces:
         found = np.zeros(len(best))
         for number in np.unique(best):
             own = np.flatnonzero(best == number)
-            found[own] = np.sqrt(np.mean(self.smoothed(int(number), residuals[:, own]) ** 2, axis=0))
+            found[own] = np.sqrt(np.mean(self.smoothed(int(number), residuals[:, own])[0] ** 2, axis=0))
         return found
 
     def _basis(self, point: NoisePoint) -> Basis:

@@ -1,4 +1,4 @@
-"""How a latent force and the noise of the sensors act on rows, and the Kalman filters that whiten them.
+"""Latent force and noise of the sensors on rows, and the Kalman filters that whiten them.
 
 w(t) is a Gaussian process of time scale τ, whose standard deviation is r times that of the noise (Álvarez, Luengo &
 Lawrence 2009; Hartikainen & Särkkä 2010). The innovations of the filter are the whitened rows, with the same gains for

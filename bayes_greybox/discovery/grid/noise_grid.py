@@ -1,9 +1,10 @@
 """Points of the noise grid: the discrepancy beside every set of regressors, integrated out.
 
-y = X θ + d + e,  e ~ N(0, v I),  d one of: nothing; a latent force w(t), an Ornstein–Uhlenbeck process of standard
-deviation r √v and time scale τ (Álvarez, Luengo & Lawrence 2009); a law f(x) of the states, a Gaussian process with a
-squared-exponential kernel of standard deviation r √v (Solin & Särkkä 2020, eq. 59). Scales of d are ratios r to the
-sensor's noise, so that v is common to all points and is integrated out for each set by itself.
+y = X θ + d + e,  e ~ N(0, v I),  d one of: nothing; sensor noise that hangs together, an Ornstein–Uhlenbeck process; a
+latent force w(t) of standard deviation r √v and time scale τ (Álvarez, Luengo & Lawrence 2009), a Matérn-3/2 process on
+rates and an Ornstein–Uhlenbeck process along paths; a law f(x) of the states, a Gaussian process with a
+squared-exponential kernel of standard deviation r √v (Solin & Särkkä 2020, eq. 59); a force that remembers. Scales of d
+are ratios r to the sensor's noise, so that v is common to all points and is integrated out for each set by itself.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 KINDS = NONE, SENSOR, TIME, LAW, MEMORY = "none", "sensor", "time", "law", "memory"
-"""What remains beside a set: nothing, correlated sensor noise, a latent force, a law, a force that remembers."""
+"""Kinds of discrepancy beside a set: none, correlated sensor noise, a latent force, a law, a force that remembers."""
 
 REMAINS = (TIME, LAW, MEMORY)
 """What remains of the system, and is no noise."""

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.pooling import Pooled
+from bayes_greybox.discovery.answer.interval import REACH
 from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
 
 MOST = 60
@@ -37,11 +38,12 @@ def plot_pooled(
     ax = figure.add_subplot()
     place = np.arange(len(order))
     ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
-    wide = 1.645
     own = np.asarray(mean)[order]
-    ax.errorbar(own, place + 0.13, xerr=wide * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data")
     ax.errorbar(
-        np.asarray(whole.each)[order], place - 0.13, xerr=wide * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
+        own, place + 0.13, xerr=REACH * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data"
+    )
+    ax.errorbar(
+        np.asarray(whole.each)[order], place - 0.13, xerr=REACH * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
         color=DARK, label="pooled",
     )  # fmt: skip
     ax.set_yticks(place, [plain(shown[int(i)]) for i in order])

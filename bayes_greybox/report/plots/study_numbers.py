@@ -4,10 +4,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.criticism import discrepancy
+from bayes_greybox.discovery.answer.interval import REACH
 from bayes_greybox.discovery.answer.where import GapMap
-
-REACH = 1.6449
-"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
 def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
