@@ -33,6 +33,7 @@ from .linearise.settle import settle
 from .linearise.source import Source
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
+from .suspects.channels import DELAY
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
@@ -110,20 +111,22 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     model, train, name, odds = question.model, question.train, question.name, question.odds
     reach = Reach(effects=question.most)
 
-    def settled(source: Source) -> tuple[Source, Near]:
-        return source, settle(source.near, source.quantities, Point(), odds, reach, question.seed, say)
+    def settled(source: Source, start: Point) -> tuple[Source, Near]:
+        return source, settle(source.near, source.quantities, start, odds, reach, question.seed, say)
 
     if model.rows.rates_measured:
-        return settled(RateRows(model, train, name, question.effects))
-    found = settled(SampleRows(model, train, name, question.effects))
+        return settled(RateRows(model, train, name, question.effects), Point())
+    found = settled(SampleRows(model, train, name, question.effects), Point())
     if model.rows.interpolation is not None or not train.input_names:
         return found
     say("following the path with inputs that are held")
     held = replace(model, rows=model.rows.held())
+    point = found[1].point_of(found[1].likeliest)
+    # A delay is what lines between samples of held inputs look like.
+    start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
     try:
-        again = settled(
-            SampleRows(held, held.rows.complete(train, name, held.simulator(train)), name, question.effects)
-        )
+        rows = held.rows.complete(train, name, held.simulator(train))
+        again = settled(SampleRows(held, rows, name, question.effects), start)
     except (InputError, np.linalg.LinAlgError):
         return found
     # That inputs are held has the prior odds of any error of a channel.

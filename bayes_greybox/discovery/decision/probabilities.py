@@ -1,7 +1,8 @@
 """Probabilities of effects, of corrections, of sensor errors and of what remains, summed over the hypotheses.
 
 An effect whose contribution is no larger than what remains unexplained beside it may be its imitation: its probability
-counts with own²/(own² + left²), RMS along the record. So do those of corrections and of sensor errors.
+counts with own²/(own² + left²), RMS along the record. So does that of a sensor error. A correction imitates nothing:
+the term is in the simulation, and its coefficient beside whatever remains is a statement about these data.
 """
 
 from collections.abc import Callable, Iterable
@@ -56,6 +57,8 @@ class Probabilities:
         own = [(i, regressors[i], size) for i, size in zip(hypothesis.members, hypothesis.sizes, strict=True)]
         of_kind = [(i, each, size) for i, each, size in own if each.kind == kind]
         stacked = self._stacked([each for _, each, _ in of_kind])
+        if kind == CORRECTION:
+            return [(i, each, 1.0) for i, each, _ in of_kind]
         return [(i, each, trusted(size, hypothesis.left) * stacked(each)) for i, each, size in of_kind]
 
     def _stacked(self, effects: list[Regressor]) -> Callable[[Regressor], float]:

@@ -5,9 +5,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.ties import ranked
 
 from .agreement import bagged
 from .evidence import RIDGE, log_evidences, modes
@@ -21,6 +22,9 @@ from .set_prior import SetPrior
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the target's size."""
+
+FAR = 30.0
+"""Nats behind the likeliest set from which on signs and limits are not asked: far beyond the window of the search."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class Weighed:
         precision: Prior precisions of the coefficients.
         floor: Least variance of the noise.
         hypotheses: Likeliest first.
+        blocks: Log likelihood of each block of the record at each hypothesis's mode.
     """
 
     table: RegressorTable
@@ -95,6 +100,29 @@ class Weighed:
     precision: Float[np.ndarray, " n_column"]
     floor: float
     hypotheses: tuple[Hypothesis, ...]
+    blocks: Float[np.ndarray, "n_hypothesis n_block"]
+
+    def told(self, more: Sequence[float], seed: int) -> "Weighed":
+        """Return the hypotheses where their log weights are known better.
+
+        Args:
+            more: What is added to the log weight of each.
+            seed: Of the bagged records.
+        """
+        if not np.any(more):
+            return self
+        weights = np.array([h.log_weight for h in self.hypotheses]) + np.asarray(more, float)
+        probability = np.exp(weights - np.logaddexp.reduce(weights))
+        agreement = bagged(self.blocks, probability, seed)
+        order = ranked(range(len(weights)), lambda k: float(weights[k]))
+        hypotheses = tuple(
+            replace(
+                self.hypotheses[k], log_weight=float(weights[k]), probability=float(probability[k]),
+                agreement=float(agreement[k]),
+            )
+            for k in order
+        )  # fmt: skip
+        return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
 
     def residual(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_row"]:
         """Return the target less what a hypothesis's regressors explain at its mode."""
@@ -186,7 +214,8 @@ def weigh(
         [table.target - table.columns[:, list(s)] @ m for s, m in zip(sets, found.mean, strict=True)]
     )
     pieces = _Pieces(table, forces, points, {})
-    agreement = bagged(pieces.block_logs(best, residuals, found.v), probability, seed)
+    in_blocks = pieces.block_logs(best, residuals, found.v)
+    agreement = bagged(in_blocks, probability, seed)
     left = pieces.left(logs, residuals)
     of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
     of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
@@ -203,7 +232,7 @@ def weigh(
                 float(left[k] * np.sqrt(sum(kinds[kind] for kind in REMAINS))),
             )
         )  # fmt: skip
-    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses))
+    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks)
 
 
 @dataclass(frozen=True)
@@ -240,13 +269,22 @@ class _Weight:
     def _ranges(self, sets: Sets, logs: np.ndarray) -> np.ndarray:
         """Return what signs and limits add to the log weight of each set, at its likeliest point."""
         every, added = self.table.regressors, np.zeros(len(sets))
-        ranged = [k for k, each in enumerate(sets) if any(every[i].ranged for i in each)]
-        if not ranged:
-            return added
-        own = [sets[k] for k in ranged]
-        found = modes(self.products, self.precision, own, np.argmax(logs[ranged], axis=1), self.floor)
+        totals = np.logaddexp.reduce(logs, axis=1)
+        open_ = np.array([any(every[i].ranged for i in each) for each in sets], dtype=bool)
+        while True:
+            # What makes the likeliest set impossible brings others near.
+            own = np.flatnonzero(open_ & (totals + added > np.max(totals + added) - FAR))
+            if not len(own):
+                return added
+            added[own] = self._ranged([sets[k] for k in own], np.argmax(logs[own], axis=1))
+            open_[own] = False
+
+    def _ranged(self, sets: Sets, best: Int[np.ndarray, " n_set"]) -> Float[np.ndarray, " n_set"]:
+        """Return what signs and limits add, each set at a point of its own."""
+        every, added = self.table.regressors, np.zeros(len(sets))
+        found = modes(self.products, self.precision, sets, best, self.floor)
         places: dict[int, list[tuple[int, float, float]]] = {}
-        for k, members, mean, covariance in zip(ranged, own, found.mean, found.covariance, strict=True):
+        for k, (members, mean, covariance) in enumerate(zip(sets, found.mean, found.covariance, strict=True)):
             for place, i in enumerate(members):
                 if every[i].ranged:
                     sd = float(np.sqrt(max(covariance[place, place], 0.0)))

@@ -27,6 +27,8 @@ def log_ranges(
         log 2 (p₊ P(θ has the expected sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y),
         log ∫ p(θ | y) N₊(θ; b, (0.3 b)²)/N(θ; 0, s²) dθ where θ is about b
 
+    Whose mean is beyond a limit is impossible: rows near it would be near what may not be.
+
     Args:
         regressors: One for each coefficient.
         mean: Posterior means under the normal priors.
@@ -41,7 +43,8 @@ def log_ranges(
         if each.expected:
             total[:, k] += _near_size(at, spread**2, each.expected, each.sd**2)
         if np.isfinite(each.limit):
-            total[:, k] += log_ndtr((each.limit * each.sd - np.abs(at)) / spread)
+            inside = (each.limit * each.sd - np.abs(at)) / spread
+            total[:, k] += np.where(inside > 0, log_ndtr(inside), -np.inf)
     return total
 
 

@@ -106,12 +106,24 @@ class Near:
     def log_evidence(self) -> float:
         """Return the log evidence of all hypotheses together, of the readings in their own units."""
         logs = [hypothesis.log_weight for hypothesis in self.weighed.hypotheses]
-        return float(np.logaddexp.reduce(logs)) - self.rows.unit * self.regressors.rows.n_row
+        return float(np.logaddexp.reduce(logs)) - self.log_unit
+
+    @property
+    def log_unit(self) -> float:
+        """Return what a log weight on these rows is more than that of the readings in their own units."""
+        return self.rows.unit * self.regressors.rows.n_row
 
     @property
     def likeliest(self) -> Hypothesis:
         """Return the likeliest hypothesis."""
         return self.weighed.hypotheses[0]
+
+    def log_weights(self) -> dict[tuple[str, ...], float]:
+        """Return log weights by what the regressors of hypotheses are called, summed over values of parameters."""
+        found: dict[tuple[str, ...], float] = {}
+        for h in self.weighed.hypotheses:
+            found[self.names(h)] = float(np.logaddexp(found.get(self.names(h), -np.inf), h.log_weight))
+        return found
 
     def column(self, index: int) -> Column:
         """Return one regressor's column."""
@@ -138,14 +150,15 @@ class Near:
         The coefficient of an effect with nonlinear parameters goes with their values: it is not compared.
         """
         now, then = self.likeliest, before.likeliest
-        if self._names(now) != before._names(then):
+        if self.names(now) != before.names(then):
             return False
         moved = np.abs(now.mean * self.in_units(now) - then.mean * before.in_units(then))
         bent = np.array([bool(self.column(i).inner) for i in now.members], dtype=bool)
         return bool(np.all((moved <= STAYS * now.sd * self.in_units(now)) | bent))
 
-    def _names(self, hypothesis: Hypothesis) -> list[str]:
-        return [self.column(i).called for i in hypothesis.members]
+    def names(self, hypothesis: Hypothesis) -> tuple[str, ...]:
+        """Return what the regressors of a hypothesis are called, whatever the values of their parameters."""
+        return tuple(self.column(i).called for i in hypothesis.members)
 
 
 def as_regressor(column: Column) -> Regressor:

@@ -1,7 +1,8 @@
 """Rows of measured rates, or of an output, near what was found: delays are undone in the data, all else is linear."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -15,7 +16,7 @@ from bayes_greybox.discovery.linearise.sensor_rows import at_end, beyond, earlie
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate, calibrated, suspect_columns, undone
 from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late, late_states
+from bayes_greybox.discovery.suspects.late import Late, in_step, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates
 from bayes_greybox.model.assemble import with_rounding
@@ -44,6 +45,7 @@ class RateRows:
         clipped: Rows at which a channel's sensor was at its end, by channel.
         misread: Rows at which a state's or an input's sensor slipped, by channel.
         late: States that were late against the state that is their rate, which is undone first.
+        in_step: How late states may be against their rates, where their samples agree: standard deviations.
         bare: Modelled rate of the simulation, before anything was found.
     """
 
@@ -55,6 +57,7 @@ class RateRows:
     clipped: dict[str, Bool[np.ndarray, " n_obs"]] = field(init=False)
     misread: dict[str, Bool[np.ndarray, " n_obs"]] = field(init=False)
     late: dict[str, Late] = field(init=False)
+    in_step: dict[str, float] = field(init=False)
     bare: Rate = field(init=False)
 
     def __post_init__(self) -> None:
@@ -66,6 +69,7 @@ class RateRows:
         measured = self.smooth(better)
         left = {name: noise.left for name, noise in self.smooth.noise.items()}
         self.late = late_states(measured, model.simulator(train), left)
+        self.in_step = in_step(measured, model.simulator(train), left)
         self._measured = earlier(measured, self.late)
         self._out = (*self.clipped.values(), *self.misread.values(), *beyond(train, self.late))
 
@@ -77,8 +81,11 @@ class RateRows:
         data = whole.keep(used)
         rate = modelled_rate(self.model, whole, self.equation, point.added)
         found = regressors_of(self.model, data, self.equation, self.effects, point.values)
-        columns = [(suspect, column[used]) for suspect, column in suspect_columns(whole, self.equation, rate)]
-        columns = [c for c in columns if c[0].channel not in self.late or c[0].kind != DELAY]
+        columns = [
+            (self._known(suspect), column[used])
+            for suspect, column in suspect_columns(whole, self.equation, rate)
+            if suspect.channel not in self.late or suspect.kind != DELAY
+        ]
         found.suspect(columns, [s.key for s in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
         late = {s.key: size for s, size in point.sensors.items() if s.kind == DELAY}
@@ -99,7 +106,14 @@ class RateRows:
             white = own.whiten(found.target[:, None])[:, 0]
             noise = rough_noise(white) * float(np.sqrt(np.mean(white**2) / np.mean(found.target**2)))
             force = KnownNoise(own.noise, period, force.step, noise)
-        return Rows(point, self.model, data, found, force, rate, np.flatnonzero(used), self.train.n_obs, floor)
+        place, unit = np.flatnonzero(used), math.log(found.target_scale)
+        return Rows(point, self.model, data, found, force, rate, place, self.train.n_obs, floor, unit)
+
+    def _known(self, suspect: ChannelSuspect) -> ChannelSuspect:
+        """Return a suspect with what the samples of states and of their rates say of its delay."""
+        if suspect.kind != DELAY:
+            return suspect
+        return replace(suspect, sd=min(suspect.sd, self.in_step.get(suspect.channel, np.inf)))
 
     @property
     def sample_noise(self) -> dict[str, SampleNoise]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +19,13 @@ from bayes_greybox.discovery.regressors.regressors import Regressors
 
 from .near import Near, Point, Rows, as_regressor
 from .noise_shapes import noise_shapes
-from .refine import Ground, refined
+from .refine import Company, Ground, refined
 
 TURNS = 5
 """How often rows are taken anew near what was found."""
+
+LIKELIER = 1.0
+"""Nats by which rows near another hypothesis have to make it likelier, or less likely, for the search to go on."""
 
 Build = Callable[[Point], Rows]
 """From a point to the rows near it."""
@@ -46,32 +50,82 @@ def settle(
         report: Told in words what is being done.
     """
     report("weighing hypotheses")
-    first = build(start)
-    # Effects compete at their best from the start: coarse values would leave their places to stand-ins.
-    ground = Ground(table_of(first), (first.force,), (NoisePoint(NONE),), first.floor)
-    values, known = refined(first.regressors, ground)
-    near = _weighed(build(replace(start, values=values)) if values else first, odds, reach, seed)
-    stayed, best = False, near
+    rows = build(start)
+    known: frozenset[Company] = frozenset()
+    if not start.values:
+        # Effects compete at their best from the start: coarse values would leave their places to stand-ins.
+        ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
+        values, known = refined(rows.regressors, ground)
+        rows = build(replace(start, values=values)) if values else rows
+    here = Visit(_weighed(rows, odds, reach, seed))
     for turn in range(TURNS):
+        near = here.near
         weighed = near.weighed
         ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
         finer, known = refined(near.regressors, ground, weighed.hypotheses, known)
         point = _next(near, finer, quantities, odds)
-        same = not finer and _names(point) == _names(near.rows.point)
-        if same and (stayed or (point.added, point.sensors) == (near.rows.point.added, near.rows.point.sensors)):
+        if not finer and _names(point) == _names(near.rows.point) and here.stays(point):
             return near
         report(f"weighing them near the likeliest, turn {turn + 1}")
         try:
-            fresh = _weighed(build(point), odds, reach, seed)
+            there = Visit(_weighed(build(point), odds, reach, seed), near.names(near.likeliest), near)
         except (InputError, np.linalg.LinAlgError):
             # No path of what was found follows the samples.
             break
-        near, stayed = fresh, fresh.stays(near)
-        # Only the same rows can be compared: a delay takes some out of their run.
-        rows = near.regressors.rows.n_row, best.regressors.rows.n_row
-        best = near if rows[0] != rows[1] or near.log_evidence > best.log_evidence else best
-    # Hypotheses may lead to each other by turns.
-    return best
+        # Only as many rows can be compared: a delay takes some out of their run.
+        alike = near.regressors.rows.n_row == there.near.regressors.rows.n_row
+        more = there.own - here.own if alike else np.inf
+        here = there.told(here, seed) if more >= 0 else here.told(there, seed)
+        if abs(more) < LIKELIER:
+            break
+    return here.near
+
+
+class Visit(NamedTuple):
+    """Rows near a hypothesis, on which it is weighed truly: what is said of the others there is a guess from afar.
+
+    Attributes:
+        near: The rows with all hypotheses.
+        hypothesis: Names of what the rows are near to; None of the model before.
+        origin: Rows that it was the likeliest on.
+    """
+
+    near: Near
+    hypothesis: tuple[str, ...] | None = None
+    origin: Near | None = None
+
+    @property
+    def own(self) -> float:
+        """Return the log weight of the hypothesis that the rows are near to, of the readings in their own units.
+
+        Near itself it may be no longer among those that are kept: then it is at most that of the last of them.
+        """
+        near = self.near
+        names = near.names(near.weighed.before) if self.hypothesis is None else self.hypothesis
+        least = min(h.log_weight for h in near.weighed.hypotheses)
+        return near.log_weights().get(names, least) - near.log_unit
+
+    def stays(self, point: Point) -> bool:
+        """Return whether the likeliest hypothesis is that of the rows, at a point that is known no better."""
+        near = self.near
+        if (point.added, point.sensors) == (near.rows.point.added, near.rows.point.sensors):
+            return True
+        found = near.names(near.likeliest) == self.hypothesis
+        return found and self.origin is not None and near.stays(self.origin)
+
+    def told(self, other: "Visit", seed: int) -> "Visit":
+        """Return the rows with what other rows, near another hypothesis, say of that.
+
+        Args:
+            other: The other rows.
+            seed: Of the bagged records.
+        """
+        near, logs = self.near, self.near.log_weights()
+        if other.hypothesis == self.hypothesis or other.hypothesis not in logs:
+            return self
+        more = other.own + near.log_unit - logs[other.hypothesis]
+        shifts = [more * (near.names(h) == other.hypothesis) for h in near.weighed.hypotheses]
+        return self._replace(near=replace(near, weighed=near.weighed.told(shifts, seed)))
 
 
 def _names(point: Point) -> list[str]:

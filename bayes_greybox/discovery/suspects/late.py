@@ -5,7 +5,7 @@ the speed gains within T times d; taken d earlier it does not. The rate of the s
 wrong damping; these samples do.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,18 +61,37 @@ def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, 
         noise: Standard deviation of the noise on the samples of states that have any.
     """
     found = {}
+    for name, _, paths in _pairs(data, simulation):
+        late = _late(paths, noise.get(name, 0.0))
+        if late is not None:
+            found[name] = late
+    return found
+
+
+def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
+    """How late a state may be against its rate, or that against the state, where their samples agree.
+
+    The arguments are those of `late_states`. Returns standard deviations by state; none of what departs.
+    """
+    found: dict[str, float] = {}
+    for name, rate, paths in _pairs(data, simulation):
+        n, variance, square, gained = _windows(paths, noise.get(name, 0.0))
+        if gained > 0 and chi2.sf(square(0.0) / variance, n) >= SURE:
+            sd = float(np.sqrt(variance / gained))
+            found |= {each: min(sd, found.get(each, sd)) for each in (name, rate)}
+    return found
+
+
+def _pairs(data: Trajectories, simulation: Simulation) -> Iterator[tuple[str, str, "list[_Path]"]]:
+    """Yield states with the states that are their rates, and the windows of their runs."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
         if rate is None or rate not in data.state_names:
             continue
         runs = [own for own in (data.run == r for r in range(data.n_run)) if np.sum(own) > 3 * SAMPLES]
         paths = [_Path(data.time[own], data.states[name][own], data.states[rate][own]) for own in runs]
-        if sum(len(path.start) for path in paths) < FEWEST:
-            continue
-        late = _late(paths, noise.get(name, 0.0))
-        if late is not None:
-            found[name] = late
-    return found
+        if sum(len(path.start) for path in paths) >= FEWEST:
+            yield name, rate, paths
 
 
 class _Path:
@@ -100,15 +119,20 @@ class _Path:
         return self.v[self.start + SAMPLES] - self.v[self.start]
 
 
-def _late(paths: list[_Path], noise: float) -> Late | None:
-    step = float(np.median(np.concatenate([np.diff(path.time) for path in paths])))
+def _windows(paths: list[_Path], noise: float) -> tuple[int, float, Callable[[float], float], float]:
+    """Return the number of windows, a departure's variance, their sum of squares by delay, and Σ (gained speed)²."""
     changes = np.concatenate([path.changes for path in paths])
     variance = 2 * noise**2 + AGREE**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
 
     def square(by: float) -> float:
         return float(sum(np.sum(path.departures(by) ** 2) for path in paths))
 
-    n = len(changes)
+    return len(changes), variance, square, float(sum(np.sum(path.gained**2) for path in paths))
+
+
+def _late(paths: list[_Path], noise: float) -> Late | None:
+    step = float(np.median(np.concatenate([np.diff(path.time) for path in paths])))
+    n, variance, square, gained = _windows(paths, noise)
     before = float(chi2.sf(square(0.0) / variance, n))
     if before >= SURE:
         return None
@@ -116,7 +140,6 @@ def _late(paths: list[_Path], noise: float) -> Late | None:
     by = float(found.x)
     if abs(by) > 0.95 * FURTHEST * step or chi2.sf(square(by) / variance, n - 1) < SURE:
         return None
-    gained = float(sum(np.sum(path.gained**2) for path in paths))
     # What is left is no white noise where samples are exact: sensors agree to within what they are trusted to.
     left = max(square(by) / max(n - 1, 1), variance)
     return Late(by, float(np.sqrt(left / gained)), step, before) if gained > 0 else None

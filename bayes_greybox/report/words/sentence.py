@@ -90,13 +90,12 @@ def _answer(study: StudyResult) -> str:
         told = f"{clause} ({right})" if p >= SURE else f"{clause.removesuffix(')')}; {right})"
         return f"{told}, and setting {it} right {closed}.{_left_in_practice(study)}"
     said = _said(study)
-    # Of several equations the gravest speaks; what was found in the others is said with it.
-    off = [row for row in _corrections(study, SURE) if answer(study, row["equation"]) != "unknown"]
-    besides = ""
-    # Beside something without a name a coefficient takes up what it can of it.
-    if off and (study.verdict != "partly named" or len(study.maps) > 1 or _of_its_shape(study)):
+    off = _corrections(study, LIKELY)
+    if any(row["probability"] >= SURE and answer(study, row["equation"]) != "unknown" for row in off):
         # Most of a gap may be a coefficient's, whatever is added.
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
+    besides = ""
+    if off:
         what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(study, row) for row in off)}."
     return f"{_missing(study, said, closed)}{besides}"
@@ -296,7 +295,8 @@ def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
     ]
     instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
     label = study.train.target_label(row["equation"])
-    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{instead}"
+    p = f" (probability {probability_text(row['probability'])})" if row["probability"] < SURE else ""
+    return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{p}{instead}"
 
 
 def _digits(row: Mapping[str, Any]) -> int:

@@ -58,7 +58,7 @@ def weighed(*given):
         tuple(NAMES.values()), np.ones(N), np.zeros((N, len(NAMES))), force, np.zeros(N, int), nothing, np.zeros((0, 1))
     )
     gram = Gram(POINTS, np.zeros((4, 1, 1)), np.zeros(4), float(N))
-    return Weighed(table, (force,), gram, np.ones(len(NAMES)), 1e-8, tuple(found))
+    return Weighed(table, (force,), gram, np.ones(len(NAMES)), 1e-8, tuple(found), np.zeros((len(found), 1)))
 
 
 def probabilities(*given, **criteria):
