@@ -199,7 +199,9 @@ def _stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
     effects = [regressors[i] for i in best.members if regressors[i].kind == EFFECT]
     counted = probabilities.members(best, EFFECT)
     plain = [
-        trusted(size, best.left) for i, size in zip(best.members, best.sizes, strict=True) if regressors[i] in effects
+        trusted(size, best.left, against)
+        for i, size, against in zip(best.members, best.sizes, best.against, strict=True)
+        if regressors[i] in effects
     ]
     return bool(counted) and all(trust < own for (*_, trust), own in zip(counted, plain, strict=True))
 

@@ -1,8 +1,9 @@
 """Probabilities of effects, of corrections, of sensor errors and of what remains, summed over the hypotheses.
 
 An effect whose contribution is no larger than what remains unexplained beside it may be its imitation: its probability
-counts with own²/(own² + left²), RMS along the record. So does that of a sensor error. A correction imitates nothing:
-the term is in the simulation, and its coefficient beside whatever remains is a statement about these data.
+counts with the share of the two together that it closes, see `trusted`. So does that of a sensor error. A correction
+imitates nothing: the term is in the simulation, and its coefficient beside whatever remains is a statement about these
+data.
 """
 
 from collections.abc import Callable, Iterable
@@ -54,12 +55,14 @@ class Probabilities:
     def members(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
         """Return a hypothesis's regressors of one kind: column, regressor, and what its probability counts with."""
         regressors = self.weighed.table.regressors
-        own = [(i, regressors[i], size) for i, size in zip(hypothesis.members, hypothesis.sizes, strict=True)]
-        of_kind = [(i, each, size) for i, each, size in own if each.kind == kind]
+        sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.against, strict=True)
+        of_kind = [
+            (i, regressors[i], 1.0 if kind == CORRECTION else trusted(size, hypothesis.left, against))
+            for i, size, against in sizes
+            if regressors[i].kind == kind
+        ]
         stacked = self._stacked([each for _, each, _ in of_kind])
-        if kind == CORRECTION:
-            return [(i, each, 1.0) for i, each, _ in of_kind]
-        return [(i, each, trusted(size, hypothesis.left) * stacked(each)) for i, each, size in of_kind]
+        return [(i, each, trust * stacked(each)) for i, each, trust in of_kind]
 
     def _stacked(self, effects: list[Regressor]) -> Callable[[Regressor], float]:
         """Return what effects of one quantity count with, which together may be one law that has no name."""
@@ -175,14 +178,21 @@ class Probabilities:
         return found
 
 
-def trusted(own: float, left: float) -> float:
+def trusted(own: float, left: float, against: float = 0.0) -> float:
     """Return the probability that what has a size is no imitation of what is left beside it.
+
+        1 − left²/⟨(a + w)²⟩ = (own² + 2 ⟨a w⟩)/(own² + 2 ⟨a w⟩ + left²)
+
+    with a its contribution and w what is left: the share of both together that it closes. Of two that cancel each other
+    neither is anything.
 
     Args:
         own: RMS of its contribution.
         left: RMS of the smoothed discrepancy.
+        against: ⟨a w⟩, their mean product.
     """
-    return float(own**2 / (own**2 + left**2)) if own > 0 else 0.0
+    closed = own**2 + 2 * against
+    return float(closed / (closed + left**2)) if own > 0 and closed > 0 else 0.0
 
 
 def likeliest_first(items: Iterable[tuple]) -> dict:

@@ -45,6 +45,8 @@ class Hypothesis:
         covariance: Their posterior covariance.
         sizes: RMS of what each regressor contributes that the others of the set could not.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
+        against: Mean product of what each regressor contributes so with that discrepancy, times that probability:
+            below zero where the two cancel.
     """
 
     members: tuple[int, ...]
@@ -60,6 +62,7 @@ class Hypothesis:
     covariance: Float[np.ndarray, "k k"]
     sizes: Float[np.ndarray, " k"]
     left: float
+    against: Float[np.ndarray, " k"]
 
     def keeping(self, places: Sequence[int]) -> "Hypothesis":
         """Return the hypothesis without some of its regressors, its other coefficients as they are.
@@ -71,7 +74,7 @@ class Hypothesis:
         members = tuple(self.members[k] for k in own)
         return replace(
             self, members=members, mean=self.mean[own], covariance=self.covariance[np.ix_(own, own)],
-            sizes=self.sizes[own],
+            sizes=self.sizes[own], against=self.against[own],
         )  # fmt: skip
 
     @property
@@ -216,7 +219,8 @@ def weigh(
     pieces = _Pieces(table, forces, points, {})
     in_blocks = pieces.block_logs(best, residuals, found.v)
     agreement = bagged(in_blocks, probability, seed)
-    left = pieces.left(logs, residuals)
+    remainder = pieces.remainder(logs, residuals)
+    left, beside = np.sqrt(np.mean(remainder**2, axis=0)), table.acting.T @ remainder / len(remainder)
     of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
     of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
     hypotheses = []
@@ -224,12 +228,14 @@ def weigh(
         share = np.exp(logs[k] - totals[k])
         kinds = {kind: float(share[own].sum()) for kind, own in of_kind.items()}
         memories = {memory: float(share[own].sum()) for memory, own in of_memory.items()}
-        sizes = np.abs(found.mean[k]) * _apart(weight.products.products[0], members)
+        apart, alone = _apart(weight.products.products[0], members)
+        remains = sum(kinds[kind] for kind in REMAINS)
         hypotheses.append(
             Hypothesis(
                 members, float(totals[k]), float(probability[k]), float(agreement[k]), kinds, memories, share,
-                int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k], sizes,
-                float(left[k] * np.sqrt(sum(kinds[kind] for kind in REMAINS))),
+                int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k],
+                np.abs(found.mean[k]) * apart, float(left[k] * np.sqrt(remains)),
+                remains * found.mean[k] * (alone @ beside[list(members), k]),
             )
         )  # fmt: skip
     return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks)
@@ -339,14 +345,14 @@ class _Pieces:
             logs[own] = (member @ each).T
         return logs
 
-    def left(self, logs: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-        """Return the RMS of the smoothed discrepancy of each hypothesis, at its likeliest point that has one."""
+    def remainder(self, logs: np.ndarray, residuals: np.ndarray) -> np.ndarray:
+        """Return the smoothed discrepancy beside each hypothesis, at its likeliest point that has one."""
         remains = np.array([point.remains for point in self.points])
         best = np.argmax(np.where(remains, logs, -np.inf), axis=1)
-        found = np.zeros(len(best))
+        found = np.zeros((len(self.table.acting), len(best)))
         for number in np.unique(best):
             own = np.flatnonzero(best == number)
-            found[own] = np.sqrt(np.mean(self.smoothed(int(number), residuals[:, own])[0] ** 2, axis=0))
+            found[:, own] = self.smoothed(int(number), residuals[:, own])[0]
         return found
 
     def _basis(self, point: NoisePoint) -> Basis:
@@ -359,10 +365,11 @@ class _Pieces:
         return self.bases[key]
 
 
-def _apart(products: np.ndarray, members: Sequence[int]) -> np.ndarray:
-    """Return the share of each member's size that the other members cannot take over, √(1 − R²).
+def _apart(products: np.ndarray, members: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of each member's size that the other members cannot take over, and the sums that are that part.
 
-    1 − R² = 1/(G_ii (G⁻¹)_ii). Columns that nearly cancel each other are large and say little.
+    √(1 − R²), 1 − R² = 1/(G_ii (G⁻¹)_ii), and x_i less its projection on the others, Σ_j x_j (G⁻¹)_ij/(G⁻¹)_ii. Columns
+    that nearly cancel each other are large and say little.
 
     Args:
         products: Of the columns under white noise, the target first.
@@ -372,4 +379,5 @@ def _apart(products: np.ndarray, members: Sequence[int]) -> np.ndarray:
     G = products[np.ix_(at, at)]
     root = 1 / np.sqrt(np.diag(G))
     inverse = np.linalg.inv(G * np.outer(root, root) + RIDGE * np.eye(len(at)))
-    return np.sqrt(np.clip(1 / np.diag(inverse), 0.0, 1.0))
+    own = np.diag(inverse)
+    return np.sqrt(np.clip(1 / own, 0.0, 1.0)), inverse * np.outer(1 / (root * own), root)

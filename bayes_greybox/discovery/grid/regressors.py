@@ -74,6 +74,7 @@ class RegressorTable:
         regressors: One for each column.
         target: y, of unit size.
         columns: X.
+        acting: The regressors themselves at the samples, in the unit of the force; zero of what acts on a sensor alone.
         force: How a latent force and the sensor's noise act on the rows.
         block: Number of the block of the record that each row belongs to.
         law: Features of f; none where no f is weighed.
@@ -84,6 +85,7 @@ class RegressorTable:
     regressors: tuple[Regressor, ...]
     target: Float[np.ndarray, " n_row"]
     columns: Float[np.ndarray, "n_row n_column"]
+    acting: Float[np.ndarray, "n_sample n_column"]
     force: LatentForce
     block: Int[np.ndarray, " n_row"]
     law: Features

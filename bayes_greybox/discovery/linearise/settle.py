@@ -147,7 +147,6 @@ def table_of(rows: Rows) -> RegressorTable:
     block = blocks(n_sample)[np.searchsorted(np.unique(own.sample), own.sample)]
     if own.n_white != own.n_row and not rows.force.forced:
         block = blocks(own.n_white)
-    acting = regressors.evaluate_features(own.at_rows())[:n_sample]
     # Elements of one kind are one force, whatever the times that they settle over.
     elements: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for memory, (at_rows, at_samples) in regressors.memories.items():
@@ -157,9 +156,10 @@ def table_of(rows: Rows) -> RegressorTable:
         # A coefficient that settles at one rate or at another is one kind of memory.
         own_elements = Features(at_rows, force[:n_sample])
         memories[memory.text] = memories[memory.text].beside(own_elements) if memory.text in memories else own_elements
+    law = Features(regressors.features(), regressors.evaluate_features(own.at_rows())[:n_sample])
     return RegressorTable(
-        tuple(as_regressor(column) for column in regressors.columns), regressors.target, regressors.values, rows.force,
-        block, Features(regressors.features(), acting), np.asarray(regressors.basis.frequency), memories,
+        tuple(as_regressor(column) for column in regressors.columns), regressors.target, regressors.values,
+        regressors.acting[:n_sample], rows.force, block, law, np.asarray(regressors.basis.frequency), memories,
     )  # fmt: skip
 
 

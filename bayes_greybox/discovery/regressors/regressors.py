@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -53,6 +54,7 @@ class Regressors:
         basis: Features of f.
         columns: One for each regressor.
         values: Theirs at the rows.
+        acting: Themselves at the samples of the rows, as forces; zero of what a sensor does to what it shows.
         shown: What sensor errors that the rows are free of did to them, scaled; added to the target, so that a
             coefficient is a whole error.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
@@ -70,6 +72,7 @@ class Regressors:
     basis: HilbertBasis
     columns: list[Column] = field(default_factory=list)
     values: Float[np.ndarray, "n_row n_column"] = field(default_factory=lambda: np.zeros((0, 0)))
+    acting: Float[np.ndarray, "n_row n_column"] = field(default_factory=lambda: np.zeros((0, 0)))
     shown: Float[np.ndarray, " n_row"] | float = 0.0
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
@@ -78,7 +81,7 @@ class Regressors:
     path: Trajectories | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        self.values = np.zeros((self.rows.n_row, 0))
+        self.values = self.acting = np.zeros((self.rows.n_row, 0))
 
     @property
     def equation(self) -> str:
@@ -133,7 +136,7 @@ class Regressors:
         Raises:
             InputError: A free term that is zero or not finite on the data.
         """
-        kept, refused, known = [], {}, {}
+        kept, refused, known, forces = [], {}, {}, []
         for (term, about), hidden in zip(items, self._hidden([term for term, _ in items]), strict=True):
             value = np.asarray(term.evaluate({**self.rows.columns, **hidden}), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
@@ -145,6 +148,7 @@ class Regressors:
                     refused[about["effect"].slug] = why
                 continue
             kept.append(self._column(kind, term, size, about))
+            forces.append(np.broadcast_to(value / size, self._n_node)[self._place])
             if hidden:
                 known[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
@@ -159,7 +163,7 @@ class Regressors:
         outside = [each for each, there in zip(kept, inside, strict=True) if each.effect is not None and not there]
         kept = [each for each, there in zip(kept, inside, strict=True) if there]
         self.leave_out({c.effect.slug: "not finite on all the data" for c in outside if c.effect is not None}, kept)
-        self._extend(kept, at_rows[:, inside])
+        self._extend(kept, at_rows[:, inside], np.column_stack(forces)[:, inside])
 
     def _column(self, kind: str, term: Term, size: float, about: Mapping) -> Column:
         spread, carried = about.get("spread"), {name: each for name, each in about.items() if name != "spread"}
@@ -216,7 +220,8 @@ class Regressors:
             sd = suspect.sd * size / self.target_scale
             column = Column(SENSOR, None, size, sd, suspect=suspect, values=scaled)
             before = len(self.columns)
-            self._extend([column], scaled[:, None])
+            force = np.zeros(self.rows.n_row) if at_rows else (value / size)[self._place]
+            self._extend([column], scaled[:, None], force[:, None])
             new = len(self.columns) > before and suspect.key not in found
             twin = self._twin(len(self.columns) - 1) if new else None
             if twin is None:
@@ -239,10 +244,18 @@ class Regressors:
             size = np.sqrt(np.mean(table**2, axis=0))
             table, size = table[:, size > 0], size[size > 0]
             if len(size):
-                place = slice(None) if self.rows.operator is None else self.rows.operator.place
-                self.memories[memory] = self.rows.operate(table / size), (table / size)[place]
+                self.memories[memory] = self.rows.operate(table / size), (table / size)[self._place]
 
-    def _extend(self, kept: Sequence[Column], values: np.ndarray) -> None:
+    @property
+    def _n_node(self) -> int:
+        return len(next(iter(self.rows.columns.values())))
+
+    @property
+    def _place(self) -> Any:
+        """Return where the samples of the rows are among the points that terms are evaluated at."""
+        return slice(None) if self.rows.operator is None else self.rows.operator.place
+
+    def _extend(self, kept: Sequence[Column], values: np.ndarray, acting: np.ndarray) -> None:
         """Add columns by their values at the rows, but for those in the span of the model's own terms."""
         own = [*self.of_kind(FREE), *self.of_kind(CORRECTION)]
         white = self.rows.whiten(np.hstack([self.values[:, own], values]))
@@ -263,6 +276,7 @@ class Regressors:
         refused = {c.effect.slug: why for k, c in enumerate(kept) if c.effect is not None and k not in new}
         self.columns += [kept[k] for k in new]
         self.values = np.hstack([self.values, values[:, new]])
+        self.acting = np.hstack([self.acting, acting[:, new]])
         self.leave_out(refused)
 
     def _twin(self, index: int) -> int | None:
@@ -277,6 +291,7 @@ class Regressors:
 
     def _keep(self, keep: Sequence[int]) -> None:
         self.columns, self.values = [self.columns[i] for i in keep], self.values[:, list(keep)]
+        self.acting = self.acting[:, list(keep)]
 
     def leave_out(self, refused: Mapping[str, str], new: Sequence[Column] = ()) -> None:
         """Note effects that no column is left of, by another binding or another value of a nonlinear parameter.

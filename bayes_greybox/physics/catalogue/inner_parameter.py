@@ -118,7 +118,8 @@ class InnerParameter:
         size = float(f"{self.size(x, time, run):.1e}")
         least, most = self.low * size, self.high * size
         if self.scale == "threshold":
-            # Below the smallest |x| it would never switch: any smooth law would pass for it.
+            # Below the smallest |x| it would never switch, and any smooth law would pass for it; what dies out beyond
+            # it would be seen by its tail alone.
             least = max(least, float(np.min(np.abs(x))))
         return (least, most) if least < most else (0.0, 0.0)
 

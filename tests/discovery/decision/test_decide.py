@@ -49,14 +49,16 @@ def weighed(*given):
             Hypothesis(
                 members, float(np.log(max(p, 1e-300))), p, agreement, kinds, {}, points, int(np.argmax(points)), 0.1,
                 np.full(k, OWN), 0.01 * np.eye(k), np.full(k, OWN), left * np.sqrt(share if kind != NONE else 0.0),
+                np.zeros(k),
             )
         )  # fmt: skip
     found.sort(key=lambda h: -h.probability)
     nothing = Features(np.zeros((N, 0)), np.zeros((N, 0)))
     force = ForcedRates(np.arange(4.0), np.zeros(N), 1.0, np.ones(N), 0.1)
     table = RegressorTable(
-        tuple(NAMES.values()), np.ones(N), np.zeros((N, len(NAMES))), force, np.zeros(N, int), nothing, np.zeros((0, 1))
-    )
+        tuple(NAMES.values()), np.ones(N), *(np.zeros((N, len(NAMES))),) * 2, force, np.zeros(N, int), nothing,
+        np.zeros((0, 1)),
+    )  # fmt: skip
     gram = Gram(POINTS, np.zeros((4, 1, 1)), np.zeros(4), float(N))
     return Weighed(table, (force,), gram, np.ones(len(NAMES)), 1e-8, tuple(found), np.zeros((len(found), 1)))
 
@@ -75,6 +77,13 @@ def verdict(*given, rate_size=1.0, late=False):
 @pytest.mark.parametrize(("own", "left", "p"), [(1.0, 0.0, 1.0), (1.0, 1.0, 0.5), (1.0, 3.0, 0.1), (0.0, 0.0, 0.0)])
 def test_an_effect_counts_by_its_size_beside_what_is_left(own, left, p):
     assert trusted(own, left) == pytest.approx(p)
+
+
+def test_an_effect_that_what_is_left_cancels_is_nothing():
+    # The contribution a and w with a + w = 0.8 a closes 1 − left²/(0.8 own)² of itself and w together.
+    assert trusted(1.0, 0.2, -0.2) == pytest.approx(1 - 0.2**2 / 0.8**2)
+    assert trusted(1.0, 1.0, -1.0) == 0.0
+    assert trusted(1.0, 0.5, 0.1) > trusted(1.0, 0.5)
 
 
 def test_what_is_no_larger_than_what_is_left_goes_to_the_unknown():

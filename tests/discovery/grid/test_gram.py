@@ -16,7 +16,7 @@ LAWS = Features(RNG.standard_normal((N, M)), RNG.standard_normal((N, M)))
 ELEMENTS = Features(RNG.standard_normal((N, 2)), RNG.standard_normal((N, 2)))
 TABLE = RegressorTable(
     tuple(Regressor(EFFECT, f"e{k}", f"e{k}", 1.0) for k in range(K)), RNG.standard_normal(N),
-    RNG.standard_normal((N, K)), FORCE, np.zeros(N, int), LAWS, np.arange(1.0, M + 1)[:, None],
+    *(RNG.standard_normal((N, K)),) * 2, FORCE, np.zeros(N, int), LAWS, np.arange(1.0, M + 1)[:, None],
     {"relaxation of x": ELEMENTS},
 )  # fmt: skip
 Z = np.column_stack([TABLE.target, TABLE.columns])
