@@ -477,6 +477,16 @@ def of_output(simulation=None, states=("x", "v"), inputs=("u",), **given):
     return roles_of(simulation, states, inputs, "R", outputs=("R",), **given)
 
 
+def test_a_temperature_is_no_speed_no_level_and_no_population():
+    known = {"T": "degC", "heater": "W", "outside": "K", "t": "s"}
+    roles = roles_of({"T": "heater - T"}, ("T",), ("heater", "outside"), "T", units=known)
+    assert {role for role, columns in roles.items() if columns} == {"state", "input"}
+    assert roles["state"] == ("T",) and roles["input"] == ("heater", "outside")
+    # Whoever says so may have it.
+    assert roles_of(None, ("T",), (), "T", {"velocity": "T"}, known)["velocity"] == ("T",)
+    assert roles_of(None, ("T",), (), "T", units={"T": "m/s"})["velocity"] == ("T",)
+
+
 def test_an_output_has_columns_by_their_units():
     roles = of_output(inputs=("w", "u"), units={"x": "mm", "v": "m/s", "w": "deg/s", "u": "V", "R": "N"})
     assert (roles["position"], roles["velocity"], roles["voltage"]) == (("x",), ("v", "w"), ("u",))

@@ -32,6 +32,9 @@ ROLES: dict[str, str] = {
 
 _QUANTITIES = {"voltage": "V", "current": "A", "flux": "Wb"}
 
+_OF_ANYTHING = ("state", "input", "other")
+"""Roles that a temperature plays: it is no speed, no level and no population, though it has a rate as they have."""
+
 _OF_OUTPUTS = {
     "position": ("m", "rad"), "velocity": ("m/s", "rad/s"), **{role: (unit,) for role, unit in _QUANTITIES.items()},
 }  # fmt: skip
@@ -61,7 +64,8 @@ def roles_of(
         equation: The state or output whose equation is learned.
         given: Column or columns by role, which win over what is found here; further roles are welcome, and an
             empty sequence switches a role off.
-        units: Units by column; a voltage, current or flux that is in another unit is none.
+        units: Units by column; a voltage, current or flux that is in another unit is none, and a temperature is a
+            state, an input or another state alone.
         pairs: States whose rate is another state, with that state, as `pairs.pairs_in_data` finds them; by default
             those that can be read off the simulation.
         outputs: Names of the outputs.
@@ -105,6 +109,8 @@ def roles_of(
     }
     for role, quantity in _QUANTITIES.items():
         roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units or {}))
+    for role in set(roles).difference(_OF_ANYTHING):
+        roles[role] = tuple(name for name in roles[role] if not _is_temperature(name, units or {}))
     return {**roles, **given}
 
 
@@ -215,6 +221,11 @@ def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
         return True
     unit = parse_unit(units[name], f"column {name!r}")
     return unit.dimensionless or unit.dimensionality == registry().parse_units(quantity).dimensionality
+
+
+def _is_temperature(name: str, units: Mapping[str, str]) -> bool:
+    known = units.get(name)
+    return bool(known) and parse_unit(known, f"column {name!r}").dimensionality == {"[temperature]": 1}
 
 
 def _is_in(unit: str, name: str, quantities: Sequence[str]) -> bool:
