@@ -17,6 +17,7 @@ from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
+from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
@@ -219,6 +220,7 @@ def find_missing_effects(
     roles: Mapping[str, str | Sequence[str]] | None = None,
     seed: int = 0,
     effects_at_most: int = 3,
+    negligible: float = Criteria.negligible,
     odds: Odds | None = None,
     settle: bool = True,
     free_runs: bool = True,
@@ -249,6 +251,8 @@ def find_missing_effects(
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
+        negligible: RMS of what remains without a name, over that of the modelled rate, below which simulation and
+            measurement agree in practice.
         odds: Prior probabilities of the explanations.
         settle: Whether to sample the amended model by NUTS. With False `study.fit` is None; tables, figures and page
             need no sampling.
@@ -271,8 +275,8 @@ def find_missing_effects(
     with given_checkpoint(checkpoint, resume, checkpoint_every) as held, stages(progress):
         return _found(
             model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
-            catalogue=catalogue, roles=roles, effects_at_most=effects_at_most, odds=odds, free_runs=free_runs,
-            interpolation=interpolation, checkpoint=held,
+            catalogue=catalogue, roles=roles, effects_at_most=effects_at_most, negligible=negligible, odds=odds,
+            free_runs=free_runs, interpolation=interpolation, checkpoint=held,
         )  # fmt: skip
 
 

@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 from bayes_greybox.data.limits import Count
+from bayes_greybox.discovery.decision.criteria import Criteria
 
 from .derived import Table, section_of
 from .section import Section, wrong
@@ -31,6 +32,7 @@ class Study(Section):
     )
     roles: dict[str, Annotated[str | list[str], BeforeValidator(lambda v: _words(v, "column"))]] = {}
     effects_at_most: Count = 3
+    negligible: Annotated[float, Field(ge=0.0, lt=1.0)] = Criteria.negligible
     odds: Odds = None
     settle: bool = True
     free_runs: bool = True

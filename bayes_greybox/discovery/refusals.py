@@ -1,7 +1,7 @@
 """What a study refuses before it searches, and what it refuses to simulate."""
 
 from collections.abc import Collection, Sequence
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Any
 
 from bayes_greybox.data.errors import InputError
@@ -19,11 +19,12 @@ from bayes_greybox.physics.units import check_units, require_units_of
 from .odds import Odds
 
 
-def check_settings(effects_at_most: Any, odds: Any, interpolation: Any) -> None:
+def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolation: Any) -> None:
     """Refuse settings that no data can have.
 
     Args:
         effects_at_most: Largest number of effects of an equation.
+        negligible: Share of the modelled rate below which what remains is none.
         odds: Prior probabilities, if they were given.
         interpolation: Of the inputs in free runs, if it was given.
 
@@ -32,6 +33,8 @@ def check_settings(effects_at_most: Any, odds: Any, interpolation: Any) -> None:
     """
     if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
         raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
+    if isinstance(negligible, bool) or not isinstance(negligible, Real) or not 0 <= negligible < 1:
+        raise InputError(f"negligible={negligible!r} must be a share of the modelled rate, from 0 to below 1.")
     if odds is not None and not isinstance(odds, Odds):
         raise InputError(f"odds is {type(odds).__name__}: give bg.Odds(...), such as bg.Odds(no_gap=0.5).")
     if interpolation is not None:

@@ -160,6 +160,7 @@ def investigate(
     roles: Mapping[str, str | Sequence[str]] | None = None,
     seed: int = 0,
     effects_at_most: int = 3,
+    negligible: float = Criteria.negligible,
     odds: Odds | None = None,
     settle: bool = True,
     free_runs: bool = True,
@@ -180,6 +181,7 @@ def investigate(
         roles: Columns by role.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
+        negligible: See `Criteria`.
         odds: Prior probabilities of the explanations.
         settle: Without effect: the evidence is summed over the noise grid, and needs no sampling.
         free_runs: Whether to integrate simulation and amended model over the data.
@@ -193,8 +195,8 @@ def investigate(
         InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
     """
     started = time.perf_counter()
-    check_settings(effects_at_most, odds, interpolation)
-    odds, criteria = odds or Odds(), Criteria()
+    check_settings(effects_at_most, negligible, odds, interpolation)
+    odds, criteria = odds or Odds(), Criteria(negligible=negligible)
     given = model.on(train)
     model = given.centred()
     check_rows(model)

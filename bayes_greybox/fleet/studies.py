@@ -354,7 +354,7 @@ def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
     found = {**usual, **settings}
     Sampling(**{name: found[name] for name in SAMPLING})
-    check_settings(found["effects_at_most"], found["odds"], found["interpolation"])
+    check_settings(found["effects_at_most"], found["negligible"], found["odds"], found["interpolation"])
     load_catalogue(found["catalogue"])
     return {**found, "catalogue": located(found["catalogue"])}
 

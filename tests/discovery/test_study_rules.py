@@ -454,6 +454,7 @@ def test_a_simulation_that_no_integrator_can_follow_is_refused_before_the_search
     [
         ({"effects_at_most": 0}, "effects_at_most=0 must be a whole number, at least 1"),
         ({"effects_at_most": 1.5}, "effects_at_most=1.5 must be a whole number"),
+        ({"negligible": 1.0}, "negligible=1.0 must be a share of the modelled rate, from 0 to below 1"),
         ({"odds": {"no_gap": 0.5}}, r"odds is dict: give bg.Odds\(...\)"),
         ({"interpolation": "spline"}, "Unknown interpolation 'spline'; use 'linear', 'zoh' or 'cubic'"),
         ({"interpolation": ["zoh", "spline"]}, "Unknown interpolation 'spline'"),
