@@ -69,3 +69,95 @@ def test_a_force_of_time_that_nobody_measured_has_no_name():
     assert study.verdict == "unknown"
     assert study.effects["probability"].max() < 0.3
     assert study.memory.loc[("v", "something in time"), "probability"] > 0.9
+
+
+def held_brake(limit, slope):
+    """A vehicle whose brake gives no more than its limit, commanded far beyond it; inputs are held."""
+    rng, h, v, rows = np.random.default_rng(5), 0.001, 18.0, []
+    for i in range(13000):
+        if i % 40 == 0:
+            t = i * h
+            throttle = 0.3 + 0.5 * ((t % 7) < 4)
+            u = 20000.0 * max(0.0, np.sin(2 * np.pi * t / 3.3)) ** 2 * ((t % 11) > 6)
+            rows.append((t, v + rng.normal(0, 0.01), throttle, u))
+        v += h * (-0.1 * v + 5.5 * throttle - slope * min(u, limit))
+    return np.array(rows).T
+
+
+@pytest.mark.parametrize(("limit", "slope"), [(1400, 0.0053), (8000, 0.0007)])
+def test_a_brake_that_saturates_has_its_own_sign_and_its_own_coefficient(limit, slope):
+    t, v, throttle, u = held_brake(limit, slope)
+    model = bg.GreyBox(
+        simulation={"v": f"-0.1*v + 5.5*throttle - {slope}*u"}, rows=bg.TrajectoryRows(interpolation="zoh")
+    )
+    data = bg.Trajectories.from_arrays(t, states={"v": v}, inputs={"throttle": throttle, "u": u})
+    study = bg.find_missing_effects(
+        model, data, roles={"velocity": "v", "input": "u"}, settle=False, free_runs=False, progress=False
+    )
+    first = study.effects.iloc[0]
+    assert first["slug"] == "input-saturation" and first["reverse"] == "" and first["probability"] > 0.9
+    assert study.corrections.loc[("v", "u"), "probability"] < 0.5
+
+
+def relaxing(pulses):
+    """An output that relaxes with two time constants after steps of an input; the simulation acts at once."""
+    rng, h = np.random.default_rng(2), 0.0125 * pulses
+    t = np.arange(0, 9 * pulses, h)
+    current = np.where((t % 9) < 3, -4.2, 0.0)
+    fast = slow = 0.0
+    shown = []
+    for i in current:
+        shown.append(3.83 + 0.0215 * i + fast + slow + rng.normal(0, 5e-5))
+        fast += h * (-fast / 0.4 + i * 0.0015 / 0.4)
+        slow += h * (-slow / 3.0 + i * 0.003 / 3.0)
+    return bg.Trajectories.from_arrays(t, states={}, inputs={"I": current}, outputs={"V": np.array(shown)})
+
+
+def test_an_output_that_relaxes_after_its_input_remembers_it():
+    study = bg.find_missing_effects(
+        bg.GreyBox(simulation={"V": "3.83 + 0.0215*I"}), relaxing(4), catalogue="electrical", settle=False,
+        free_runs=False, progress=False,
+    )  # fmt: skip
+    assert study.verdict == "unknown"
+    assert study.memory.loc[("V", "relaxation of I"), "probability"] > 0.9
+    # No coefficient is off for it.
+    assert study.corrections.loc[("V", "I"), "probability"] < 0.5
+
+
+def test_a_temperature_is_told_of_no_friction():
+    rng, T, S, rows = np.random.default_rng(1), 22.3, 22.3, []
+    for i in range(600):
+        rows.append((i, round((S + rng.normal(0, 0.08)) / 0.32) * 0.32))
+        for _ in range(10):
+            T += 0.1 * (42 - (T - 22.3)) / 150
+            S += 0.1 * (T - S) / 12
+    t, shown = np.array(rows, float).T
+    study = bg.find_missing_effects(
+        bg.GreyBox(simulation={"T": "(42 - (T - 22.3))/150"}, rows=bg.TrajectoryRows()),
+        bg.Trajectories.from_arrays(t, states={"T": shown}, units={"t": "s", "T": "degC"}), settle=False,
+        free_runs=False, progress=False,
+    )  # fmt: skip
+    assert study.verdict in ("unknown", "no gap") and not study.effects["slug"].str.contains("friction").any()
+
+
+@pytest.mark.slow
+def test_a_coefficient_that_is_off_is_said_beside_a_force_that_nobody_measured():
+    rng, h, y, v, rows = np.random.default_rng(4), 0.01, 0.0, 0.0, []
+    for i in range(8000):
+        if i % 200 == 0:
+            u = rng.uniform(-1, 1)
+        if i % 10 == 0:
+            rows.append((i * h, u, y + rng.normal(0, 0.005)))
+        v += h * (-4 * y - 0.4 * v + 4.8 * u) + 0.03 * np.sqrt(h) * rng.normal()
+        y += h * v
+    t, u, y = np.array(rows).T
+    study = bg.find_missing_effects(
+        bg.GreyBox(
+            simulation={"y": "v", "v": "-4*y - 0.4*v + 7*u"}, dictionary={"v": []},
+            rows=bg.TrajectoryRows(interpolation="zoh"),
+        ),
+        bg.Trajectories.from_arrays(t, states={"y": y}, inputs={"u": u}), settle=False, free_runs=False, progress=False,
+    )  # fmt: skip
+    row = study.corrections.loc[("v", "u")]
+    assert row["probability"] > 0.9 and abs(7 + row["mean"] - 4.8) < 4 * row["sd"]
+    assert "u in d(v)/dt should have 4.8" in study.sentence

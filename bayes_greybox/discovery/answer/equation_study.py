@@ -324,8 +324,7 @@ class EquationStudy:
     def _reverse(self, column: Column, draws: Float[np.ndarray, " n_draw"]) -> str:
         """Return what an effect does whose coefficient surely has the other sign than usual; "" of all others."""
         assert column.effect is not None
-        sign = column.effect.effect.sign
-        if not sign or np.mean(sign * draws < 0) <= self.criteria.reversed:
+        if not column.sign or np.mean(column.sign * draws < 0) <= self.criteria.reversed:
             return ""
         return column.effect.effect.reverse or UNUSUAL
 

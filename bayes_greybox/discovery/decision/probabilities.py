@@ -88,7 +88,7 @@ class Probabilities:
 
     def remains(self, hypothesis: Hypothesis) -> float:
         """Return the probability that something of the system remains beside a hypothesis."""
-        return sum(hypothesis.kinds[kind] for kind in REMAINS)
+        return min(sum(hypothesis.kinds[kind] for kind in REMAINS), 1.0)
 
     @cached_property
     def by_kind(self) -> dict[str, float]:

@@ -167,7 +167,7 @@ def as_regressor(column: Column) -> Regressor:
         effect = column.effect
         return Regressor(
             EFFECT, effect.label, effect.slug, column.sd, effect.effect.family or effect.slug,
-            tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, effect.effect.sign,
+            tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip
     kind = "sensor" if column.kind == SENSOR else column.kind

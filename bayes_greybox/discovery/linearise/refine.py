@@ -1,8 +1,8 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -117,7 +117,7 @@ class _Search:
         regressors: Of the equation.
         ground: Their table.
         shape: The effect.
-        nominal: The simulation's coefficient that it carries.
+        about: What its columns carry beside: the simulation's own coefficient, and the direction of its input.
         least: Least values of its parameters.
         most: Largest ones.
         known: Values that are in the table.
@@ -126,7 +126,7 @@ class _Search:
     regressors: Regressors
     ground: Ground
     shape: BoundEffect
-    nominal: float
+    about: Mapping[str, Any]
     least: np.ndarray
     most: np.ndarray
     known: np.ndarray
@@ -140,7 +140,8 @@ class _Search:
         assert shape is not None
         least, most = limits(shape, regressors.rows.columns, regressors.path)
         known = np.array([list(regressors.columns[i].inner.values()) for i in group])
-        return cls(regressors, ground, shape, column.nominal, least, most, known)
+        about = {"nominal": column.nominal, "direction": column.direction}
+        return cls(regressors, ground, shape, about, least, most, known)
 
     @property
     def one(self) -> bool:
@@ -257,7 +258,7 @@ class _Columns:
             return
         own, search = self._search.regressors, self._search
         fresh = Regressors(own.rows, own.variables, own.centre, own.half_width, own.basis, path=own.path)
-        fresh.add(EFFECT, at_values(search.shape, Values(np.array(keys), np.zeros(len(keys))), nominal=search.nominal))
+        fresh.add(EFFECT, at_values(search.shape, Values(np.array(keys), np.zeros(len(keys))), **search.about))
         self._known |= dict.fromkeys(keys)
         self._known |= {tuple(c.inner.values()): (fresh.values[:, k], c.sd) for k, c in enumerate(fresh.columns)}
 

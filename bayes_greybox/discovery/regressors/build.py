@@ -21,6 +21,10 @@ FEATURES = {1: 32, 2: 12, 3: 8}
 left after it was added, and no chain has to pay for them."""
 
 
+INPUT = "input"
+"""Role of what drives: the usual signs of its effects are relative to the simulation's own."""
+
+
 def regressors_of(
     model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
     values: Mapping[str, Values] | None = None, shown: Float[np.ndarray, " n_row"] | float = 0.0,
@@ -64,7 +68,8 @@ def regressors_of(
     for effect in effects:
         if effect in idle:
             continue
-        about = {"nominal": known.get(effect.names.get(effect.effect.nominal, ""), 0.0)}
+        nominal = known.get(effect.names.get(effect.effect.nominal, ""), 0.0)
+        about = {"nominal": nominal, "direction": -1 if known.get(effect.names.get(INPUT, ""), 0.0) < 0 else 1}
         if not effect.effect.inner:
             items.append((effect.term(), {"effect": effect, **about}))
             continue

@@ -45,6 +45,8 @@ class Column:
         sd: Prior standard deviation of its coefficient, scaled units.
         nominal: The simulation's own coefficient, of a correction; that of an input which acts otherwise, of an effect.
         expected: What the coefficient of such an effect is about as large as, scaled units; 0 where nothing is known.
+        direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
+            what a drive has with the other sign.
         effect: The catalogue's entry, of an effect.
         inner: Values of its inner parameters.
         log_weight: Log prior weight of these values.
@@ -62,6 +64,7 @@ class Column:
     sd: float
     nominal: float = 0.0
     expected: float = 0.0
+    direction: int = 1
     effect: BoundEffect | None = None
     inner: Mapping[str, float] = field(default_factory=dict)
     log_weight: float = 0.0
@@ -76,6 +79,11 @@ class Column:
     def shape(self) -> BoundEffect | None:
         """What the column is at its values of inner parameters: the catalogue's entry, or a law next to it."""
         return self.effect or self.law
+
+    @property
+    def sign(self) -> int:
+        """Return the usual sign of an effect's coefficient; 0 of all others, and where it has none."""
+        return 0 if self.effect is None else self.effect.effect.sign * self.direction
 
     @property
     def called(self) -> str:

@@ -10,9 +10,9 @@ from bayes_greybox.discovery.suspects.memory import (
     HYSTERESIS,
     LIMITS,
     RELAXATION,
-    TIMES,
     Memory,
     memory_columns,
+    relaxation_times,
 )
 
 N = 201
@@ -20,6 +20,17 @@ N = 201
 
 def along(t, x, **inputs):
     return dict(memory_columns(Trajectories.from_arrays(t, states={"x": x}, inputs=inputs, constant="keep")))
+
+
+def times_of(t, x=None):
+    return relaxation_times(t if x is None else x, t, [np.arange(len(t))], x is None)
+
+
+def test_time_constants_of_an_input_go_from_two_steps_to_half_a_run_by_about_two():
+    found = times_of(np.linspace(0, 6.4, 65))
+    np.testing.assert_allclose(found[[0, -1]], [0.2, 3.2])
+    np.testing.assert_allclose(found[1:] / found[:-1], 2.0)
+    assert len(times_of(np.arange(1e6))) == 12 and len(times_of(np.array([0.0, 1.0, 2.0]))) == 1
 
 
 def there_and_back():
@@ -60,13 +71,14 @@ def test_a_loop_is_closed_and_has_the_area_of_its_friction():
         assert np.trapezoid(z[second], x[second]) == pytest.approx(4 * r * (1 - r), rel=1e-3)
 
 
-@pytest.mark.parametrize("k", range(len(TIMES)))
+@pytest.mark.parametrize("k", range(3))
 def test_a_maxwell_element_follows_a_steady_speed_exactly_whatever_the_steps(k):
     t = np.concatenate([np.linspace(0, 1, 7), np.linspace(1.3, 5, 50)])
     t = np.concatenate([t, 5 + np.linspace(0, 5, 40)[1:]])
     x, up = np.where(t <= 5, 2.0 * t, 20.0 - 2.0 * t), t <= 5
     z = along(t, x)[Memory(RELAXATION, "x")][:, k]
-    tau = TIMES[k] * 2 * np.pi * np.std(x) / 2.0
+    tau = times_of(t, x)[k]
+    assert tau == pytest.approx((0.1, 0.3, 1.0)[k] * 2 * np.pi * np.std(x) / 2.0)
     np.testing.assert_allclose(z[up], 2.0 * tau * -np.expm1(-t[up] / tau), rtol=1e-12)
 
 
@@ -74,7 +86,7 @@ def test_a_swinging_maxwell_element_is_a_damper_where_it_is_fast_and_a_spring_wh
     t = np.linspace(0, 20 * np.pi, 60001)
     table = along(t, np.sin(t))[Memory(RELAXATION, "x")]
     late = t > 18 * np.pi
-    for tau, z in zip(np.array(TIMES) * 2 * np.pi, table.T, strict=True):
+    for tau, z in zip(times_of(t, np.sin(t)), table.T, strict=True):
         expected = tau * (np.cos(t) + tau * np.sin(t)) / (1 + tau**2)
         np.testing.assert_allclose(z[late], expected[late], atol=2e-3 * tau)
 
@@ -86,8 +98,7 @@ def test_elements_of_a_ragged_path_are_those_of_its_steps_one_by_one():
     t, x = np.concatenate([[0.0], np.cumsum(h)]), np.cumsum(rng.standard_normal(n + 1)) * 0.02
     x[700:720] = x[700]
     tables = along(t, x)
-    period = 2 * np.pi * np.std(x) / np.sqrt(np.sum(np.diff(x) ** 2 / h) / np.sum(h))
-    limits, times = np.array(LIMITS) * np.ptp(x) / 2, np.array(TIMES) * period
+    limits, times = np.array(LIMITS) * np.ptp(x) / 2, times_of(t, x)
     held, relaxed = np.zeros((n + 1, len(limits))), np.zeros((n + 1, len(times)))
     for k, change in enumerate(np.diff(x)):
         held[k + 1] = np.clip(held[k] + change, -limits, limits)
@@ -95,6 +106,21 @@ def test_elements_of_a_ragged_path_are_those_of_its_steps_one_by_one():
         relaxed[k + 1] = steady + (relaxed[k] - steady) * np.exp(-h[k] / times)
     np.testing.assert_allclose(tables[Memory(HYSTERESIS, "x")], held, atol=1e-12 * np.ptp(x))
     np.testing.assert_allclose(tables[Memory(RELAXATION, "x")], relaxed, atol=1e-9 * np.ptp(x))
+
+
+def test_an_input_may_be_held_and_may_begin_with_the_run():
+    t = np.linspace(0, 10, 101)
+    u = np.where(t % 5 < 2, 3.0, 0.0)
+    table, times = along(t, np.sin(t), u=u)[Memory(RELAXATION, "u")], times_of(t)
+    _, held, begun, late = np.split(table, 4, axis=1)
+    # Leaps decay from where they are; that from zero at the start is the difference of the two.
+    leaps = np.diff(np.append(0.0, u))
+    expected = np.array(
+        [np.sum(leaps[: k + 1, None] * np.exp(-(t[k] - t[: k + 1, None]) / times), 0) for k in range(101)]
+    )
+    np.testing.assert_allclose(held + begun, expected, atol=1e-9)
+    assert np.all(held[0] == 0) and np.all(begun[0] == 3.0)
+    np.testing.assert_allclose(held + late, np.repeat(u[:, None], len(times), axis=1), atol=1e-12)
 
 
 def test_each_run_starts_without_a_past():
