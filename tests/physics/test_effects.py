@@ -399,7 +399,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 31 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 33 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug.startswith("input-") for slug, _ in texts("mechanical", {**roles, "input": ()})
     )

@@ -71,6 +71,10 @@ def _inner(slug: str, value: Callable[..., Any], *roles: str, of: str, low: floa
     return Hidden(slug, roles, lambda c, inner: value(*(c[role] for role in roles), inner), Inner(of, low, high))
 
 
+def _odd_power(x: Any, exponent: Any) -> Any:
+    return np.sign(x) * np.abs(x) ** exponent
+
+
 def _one(*_: Any) -> float:
     return 1.0
 
@@ -175,7 +179,9 @@ ADDED: dict[str, dict[str, Hidden]] = {
             ),
             _plain("direction-dependent-friction", np.abs, "velocity"),
             _inner("backlash", lambda u, play: np.clip(u, -play, play), "input", of="input", low=0.05, high=0.8),
-            _inner("input-saturation", lambda u, g: u - np.clip(u, -g, g), "input", of="input", low=0.2, high=0.95),
+            _inner("input-saturation", lambda u, g: u - np.clip(u, -g, g), "input", of="input", low=0.02, high=0.95),
+            _inner("power-law-stiffness", _odd_power, "position", of="position", low=1.1, high=5.0),
+            _inner("power-law-drag", _odd_power, "velocity", of="velocity", low=1.1, high=4.0),
             _plain("stroke-dependent-drive", lambda u, x: u * x**2, "input", "position"),
         ),
         "fluid": (),

@@ -1,6 +1,6 @@
-"""Laws that the catalogue nearly has: powers between its own, and a resistance that fades otherwise than its own do.
+"""Laws beside those of whole powers: powers between them, and a resistance that fades as none of the catalogue does.
 
-Two of its entries together, or one with its inner parameter bent, follow each of them closely; every name is wrong.
+Two laws of whole powers together follow each of them closely, and every name is wrong but that of a power law.
 """
 
 from collections.abc import Iterator
@@ -56,4 +56,9 @@ def _beside(case: AssumptionCase, rng: np.random.Generator) -> tuple[Wanted, ...
     return (Wanted(effect, case.size, -1.0, fraction),)
 
 
-FAMILY = Family("other laws", _settings, white, beside=_beside, silent=lambda case: ())
+def _power_law(case: AssumptionCase) -> tuple[str, ...]:
+    kind = case.breach.split()[0]
+    return (f"power-law-{kind}",) if kind in ("stiffness", "drag") else ()
+
+
+FAMILY = Family("other laws", _settings, white, beside=_beside, excused=_power_law, silent=lambda case: ())
