@@ -5,8 +5,9 @@ the speed gains within T times d; taken d earlier it does not. The rate of the s
 wrong damping; these samples do.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -60,12 +61,8 @@ def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, 
         simulation: Knows which state is another's rate.
         noise: Standard deviation of the noise on the samples of states that have any.
     """
-    found = {}
-    for name, _, paths in _pairs(data, simulation):
-        late = _late(paths, noise.get(name, 0.0))
-        if late is not None:
-            found[name] = late
-    return found
+    found = {pair.state: pair.late() for pair in _pairs(data, simulation, noise)}
+    return {name: late for name, late in found.items() if late is not None}
 
 
 def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
@@ -74,16 +71,26 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
     The arguments are those of `late_states`. Returns standard deviations by state; none of what departs.
     """
     found: dict[str, float] = {}
-    for name, rate, paths in _pairs(data, simulation):
-        n, variance, square, gained = _windows(paths, noise.get(name, 0.0))
-        if gained > 0 and chi2.sf(square(0.0) / variance, n) >= SURE:
-            sd = float(np.sqrt(variance / gained))
-            found |= {each: min(sd, found.get(each, sd)) for each in (name, rate)}
+    for pair in _pairs(data, simulation, noise):
+        if pair.gained > 0 and pair.p(pair.departures(0.0)) >= SURE:
+            sd = float(np.sqrt(pair.variance / pair.gained))
+            found |= {each: min(sd, found.get(each, sd)) for each in (pair.state, pair.rate)}
     return found
 
 
-def _pairs(data: Trajectories, simulation: Simulation) -> Iterator[tuple[str, str, "list[_Path]"]]:
-    """Yield states with the states that are their rates, and the windows of their runs."""
+def torn(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> list[str]:
+    """What is wrong, in words, with states whose samples do not follow those of their rate, taken earlier or not.
+
+    A gain of one of them, or a zero of the rate that is off, is said with its size where it alone explains that.
+
+    The arguments are those of `late_states`.
+    """
+    pairs = _pairs(data, simulation, noise)
+    return [pair.told() for pair in pairs if pair.p(pair.departures(0.0)) < SURE and pair.late() is None]
+
+
+def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
+    """Yield states with the states that are their rates."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
         if rate is None or rate not in data.state_names:
@@ -91,7 +98,7 @@ def _pairs(data: Trajectories, simulation: Simulation) -> Iterator[tuple[str, st
         runs = [own for own in (data.run == r for r in range(data.n_run)) if np.sum(own) > 3 * SAMPLES]
         paths = [_Path(data.time[own], data.states[name][own], data.states[rate][own]) for own in runs]
         if sum(len(path.start) for path in paths) >= FEWEST:
-            yield name, rate, paths
+            yield _Pair(name, rate, paths, noise.get(name, 0.0), noise.get(rate, 0.0))
 
 
 class _Path:
@@ -114,32 +121,84 @@ class _Path:
         return self.x(self.time[self.start + SAMPLES]) - self.x(self.time[self.start])
 
     @property
+    def spans(self) -> Float[np.ndarray, " n"]:
+        """How long each window lasts."""
+        return self.time[self.start + SAMPLES] - self.time[self.start]
+
+    @property
     def gained(self) -> Float[np.ndarray, " n"]:
         """What the speed gains in each window."""
         return self.v[self.start + SAMPLES] - self.v[self.start]
 
 
-def _windows(paths: list[_Path], noise: float) -> tuple[int, float, Callable[[float], float], float]:
-    """Return the number of windows, a departure's variance, their sum of squares by delay, and Σ (gained speed)²."""
-    changes = np.concatenate([path.changes for path in paths])
-    variance = 2 * noise**2 + AGREE**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
+@dataclass(frozen=True)
+class _Pair:
+    """A state, the state that is its rate, and the windows of their runs.
 
-    def square(by: float) -> float:
-        return float(sum(np.sum(path.departures(by) ** 2) for path in paths))
+    Attributes:
+        state: The state.
+        rate: Its rate.
+        paths: Windows by run.
+        noise: Standard deviation of the noise on the state's samples.
+        rate_noise: That on its rate's.
+    """
 
-    return len(changes), variance, square, float(sum(np.sum(path.gained**2) for path in paths))
+    state: str
+    rate: str
+    paths: list[_Path]
+    noise: float
+    rate_noise: float
 
+    @cached_property
+    def step(self) -> float:
+        return float(np.median(np.concatenate([np.diff(path.time) for path in self.paths])))
 
-def _late(paths: list[_Path], noise: float) -> Late | None:
-    step = float(np.median(np.concatenate([np.diff(path.time) for path in paths])))
-    n, variance, square, gained = _windows(paths, noise)
-    before = float(chi2.sf(square(0.0) / variance, n))
-    if before >= SURE:
-        return None
-    found: Any = minimize_scalar(square, bounds=(-FURTHEST * step, FURTHEST * step), method="bounded")
-    by = float(found.x)
-    if abs(by) > 0.95 * FURTHEST * step or chi2.sf(square(by) / variance, n - 1) < SURE:
-        return None
-    # What is left is no white noise where samples are exact: sensors agree to within what they are trusted to.
-    left = max(square(by) / max(n - 1, 1), variance)
-    return Late(by, float(np.sqrt(left / gained)), step, before) if gained > 0 else None
+    @cached_property
+    def changes(self) -> Float[np.ndarray, " n"]:
+        return np.concatenate([path.changes for path in self.paths])
+
+    @cached_property
+    def variance(self) -> float:
+        """Of a departure."""
+        shown = 2 * self.noise**2 + SAMPLES * (self.rate_noise * self.step) ** 2
+        return shown + AGREE**2 * float(np.mean(self.changes**2)) + np.finfo(float).tiny
+
+    @cached_property
+    def gained(self) -> float:
+        return float(sum(np.sum(path.gained**2) for path in self.paths))
+
+    def departures(self, by: float) -> Float[np.ndarray, " n"]:
+        return np.concatenate([path.departures(by) for path in self.paths])
+
+    def p(self, departures: Float[np.ndarray, " n"], free: int = 0) -> float:
+        """p-value of departures after so many numbers were fitted to them."""
+        return float(chi2.sf(np.sum(departures**2) / self.variance, len(departures) - free))
+
+    def late(self) -> Late | None:
+        """Return how late the state is, if that explains that it departs."""
+        before = self.p(self.departures(0.0))
+        if before >= SURE:
+            return None
+        most = FURTHEST * self.step
+        found: Any = minimize_scalar(
+            lambda by: float(np.sum(self.departures(by) ** 2)), bounds=(-most, most), method="bounded"
+        )
+        by = float(found.x)
+        left = self.departures(by)
+        if abs(by) > 0.95 * most or self.p(left, 1) < SURE or not self.gained > 0:
+            return None
+        # What is left is no white noise where samples are exact: sensors agree to within what they are trusted to.
+        each = max(float(np.sum(left**2)) / max(len(left) - 1, 1), self.variance)
+        return Late(by, float(np.sqrt(each / self.gained)), self.step, before)
+
+    def told(self) -> str:
+        """Say why the state does not follow from its rate."""
+        says, spans = self.changes - self.departures(0.0), np.concatenate([path.spans for path in self.paths])
+        square = float(says @ says)
+        gain = float(self.changes @ says) / square if square > 0 else 1.0
+        if self.p(self.changes - gain * says, 1) >= SURE:
+            return f"{self.state} changes by {gain:.3g} times what its rate {self.rate} says: a unit or a gain is wrong"
+        zero = float((says - self.changes) @ spans) / float(spans @ spans)
+        if self.p(self.changes - says + zero * spans, 1) >= SURE:
+            return f"{self.rate} has a zero of {zero:.3g}, if the changes of {self.state}, whose rate it is, are right"
+        return f"{self.state} does not follow from its rate {self.rate}: one of their sensors is wrong"
