@@ -1,0 +1,1 @@
+"""Benchmarks that are run from a checkout, `python -m benchmarks.NAME`, and are no part of the package."""
