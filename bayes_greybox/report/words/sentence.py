@@ -146,6 +146,9 @@ def _said(study: StudyResult) -> list[str]:
     """Effects that were added, in words; those that may be one law together as that law."""
     label, found = study.train.target_label, []
     rows = study.effects.query("status == 'added'").to_dict("records")
+    if study.verdict == "partly named":
+        # What is added beside them and may as well not be is in the tables.
+        rows = [row for row in rows if row["probability"] > LIKELY] or rows
     sure: dict[Any, float] = study.quantities["probability"].to_dict() if len(study.quantities) else {}
     # Of several equations each says in which it doubts; files of before know no quantities.
     about = {name: f"in {label(name)}: " if len(study.maps) > 1 else "" for name in study.maps}
