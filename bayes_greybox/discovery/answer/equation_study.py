@@ -1,5 +1,6 @@
 """What was found out about one equation, and the tables that show it."""
 
+import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ from .coefficients import Coefficients
 from .instrument import instrument_table
 from .interval import REACH, TAIL
 from .where import GapMap, GapTrace
+
+FRACTION = re.compile("[⁰¹²³⁴⁵⁶⁷⁸⁹]⋅")
+"""Power in a unit that is not whole."""
 
 KEYS = ("equation", "memory")
 """Index of the table of what remains."""
@@ -330,10 +334,12 @@ class EquationStudy:
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         try:
-            return coefficient_unit(target_unit(self.equation, data), term, term.units(data.units))
+            unit = coefficient_unit(target_unit(self.equation, data), term, term.units(data.units))
         except InputError:
             # The numbers of a simulation's expression carry units that nobody wrote.
             return ""
+        # That of a power which is learned is another one for each of its values.
+        return "" if FRACTION.search(unit or "") else unit
 
     def _row(
         self, data: Trajectories, column: Column, share: Share, moments: dict[str, float], tied: Sequence[str],

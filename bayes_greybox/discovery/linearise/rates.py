@@ -16,7 +16,7 @@ from bayes_greybox.discovery.linearise.sensor_rows import at_end, beyond, earlie
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate, calibrated, suspect_columns, undone
 from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late, in_step, late_states, torn
+from bayes_greybox.discovery.suspects.late import Late, in_step, late_states
 from bayes_greybox.discovery.suspects.memory import memory_columns
 from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates
 from bayes_greybox.model.assemble import with_rounding
@@ -46,7 +46,6 @@ class RateRows:
         misread: Rows at which a state's or an input's sensor slipped, by channel.
         late: States that were late against the state that is their rate, which is undone first.
         in_step: How late states may be against their rates, where their samples agree: standard deviations.
-        torn: What is wrong with states that do not follow from their rates, in words.
         bare: Modelled rate of the simulation, before anything was found.
     """
 
@@ -59,7 +58,6 @@ class RateRows:
     misread: dict[str, Bool[np.ndarray, " n_obs"]] = field(init=False)
     late: dict[str, Late] = field(init=False)
     in_step: dict[str, float] = field(init=False)
-    torn: list[str] = field(init=False)
     bare: Rate = field(init=False)
 
     def __post_init__(self) -> None:
@@ -72,7 +70,6 @@ class RateRows:
         left = {name: noise.left for name, noise in self.smooth.noise.items()}
         self.late = late_states(measured, model.simulator(train), left)
         self.in_step = in_step(measured, model.simulator(train), left)
-        self.torn = torn(measured, model.simulator(train), left)
         self._measured = earlier(measured, self.late)
         self._out = (*self.clipped.values(), *self.misread.values(), *beyond(train, self.late))
 
@@ -162,8 +159,8 @@ class RateRows:
         return program
 
     def doubts(self, rows: Rows) -> list[str]:
-        """See `Source.doubts`: states that do not follow from their rates are a spurious force."""
-        return self.torn
+        """See `Source.doubts`: noise on states, which terms are evaluated at, is a spurious force."""
+        return []
 
 
 def delays_of(sensors: Mapping[ChannelSuspect, float]) -> dict[str, float]:

@@ -78,17 +78,6 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
     return found
 
 
-def torn(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> list[str]:
-    """What is wrong, in words, with states whose samples do not follow those of their rate, taken earlier or not.
-
-    A gain of one of them, or a zero of the rate that is off, is said with its size where it alone explains that.
-
-    The arguments are those of `late_states`.
-    """
-    pairs = _pairs(data, simulation, noise)
-    return [pair.told() for pair in pairs if pair.p(pair.departures(0.0)) < SURE and pair.late() is None]
-
-
 def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
     """Yield states with the states that are their rates."""
     for name in data.state_names:
@@ -119,11 +108,6 @@ class _Path:
     def changes(self) -> Float[np.ndarray, " n"]:
         """What the state changes by in each window."""
         return self.x(self.time[self.start + SAMPLES]) - self.x(self.time[self.start])
-
-    @property
-    def spans(self) -> Float[np.ndarray, " n"]:
-        """How long each window lasts."""
-        return self.time[self.start + SAMPLES] - self.time[self.start]
 
     @property
     def gained(self) -> Float[np.ndarray, " n"]:
@@ -190,15 +174,3 @@ class _Pair:
         # What is left is no white noise where samples are exact: sensors agree to within what they are trusted to.
         each = max(float(np.sum(left**2)) / max(len(left) - 1, 1), self.variance)
         return Late(by, float(np.sqrt(each / self.gained)), self.step, before)
-
-    def told(self) -> str:
-        """Say why the state does not follow from its rate."""
-        says, spans = self.changes - self.departures(0.0), np.concatenate([path.spans for path in self.paths])
-        square = float(says @ says)
-        gain = float(self.changes @ says) / square if square > 0 else 1.0
-        if self.p(self.changes - gain * says, 1) >= SURE:
-            return f"{self.state} changes by {gain:.3g} times what its rate {self.rate} says: a unit or a gain is wrong"
-        zero = float((says - self.changes) @ spans) / float(spans @ spans)
-        if self.p(self.changes - says + zero * spans, 1) >= SURE:
-            return f"{self.rate} has a zero of {zero:.3g}, if the changes of {self.state}, whose rate it is, are right"
-        return f"{self.state} does not follow from its rate {self.rate}: one of their sensors is wrong"
