@@ -282,7 +282,7 @@ class _Weight:
             own = np.flatnonzero(open_ & (totals + added > np.max(totals + added) - FAR))
             if not len(own):
                 return added
-            added[own] = self._ranged([sets[k] for k in own], np.argmax(logs[own], axis=1))
+            added[own] = self._ranged([sets[k] for k in own.tolist()], np.argmax(logs[own], axis=1))
             open_[own] = False
 
     def _ranged(self, sets: Sets, best: Int[np.ndarray, " n_set"]) -> Float[np.ndarray, " n_set"]:
