@@ -66,9 +66,11 @@ def test_formulas_are_read_by_effect_and_not_by_value_of_an_inner_parameter(cubi
 
 
 def test_a_missing_effect_is_named_with_its_coefficient(cubic):
-    assert cubic.verdict == "named" and cubic.against == ()
+    assert cubic.verdict in ("named", "one of") and cubic.against == ()
     row = cubic.effects.iloc[0]
-    assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.95
+    # These samples know the exponent of a power law to a few tenths: only that may stand in its place.
+    assert row["slug"] == "cubic-stiffness" and row["probability"] > 0.5
+    assert set(row["tied_with"]) <= {"power-law-stiffness"}
     assert abs(row["mean"] + 0.5) < 3 * row["sd"] < 0.1
 
 

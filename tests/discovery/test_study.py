@@ -75,7 +75,8 @@ def test_sentence_tables_and_verdict_come_from_one_finding(cubic):
 def test_a_hidden_cubic_spring_is_named(cubic):
     assert cubic.verdict == "named"
     row = added(cubic).loc["cubic-stiffness"]
-    assert row["probability"] > 0.99
+    # A power law whose exponent is about three has the rest.
+    assert row["probability"] > 0.9
     # Four posterior standard deviations; the interval's coverage is measured by the benchmark.
     assert abs(row["mean"] + 0.3) < 4 * row["sd"]
     assert row["lower"] < row["mean"] < row["upper"]
