@@ -1600,7 +1600,7 @@ def locks_with_a_pipe():
 
 
 def summary(r: Record) -> str:
-    """How far the simulation is from the table: of measured rates RMS of the gap over RMS; else a free run's NRMSE."""
+    """Gap between simulation and table: its RMS over that of measured rates, else the NRMSE of a free run."""
     tab = r.table.dropna()
     space = {
         "abs": np.abs,

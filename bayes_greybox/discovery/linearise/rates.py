@@ -45,7 +45,7 @@ class RateRows:
         clipped: Rows at which a channel's sensor was at its end, by channel.
         misread: Rows at which a state's or an input's sensor slipped, by channel.
         late: States that were late against the state that is their rate, which is undone first.
-        in_step: How late states may be against their rates, where their samples agree: standard deviations.
+        in_step: Standard deviations of the delay between a state and its rate whose samples agree, for both by name.
         bare: Modelled rate of the simulation, before anything was found.
     """
 
@@ -68,8 +68,9 @@ class RateRows:
         better, self.misread = mended(train, self.equation, self.bare)
         measured = self.smooth(better)
         left = {name: noise.left for name, noise in self.smooth.noise.items()}
-        self.late = late_states(measured, model.simulator(train), left)
-        self.in_step = in_step(measured, model.simulator(train), left)
+        simulation = model.simulator(train)
+        self.late = late_states(measured, simulation, left)
+        self.in_step = in_step(measured, simulation, left)
         self._measured = earlier(measured, self.late)
         self._out = (*self.clipped.values(), *self.misread.values(), *beyond(train, self.late))
 

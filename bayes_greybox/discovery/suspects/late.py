@@ -66,9 +66,9 @@ def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, 
 
 
 def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
-    """How late a state may be against its rate, or that against the state, where their samples agree.
+    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name.
 
-    The arguments are those of `late_states`. Returns standard deviations by state; none of what departs.
+    The arguments are those of `late_states`. What departs has none.
     """
     found: dict[str, float] = {}
     for pair in _pairs(data, simulation, noise):
@@ -117,7 +117,7 @@ class _Path:
 
 @dataclass(frozen=True)
 class _Pair:
-    """A state, the state that is its rate, and the windows of their runs.
+    """Pair of a state and the state that is its rate, with the windows of their runs.
 
     Attributes:
         state: The state.
@@ -143,7 +143,7 @@ class _Pair:
 
     @cached_property
     def variance(self) -> float:
-        """Of a departure."""
+        """Variance of a departure."""
         shown = 2 * self.noise**2 + SAMPLES * (self.rate_noise * self.step) ** 2
         return shown + AGREE**2 * float(np.mean(self.changes**2)) + np.finfo(float).tiny
 
