@@ -33,8 +33,8 @@ TIMES = (0.1, 0.3, 1.0)
 and its acceleration, with which any force on it would be explained by what it does."""
 
 FACTOR, MOST_TIMES = 2.0, 12
-"""Time constants of an input are about this factor apart, from two steps to half a run, and so many at most: what
-relaxes with another one is a sum of its neighbours."""
+"""Time constants of an input are about this factor apart, from two steps to half a run, and so many at most: a
+decay with any other one is a sum of theirs to within 0.002 of its height."""
 
 REACH = 30.0
 """Time constants whose exponentials are summed at once."""

@@ -33,6 +33,14 @@ def test_time_constants_of_an_input_go_from_two_steps_to_half_a_run_by_about_two
     assert len(times_of(np.arange(1e6))) == 12 and len(times_of(np.array([0.0, 1.0, 2.0]))) == 1
 
 
+def test_a_decay_between_time_constants_is_a_sum_of_theirs():
+    t, known = np.linspace(0, 20, 2001), 2.0 ** np.arange(-6, 4)
+    elements = np.exp(-t[:, None] / known)
+    for tau in 2.0 ** np.linspace(-3, 1, 9):
+        decay = np.exp(-t / tau)
+        assert np.max(np.abs(elements @ np.linalg.lstsq(elements, decay, rcond=1e-10)[0] - decay)) < 0.002
+
+
 def there_and_back():
     """From 0 up to 1, down to -1 and back to 0, at a steady speed."""
     t = np.linspace(0, 4, 4 * (N - 1) + 1)
