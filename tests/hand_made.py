@@ -57,7 +57,7 @@ def with_hypotheses(near: Near, given: Mapping[str, float | tuple[float, float]]
                 members, AT + float(np.log(p)), p, agreement,
                 dict.fromkeys(KINDS, 0.0) | {LAW if rest else NONE: 1.0}, {}, np.eye(len(points))[point], point,
                 float(np.sqrt(mode.v[0])), mode.mean[0], mode.covariance[0], np.abs(mode.mean[0]),
-                left * rest, np.zeros(len(members)),
+                left * rest, np.full(len(members), left * rest), np.zeros(len(members)),
             )
         )  # fmt: skip
     found.sort(key=lambda h: -h.probability)

@@ -8,7 +8,7 @@ import numpy as np
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.discovery.grid.regressors import EFFECT, SENSOR
 
-from .probabilities import EFFECTS, NO_GAP, STOPS, UNKNOWN, Probabilities, Share, trusted
+from .probabilities import EFFECTS, NO_GAP, STOPS, UNKNOWN, Probabilities, Share
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -170,7 +170,7 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     own = [h for h in every if probabilities.effects(h) == chosen]
     mass = sum(h.probability for h in own)
     remains = sum(h.probability * probabilities.remains(h) for h in own) / mass
-    gap = float(np.mean(probabilities.weighed.table.target**2))
+    gap = probabilities.weighed.gap
     share_left = sum(h.probability * h.left**2 for h in own) / mass / gap
     best = max(own, key=lambda h: h.log_weight)
     places = tuple(_place(probabilities, best, chosen, label) for label in chosen)
@@ -195,14 +195,8 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
 
 def _stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
     """Return whether the effects of a hypothesis may all be one law."""
-    regressors = probabilities.weighed.table.regressors
-    effects = [regressors[i] for i in best.members if regressors[i].kind == EFFECT]
     counted = probabilities.members(best, EFFECT)
-    plain = [
-        trusted(size, best.left, against)
-        for i, size, against in zip(best.members, best.sizes, best.against, strict=True)
-        if regressors[i] in effects
-    ]
+    plain = [trust for *_, trust in probabilities.alone(best, EFFECT)]
     return bool(counted) and all(trust < own for (*_, trust), own in zip(counted, plain, strict=True))
 
 

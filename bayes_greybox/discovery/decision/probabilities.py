@@ -55,14 +55,19 @@ class Probabilities:
     def members(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
         """Return a hypothesis's regressors of one kind: column, regressor, and what its probability counts with."""
         regressors = self.weighed.table.regressors
-        sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.against, strict=True)
-        of_kind = [
-            (i, regressors[i], 1.0 if kind == CORRECTION else trusted(size, hypothesis.left, against))
-            for i, size, against in sizes
-            if regressors[i].kind == kind
-        ]
+        of_kind = self.alone(hypothesis, kind)
         stacked = self._stacked([each for _, each, _ in of_kind])
         return [(i, each, trust * stacked(each)) for i, each, trust in of_kind]
+
+    def alone(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
+        """Return the same, whether or not effects may together be a law without a name."""
+        regressors = self.weighed.table.regressors
+        sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
+        return [
+            (i, regressors[i], 1.0 if kind == CORRECTION else trusted(size, left, against))
+            for i, size, left, against in sizes
+            if regressors[i].kind == kind
+        ]
 
     def _stacked(self, effects: list[Regressor]) -> Callable[[Regressor], float]:
         """Return what effects of one quantity count with, which together may be one law that has no name."""
@@ -101,12 +106,18 @@ class Probabilities:
             found[UNKNOWN] += (1 - real) * h.probability
         return found
 
-    def _by(self, kind: str, key: Callable[[Regressor], str]) -> dict[str, Share]:
-        """Return the shares of regressors of one kind by a key; in one hypothesis the surest of a key counts."""
+    def _by(self, kind: str, key: Callable[[Regressor], str], named: bool = True) -> dict[str, Share]:
+        """Return the shares of regressors of one kind by a key; in one hypothesis the surest of a key counts.
+
+        Args:
+            kind: Of regressors.
+            key: What they count for.
+            named: Whether they count as what they are called.
+        """
         found = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
         for h in self.weighed.hypotheses:
             own: dict[str, float] = {}
-            for _, each, trust in self.members(h, kind):
+            for _, each, trust in self.members(h, kind) if named else self.alone(h, kind):
                 own[key(each)] = max(own.get(key(each), 0.0), trust)
             for name, trust in own.items():
                 found[name] = found[name].plus(h, trust)
@@ -130,7 +141,7 @@ class Probabilities:
     @cached_property
     def by_quantity(self) -> dict[str, Share]:
         """Return the shares of laws of the same columns, whatever their names."""
-        return self._by(EFFECT, lambda each: ", ".join(each.quantity))
+        return self._by(EFFECT, lambda each: ", ".join(each.quantity), named=False)
 
     @cached_property
     def by_sensor(self) -> dict[str, Share]:
@@ -188,7 +199,7 @@ def trusted(own: float, left: float, against: float = 0.0) -> float:
 
     Args:
         own: RMS of its contribution.
-        left: RMS of the smoothed discrepancy.
+        left: RMS of the smoothed discrepancy in its band.
         against: ⟨a w⟩, their mean product.
     """
     closed = own**2 + 2 * against

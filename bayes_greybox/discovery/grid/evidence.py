@@ -85,7 +85,9 @@ def _batch(
         v = np.maximum(left / n, floor)
     log_prior = sum((np.log(d) for d in D), 0.0)
     value = -0.5 * ((n - k) * np.log(v_used) + log_det - log_prior + gram.log_det + np.maximum(left, 0.0) / v_used)
-    return value - 0.5 * n * np.log(2 * np.pi) + 0.5 * np.log(4 * np.pi / n), v_used
+    value = value - 0.5 * n * np.log(2 * np.pi) + 0.5 * np.log(4 * np.pi / n)
+    ratio = np.array([point.ratio for point in gram.points])
+    return np.where(ratio * np.sqrt(v_used) > gram.most, -np.inf, value), v_used
 
 
 class Modes(NamedTuple):

@@ -14,6 +14,10 @@ from .regressors import RegressorTable
 TINY = 1e-10
 """Spectral density, over its largest, below which a feature of f carries nothing."""
 
+MOST = 10.0**0.2
+"""Largest standard deviation of a discrepancy, over the gap: it is a part of this, to half a step of the grid. A larger
+one would have to be cancelled by effects that know nothing of it."""
+
 
 @dataclass(frozen=True)
 class Gram:
@@ -24,12 +28,14 @@ class Gram:
         products: [y X]ᵀ R⁻¹ [y X] of each point.
         log_det: log|R| of each point.
         n_obs: White numbers that the rows carry.
+        most: Largest standard deviation of a discrepancy, in units of the target.
     """
 
     points: tuple[NoisePoint, ...]
     products: Float[np.ndarray, "n_point n_column n_column"]
     log_det: Float[np.ndarray, " n_point"]
     n_obs: float
+    most: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -129,4 +135,4 @@ def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[L
             for k, r in zip(own, ratios, strict=True):
                 products[k] -= with_target.T @ (basis.shrunk(r)[:, None] * with_target)
                 log_det[k] += basis.log_det(r)
-    return Gram(tuple(points), products, log_det, float(n_white))
+    return Gram(tuple(points), products, log_det, float(n_white), MOST * table.force.gap)

@@ -11,6 +11,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
 from .agreement import bagged
+from .band import in_band
 from .evidence import RIDGE, log_evidences, modes
 from .gram import Basis, Gram, discrepancy_basis, gram
 from .latent_force import LatentForce
@@ -45,6 +46,7 @@ class Hypothesis:
         covariance: Their posterior covariance.
         sizes: RMS of what each regressor contributes that the others of the set could not.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
+        beside: The same of what of it is in the band of each regressor.
         against: Mean product of what each regressor contributes so with that discrepancy, times that probability:
             below zero where the two cancel.
     """
@@ -62,6 +64,7 @@ class Hypothesis:
     covariance: Float[np.ndarray, "k k"]
     sizes: Float[np.ndarray, " k"]
     left: float
+    beside: Float[np.ndarray, " k"]
     against: Float[np.ndarray, " k"]
 
     def keeping(self, places: Sequence[int]) -> "Hypothesis":
@@ -74,7 +77,7 @@ class Hypothesis:
         members = tuple(self.members[k] for k in own)
         return replace(
             self, members=members, mean=self.mean[own], covariance=self.covariance[np.ix_(own, own)],
-            sizes=self.sizes[own], against=self.against[own],
+            sizes=self.sizes[own], beside=self.beside[own], against=self.against[own],
         )  # fmt: skip
 
     @property
@@ -126,6 +129,11 @@ class Weighed:
             for k in order
         )  # fmt: skip
         return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
+
+    @property
+    def gap(self) -> float:
+        """Return the mean square of the gap as a force, scaled."""
+        return float(np.mean(self.table.target**2)) * self.table.force.gap**2
 
     def residual(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_row"]:
         """Return the target less what a hypothesis's regressors explain at its mode."""
@@ -194,7 +202,7 @@ def weigh(
     """
     forces = (table.force, *(force for force, _ in shapes))
     force = table.force
-    ratios: np.ndarray = RATIOS / max(force.noise, np.sqrt(floor), LEAST_NOISE)
+    ratios: np.ndarray = RATIOS * force.gap / max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
     points = noise_points(
         force.period, force.step, ratios, table.law.rows.shape[1] > 0, tuple(table.memories),
         (0.0, *(log_prior for _, log_prior in shapes)),
@@ -220,7 +228,8 @@ def weigh(
     in_blocks = pieces.block_logs(best, residuals, found.v)
     agreement = bagged(in_blocks, probability, seed)
     remainder = pieces.remainder(logs, residuals)
-    left, beside = np.sqrt(np.mean(remainder**2, axis=0)), table.acting.T @ remainder / len(remainder)
+    left, with_left = np.sqrt(np.mean(remainder**2, axis=0)), table.acting.T @ remainder / len(remainder)
+    band = np.sqrt(in_band(remainder, table.acting))
     of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
     of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
     hypotheses = []
@@ -235,7 +244,8 @@ def weigh(
                 members, float(totals[k]), float(probability[k]), float(agreement[k]), kinds, memories, share,
                 int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k],
                 np.abs(found.mean[k]) * apart, float(left[k] * np.sqrt(remains)),
-                remains * found.mean[k] * (alone @ beside[list(members), k]),
+                left[k] * np.sqrt(remains) * band[k, list(members)],
+                remains * found.mean[k] * (alone @ with_left[list(members), k]),
             )
         )  # fmt: skip
     return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks)

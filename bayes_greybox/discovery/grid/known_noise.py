@@ -33,6 +33,11 @@ class KnownNoise:
         """See `LatentForce.forced`."""
         return False
 
+    @property
+    def gap(self) -> float:
+        """See `LatentForce.gap`."""
+        return 1.0
+
     def whiten(
         self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
     ) -> tuple[Float[np.ndarray, "n_white n_ratio n_column"], Float[np.ndarray, "n_white n_ratio"]]:

@@ -44,6 +44,11 @@ class LatentForce(Protocol):
         """Return a first guess of the noise's standard deviation, over the target's size."""
         ...
 
+    @property
+    def gap(self) -> float:
+        """Return the RMS of the gap as a force, over that of the target: what effects and what remains are made of."""
+        ...
+
     def whiten(
         self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
     ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
@@ -124,6 +129,11 @@ class ForcedRates:
     def forced(self) -> bool:
         """See `LatentForce.forced`."""
         return True
+
+    @property
+    def gap(self) -> float:
+        """See `LatentForce.gap`: the target is the force."""
+        return 1.0
 
     def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
         """See `LatentForce.rescaled`: rates have one sensor."""

@@ -46,6 +46,7 @@ class ForcedPath:
         period: Period of the motion.
         step: Usual time between two samples.
         noise: First guess of the noise's standard deviation, over the target's size.
+        gap: RMS of the gap as a force, over that of the target.
     """
 
     steps: Steps
@@ -55,6 +56,7 @@ class ForcedPath:
     period: float
     step: float
     noise: float
+    gap: float = 1.0
     _moved: dict[tuple[float, bool], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
 
     @property

@@ -161,12 +161,17 @@ class Near:
         return tuple(self.column(i).called for i in hypothesis.members)
 
 
-def as_regressor(column: Column) -> Regressor:
-    """Return what the search needs to know of a column."""
+def as_regressor(column: Column, gap: float) -> Regressor:
+    """Return what the search needs to know of a column.
+
+    Args:
+        column: The column.
+        gap: RMS of the gap as a force, over that of the target: the size of effects.
+    """
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect
         return Regressor(
-            EFFECT, effect.label, effect.slug, column.sd, effect.effect.family or effect.slug,
+            EFFECT, effect.label, effect.slug, column.sd * gap, effect.effect.family or effect.slug,
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip

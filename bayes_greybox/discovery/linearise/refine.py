@@ -238,7 +238,8 @@ class _Columns:
             return np.zeros((0, 0)), np.zeros(0), there
         columns = [self._known[keys[k]] for k in there]
         white = self._at_point(point)(np.column_stack([column for column, _ in columns]))
-        return white, np.array([sd for _, sd in columns]), there
+        gap = self._search.ground.table.force.gap
+        return white, np.array([sd for _, sd in columns]) * gap, there
 
     def base(self, context: _Context) -> np.ndarray:
         """Return the whitened target and what stands beside the effect."""

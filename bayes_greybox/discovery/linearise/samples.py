@@ -12,9 +12,10 @@ from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.grid.gap_size import gap_size
 from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
 from bayes_greybox.discovery.regressors.build import regressors_of
-from bayes_greybox.discovery.regressors.regressors import Regressors
+from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.drift import drift_columns
 from bayes_greybox.discovery.suspects.late import Late
@@ -179,7 +180,8 @@ def _force(found: Regressors, data: Trajectories, point: Point) -> ForcedPath:
     n = found.rows.n_row // sensors
     inside = np.diff(found.rows.time[:n])
     step = float(np.median(inside[inside > 0])) if np.any(inside > 0) else 1.0
-    return ForcedPath(
+    force = ForcedPath(
         steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, found.equation), step,
         typical / (path.gain * found.target_scale),
     )  # fmt: skip
+    return replace(force, gap=gap_size(force, found.target, found.at_rows(found.of_kind(FREE))))

@@ -159,7 +159,7 @@ def table_of(rows: Rows) -> RegressorTable:
         memories[memory.text] = memories[memory.text].beside(own_elements) if memory.text in memories else own_elements
     law = Features(regressors.features(), regressors.evaluate_features(own.at_rows())[:n_sample])
     return RegressorTable(
-        tuple(as_regressor(column) for column in regressors.columns), regressors.target, regressors.values,
+        tuple(as_regressor(column, rows.force.gap) for column in regressors.columns), regressors.target, regressors.values,
         regressors.acting[:n_sample], rows.force, block, law, np.asarray(regressors.basis.frequency), memories,
     )  # fmt: skip
 

@@ -115,6 +115,11 @@ def remembered(study: StudyResult, equation: str) -> str:
     verbs = {DRIFT: "changes with time", LAW: "follows another law"}
     # What a memory is of says more than that it is one; files of before know no kinds.
     told = [name for name in likely if name not in WHAT_REMAINS]
+    laws = rows_of(study.quantities, equation)["probability"] if len(study.quantities) else pd.Series(dtype=float)
+    law = laws.drop("", errors="ignore")
+    if answer(study, equation) == "unknown" and len(law) and law.iloc[0] > LIKELY:
+        # Curves of one quantity that the catalogue has only together.
+        return f"is a law of {law.index[0].replace(', ', ' and ')} (probability {probability_text(law.iloc[0])})"
     if told:
         return "; ".join(
             f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"

@@ -43,13 +43,12 @@ def weighed(*given):
         members = tuple(sorted(ORDER.index(name) for name in names.split(" + ") if name))
         kinds = dict.fromkeys(KINDS, 0.0) | {NONE: 1 - share}
         kinds[kind] += share
-        k = len(members)
+        k, beside = len(members), left * float(np.sqrt(share if kind != NONE else 0.0))
         points = np.array([kinds[point.kind] for point in POINTS])
         found.append(
             Hypothesis(
                 members, float(np.log(max(p, 1e-300))), p, agreement, kinds, {}, points, int(np.argmax(points)), 0.1,
-                np.full(k, OWN), 0.01 * np.eye(k), np.full(k, OWN), left * np.sqrt(share if kind != NONE else 0.0),
-                np.zeros(k),
+                np.full(k, OWN), 0.01 * np.eye(k), np.full(k, OWN), beside, np.full(k, beside), np.zeros(k),
             )
         )  # fmt: skip
     found.sort(key=lambda h: -h.probability)
@@ -201,7 +200,7 @@ def test_effects_that_may_be_one_law_name_no_more_than_a_part_and_say_why():
 def test_effects_that_may_be_one_law_and_have_no_rival_are_a_law_without_a_name():
     found = verdict(("cube + zone", 0.98), ("", 0.02, (LAW, 1.0, 0.9)))
     assert found.code == "unknown" and found.places == () and found.open_ended
-    assert found.probabilities.by_quantity["y"].probability == pytest.approx(0.49)
+    assert found.probabilities.by_quantity["y"].probability == pytest.approx(0.98)
 
 
 @pytest.mark.parametrize(("p", "code"), [(0.6, "partly named"), (0.5, "unknown")])

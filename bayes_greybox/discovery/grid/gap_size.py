@@ -1,0 +1,48 @@
+"""Size of the gap as a force, on rows that a force reaches only along a path.
+
+A sample shows what a force did since its run began: how far samples are from the simulated ones says little of the force.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from .latent_force import LatentForce
+
+SIZES = 10.0 ** np.arange(-6.0, 0.6, 0.5)
+"""Standard deviations of the force, over that of the target, that are tried."""
+
+SCALES = (0.2, 1.0)
+"""Time scales of it, in periods of the motion."""
+
+PLAUSIBLE = 2.0
+"""Nats behind the likeliest size within which a size may be: two standard deviations."""
+
+
+def gap_size(
+    force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]
+) -> float:
+    """Return the RMS that the gap may have as a force, over that of the target.
+
+    √(mean(E[w]² + Var[w])) of the latent force beside the model before, its free coefficients at their likeliest: the
+    largest over time scales and sizes that are plausible. Where nothing is missing it is what the noise may hide.
+
+    Args:
+        force: The rows.
+        target: What was measured less what is simulated.
+        free: The user's own terms at the rows.
+    """
+    table, ratios, tried = np.column_stack([target, free]), SIZES / force.noise, []
+    for scale in (force.period * share for share in SCALES):
+        white, logs = force.whiten(table, scale, ratios)
+        for k, ratio in enumerate(ratios.tolist()):
+            y, X = white[:, k, 0], white[:, k, 1:]
+            theta = np.linalg.lstsq(X, y, rcond=None)[0]
+            v = float(np.mean((y - X @ theta) ** 2))
+            if v > 0:
+                tried.append((-0.5 * (len(y) * np.log(v) + float(np.sum(logs[:, k]))), scale, ratio, theta, v))
+    best, found = max((value for value, *_ in tried), default=0.0), []
+    for value, scale, ratio, theta, v in tried:
+        if value >= best - PLAUSIBLE:
+            mean, variance = force.smooth((target - free @ theta)[:, None], scale, ratio)
+            found.append(float(np.sqrt(np.mean(mean[:, 0] ** 2 + v * variance))))
+    return max(found, default=1.0)
