@@ -54,7 +54,6 @@ class Probabilities:
 
     def members(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
         """Return a hypothesis's regressors of one kind: column, regressor, and what its probability counts with."""
-        regressors = self.weighed.table.regressors
         of_kind = self.alone(hypothesis, kind)
         stacked = self._stacked([each for _, each, _ in of_kind])
         return [(i, each, trust * stacked(each)) for i, each, trust in of_kind]

@@ -1,6 +1,6 @@
 """Size of the gap as a force, on rows that a force reaches only along a path.
 
-A sample shows what a force did since its run began: how far samples are from the simulated ones says little of the force.
+A sample shows what a force did since its run began: how far it is from the simulated one says little of the force.
 """
 
 import numpy as np
@@ -18,9 +18,7 @@ PLAUSIBLE = 2.0
 """Nats behind the likeliest size within which a size may be: two standard deviations."""
 
 
-def gap_size(
-    force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]
-) -> float:
+def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]) -> float:
     """Return the RMS that the gap may have as a force, over that of the target.
 
     √(mean(E[w]² + Var[w])) of the latent force beside the model before, its free coefficients at their likeliest: the

@@ -158,9 +158,10 @@ def table_of(rows: Rows) -> RegressorTable:
         own_elements = Features(at_rows, force[:n_sample])
         memories[memory.text] = memories[memory.text].beside(own_elements) if memory.text in memories else own_elements
     law = Features(regressors.features(), regressors.evaluate_features(own.at_rows())[:n_sample])
+    columns = tuple(as_regressor(column, rows.force.gap) for column in regressors.columns)
     return RegressorTable(
-        tuple(as_regressor(column, rows.force.gap) for column in regressors.columns), regressors.target, regressors.values,
-        regressors.acting[:n_sample], rows.force, block, law, np.asarray(regressors.basis.frequency), memories,
+        columns, regressors.target, regressors.values, regressors.acting[:n_sample], rows.force,
+        block, law, np.asarray(regressors.basis.frequency), memories,
     )  # fmt: skip
 
 

@@ -32,7 +32,8 @@ def rows(size):
     steps = Steps(response.M, response.b[..., 1], np.full((1, n_step), DT), np.array([(0, k) for k in range(N)]))
     samples = path(size) + NOISE * np.random.default_rng(4).normal(size=N)
     scale = np.sqrt(np.mean(samples**2))
-    return ForcedPath(steps, (0,), np.full(2, 10.0) / NOISE, np.ones(N), PERIOD, DT, NOISE / scale), samples / scale, scale
+    start = np.full(2, 10.0) / NOISE
+    return ForcedPath(steps, (0,), start, np.ones(N), PERIOD, DT, NOISE / scale), samples / scale, scale
 
 
 @pytest.mark.parametrize("size", [0.03, 1.0, 30.0])
