@@ -33,7 +33,7 @@ def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolati
     """
     if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
         raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
-    if isinstance(negligible, bool) or not isinstance(negligible, Real) or not 0 <= negligible < 1:
+    if isinstance(negligible, bool) or not isinstance(negligible, Real) or not 0 <= float(negligible) < 1:
         raise InputError(f"negligible={negligible!r} must be a share of the modelled rate, from 0 to below 1.")
     if odds is not None and not isinstance(odds, Odds):
         raise InputError(f"odds is {type(odds).__name__}: give bg.Odds(...), such as bg.Odds(no_gap=0.5).")

@@ -115,11 +115,12 @@ def remembered(study: StudyResult, equation: str) -> str:
     verbs = {DRIFT: "changes with time", LAW: "follows another law"}
     # What a memory is of says more than that it is one; files of before know no kinds.
     told = [name for name in likely if name not in WHAT_REMAINS]
-    laws = rows_of(study.quantities, equation)["probability"] if len(study.quantities) else pd.Series(dtype=float)
-    law = laws.drop("", errors="ignore")
-    if answer(study, equation) == "unknown" and len(law) and law.iloc[0] > LIKELY:
+    laws = rows_of(study.quantities, equation)["probability"].to_dict() if len(study.quantities) else {}
+    laws = {str(name): float(p) for name, p in laws.items() if name and p > LIKELY}
+    if laws and answer(study, equation) == "unknown":
         # Curves of one quantity that the catalogue has only together.
-        return f"is a law of {law.index[0].replace(', ', ' and ')} (probability {probability_text(law.iloc[0])})"
+        law = max(laws, key=lambda name: laws[name])
+        return f"is a law of {law.replace(', ', ' and ')} (probability {probability_text(laws[law])})"
     if told:
         return "; ".join(
             f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"
