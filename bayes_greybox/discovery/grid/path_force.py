@@ -85,16 +85,14 @@ class ForcedPath:
         self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
     ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
         """See `LatentForce.whiten`."""
+        repeats = 1
         if not np.any(ratios):
             # No force: one filter serves all.
             ratios, repeats = np.zeros(1), len(ratios)
-        else:
-            repeats = 1
         white, logs = innovations(self._process(scale, sensor), ratios, self._by_sample(table))
         white, logs, n_row = white.swapaxes(0, 1), logs.swapaxes(0, 1), len(table)
-        return np.repeat(white.reshape(n_row, *white.shape[2:]), repeats, 1), np.repeat(
-            logs.reshape(n_row, -1), repeats, 1
-        )
+        white, logs = white.reshape(n_row, *white.shape[2:]), logs.reshape(n_row, -1)
+        return (white, logs) if repeats == 1 else (np.repeat(white, repeats, 1), np.repeat(logs, repeats, 1))
 
     def smooth(
         self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
