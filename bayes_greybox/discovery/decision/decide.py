@@ -97,8 +97,8 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     """Return the verdict before its checks.
 
     1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
-    2. Of effects, the likeliest set. *Named* needs each of them with the probability and the agreement that `Criteria`
-       ask for; what remains beside them makes it *partly named*.
+    2. Of effects, the likeliest set; of several that are tied, that of the likeliest effects. *Named* needs each of them
+       with the probability and the agreement that `Criteria` ask for; what remains beside them makes it *partly named*.
     3. *No gap* is practical: what remains without a name below a share of the modelled rate is none.
 
     Args:
@@ -114,7 +114,7 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
             code = "instrument"
         return _without_effects(probabilities, code)
     if by_kind[EFFECTS] > by_kind[UNKNOWN]:
-        found = _with_effects(probabilities, next(iter(probabilities.by_set)))
+        found = _with_effects(probabilities, _chosen(probabilities))
         if found.code != UNKNOWN:
             return found
     found = _without_effects(probabilities, UNKNOWN)
@@ -131,6 +131,18 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
         code = "recalibrate" if corrected > criteria.missing else NO_GAP
         return replace(_without_effects(probabilities, code, anything=True), left=found.left, negligible=True)
     return found
+
+
+def _chosen(probabilities: Probabilities) -> tuple[str, ...]:
+    """Return the set of effects that is answered: of those tied with the likeliest, that of the likeliest effects.
+
+    An effect may be likelier than another though its likeliest set is not: no runner-up is likelier than the answer.
+    """
+    by_set, by_place = probabilities.by_set, probabilities.by_place
+    first = next(iter(by_set))
+    least = probabilities.criteria.tied * by_set[first].probability
+    alike = [names for names, share in by_set.items() if len(names) == len(first) and share.probability >= least]
+    return max(alike, key=lambda names: round(sum(by_place[name].probability for name in names), 6))
 
 
 def _sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:

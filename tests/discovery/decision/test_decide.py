@@ -169,6 +169,12 @@ def test_what_could_stand_in_an_effects_place_is_tied_from_a_twentieth_of_its_pr
     assert place.of_family.probability == pytest.approx(0.8) and place.family == "hardening"
 
 
+def test_no_runner_up_is_likelier_than_the_answer():
+    found = verdict(("cube", 0.35), ("fifth", 0.3), ("fifth + dry", 0.2), ("", 0.15))
+    (place,) = found.places
+    assert place.slug == "fifth" and place.share.probability == pytest.approx(0.5) and place.tied == ("cube",)
+
+
 def test_the_same_effect_on_other_columns_is_called_by_them():
     (place,) = verdict(("cube", 0.6), ("cube v", 0.4)).places
     assert place.label == "cube(r=y)" and place.tied == ("cube(r=v)",) and place.together == pytest.approx(1.0)
