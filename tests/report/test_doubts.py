@@ -140,6 +140,9 @@ def test_what_speaks_against_unknown_is_what_has_a_name(study):
     table.loc[("ydot", "cubic-stiffness"), "probability"] = 0.25
     unknown = replace(study, verdict="unknown", effects=study.effects.assign(status=""), hypotheses=table)
     (others,) = by_topic(unknown, "Other explanations")
+    assert others.text.endswith("; what is missing is a law of y (probability >\xa00.999)")
+    unknown = replace(unknown, quantities=study.quantities.iloc[:0])
+    (others,) = by_topic(unknown, "Other explanations")
     assert others.text == "What has a name, or needs none, has probability 0.250 in all" and others.against is False
     assert not by_topic(unknown, "What remains") and not by_topic(study, "Other explanations")
     table.loc[("ydot", ["unknown", "cubic-stiffness"]), "probability"] = 0.4, 0.6

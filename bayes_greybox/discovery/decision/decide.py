@@ -97,8 +97,9 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     """Return the verdict before its checks.
 
     1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
-    2. Of effects, the likeliest set; of several that are tied, that of the likeliest effects. *Named* needs each of them
-       with the probability and the agreement that `Criteria` ask for; what remains beside them makes it *partly named*.
+    2. Of effects, the likeliest set; of several that are tied, that of the likeliest effects. *Named* needs each of
+       them with the probability and the agreement that `Criteria` ask for; what remains beside them makes it *partly
+       named*.
     3. *No gap* is practical: what remains without a name below a share of the modelled rate is none.
 
     Args:
