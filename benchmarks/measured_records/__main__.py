@@ -10,13 +10,13 @@ import bayes_greybox as bg
 from .records import READ, Record, records
 
 LIKELY = 0.3
-"""Probability from which on an effect, or a correction, is in the table."""
+"""Effects, corrections and kinds of what is left that are likelier are listed."""
 
 COLUMNS = ("record", "samples", "verdict", "effects", "corrections", "kind of what is left", "right", "seconds", "says")
 
 
 def row_of(name: str, record: Record) -> dict[str, object]:
-    """Return what was said of a record, and how long it took; nothing is sampled."""
+    """Return what was said of a record, and how long it took; no posterior is sampled."""
     model = bg.GreyBox(
         simulation=record.simulation, dictionary={record.equation: []},
         **({"rows": bg.TrajectoryRows()} if record.sampled else {}),

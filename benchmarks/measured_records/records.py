@@ -1,7 +1,7 @@
 """The records: where each was published, what its owner would begin with, and what is right.
 
-Files are read as they were published, from a folder; none is part of the project. Each is named by repository and
-commit, or by the collection that has it.
+The files are not part of the project. Each reader says where its file was published, and reads it from a folder by the
+name that it has there.
 """
 
 from collections.abc import Callable, Iterator
@@ -28,7 +28,7 @@ class Record:
         catalogue: Of effects.
         roles: Roles that names cannot tell.
         right: What a textbook, the source, or least squares say.
-        sampled: Whether states are samples, and no rates or outputs.
+        sampled: Whether the data are samples of states, without measured rates or outputs.
     """
 
     data: bg.Trajectories
@@ -124,10 +124,10 @@ def _tank(folder: Path) -> Record:
 
 
 def _phone(folder: Path) -> Record:
-    """fsaliby/Air_Resistance@2d8e516: what a falling phone's accelerometer reads; its speed is summed up."""
+    """fsaliby/Air_Resistance@2d8e516: what a falling phone's accelerometer reads; its speed is the integral."""
     table = pd.read_csv(folder / "phone_fall.txt", sep=r"\s+", header=None)
     time, reading = table[0].to_numpy(float), table[4].to_numpy(float)
-    # Of the longest stretch in which it reads little.
+    # The longest stretch in which it reads little: there the phone falls.
     ends = np.flatnonzero(np.diff(np.concatenate([[0], (reading < 6.0).astype(int), [0]])))
     first, last = max(ends.reshape(-1, 2), key=lambda pair: pair[1] - pair[0])
     time, rate = time[first:last], 9.81 - reading[first:last]
@@ -181,7 +181,7 @@ READ: dict[str, Callable[[Path], Record]] = {
     "pendulum 32": _pendulum(32),
     "damper": _damper,
 }
-"""How each record is read from its folder."""
+"""Reader of each record."""
 
 
 def records(folder: Path, names: list[str]) -> Iterator[tuple[str, Record]]:
@@ -189,7 +189,7 @@ def records(folder: Path, names: list[str]) -> Iterator[tuple[str, Record]]:
 
     Args:
         folder: Where the files are, by the names that `READ` reads.
-        names: Of records; all without any.
+        names: Names of records; all where there are none.
     """
     for name in names or READ:
         yield name, READ[name](folder)

@@ -143,7 +143,7 @@ class EquationStudy:
         """Return no gap, recalibration, instrument, unknown, and each set of effects; probabilities sum to one."""
         p = self.probabilities
         found = {name: [value, -np.inf, np.nan, 0.0] for name, value in p.by_kind.items() if name in STOPS}
-        gap = self.near.weighed.gap
+        gap = self.near.weighed.gap_square
         for h in self.near.weighed.hypotheses:
             name = self.called(h)
             entry = found.setdefault(name, [0.0, -np.inf, np.nan, 0.0])
@@ -228,7 +228,7 @@ class EquationStudy:
         """Return the likeliest sets with no effect, with one, with two, and so on."""
         p, rows, before = self.probabilities, [], Counter()
         every = self.near.weighed.hypotheses
-        gap = self.near.weighed.gap
+        gap = self.near.weighed.gap_square
         most = max((len(p.effects(h)) for h in every), default=0)
         for size in range(most + 1):
             own = [h for h in every if len(p.effects(h)) == size]

@@ -97,9 +97,9 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     """Return the verdict before its checks.
 
     1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
-    2. Of effects, the likeliest set; of several that are tied, that of the likeliest effects. *Named* needs each of
-       them with the probability and the agreement that `Criteria` ask for; what remains beside them makes it *partly
-       named*.
+    2. Of effects, the likeliest set; of sets of its size that are tied with it, the one whose effects are likeliest in
+       sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; what remains
+       beside them makes it *partly named*.
     3. *No gap* is practical: what remains without a name below a share of the modelled rate is none.
 
     Args:
@@ -135,9 +135,10 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
 
 
 def _chosen(probabilities: Probabilities) -> tuple[str, ...]:
-    """Return the set of effects that is answered: of those tied with the likeliest, that of the likeliest effects.
+    """Return the set of effects to answer with.
 
-    An effect may be likelier than another though its likeliest set is not: no runner-up is likelier than the answer.
+    Of the sets that are tied with the likeliest and have its size, it is the one whose effects are likeliest in sum: an
+    effect may be likelier than its rival although its likeliest set is not.
     """
     by_set, by_place = probabilities.by_set, probabilities.by_place
     first = next(iter(by_set))
@@ -183,7 +184,7 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     own = [h for h in every if probabilities.effects(h) == chosen]
     mass = sum(h.probability for h in own)
     remains = sum(h.probability * probabilities.remains(h) for h in own) / mass
-    gap = probabilities.weighed.gap
+    gap = probabilities.weighed.gap_square
     share_left = sum(h.probability * h.left**2 for h in own) / mass / gap
     best = max(own, key=lambda h: h.log_weight)
     places = tuple(_place(probabilities, best, chosen, label) for label in chosen)

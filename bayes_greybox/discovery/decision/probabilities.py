@@ -59,7 +59,7 @@ class Probabilities:
         return [(i, each, trust * stacked(each)) for i, each, trust in of_kind]
 
     def alone(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
-        """Return the same, whether or not effects may together be a law without a name."""
+        """Return the same as `members` without the discount of stacked effects."""
         regressors = self.weighed.table.regressors
         sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
         return [
@@ -109,9 +109,9 @@ class Probabilities:
         """Return the shares of regressors of one kind by a key; in one hypothesis the surest of a key counts.
 
         Args:
-            kind: Of regressors.
-            key: What they count for.
-            named: Whether they count as what they are called.
+            kind: Kind of the regressors.
+            key: Name under which a regressor is summed.
+            named: Whether stacked effects are discounted: not for a law whatever its name.
         """
         found = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
         for h in self.weighed.hypotheses:
@@ -198,7 +198,7 @@ def trusted(own: float, left: float, against: float = 0.0) -> float:
 
     Args:
         own: RMS of its contribution.
-        left: RMS of the smoothed discrepancy in its band.
+        left: RMS of the smoothed discrepancy in the band of the contribution.
         against: ⟨a w⟩, their mean product.
     """
     closed = own**2 + 2 * against

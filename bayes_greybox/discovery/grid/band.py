@@ -1,11 +1,12 @@
-"""What is left in the band of a force: only that can be mistaken for it.
+"""The part of what is left in the frequency band of a force: only that can be mistaken for the force.
 
-With p and q the spectra of a force and of what is left, each of sum one, averaged over the blocks of a record (Welch
-1967, IEEE Trans. Audio Electroacoust. 15:70), the share of the latter that has the spectrum of the former is
+With p and q the spectra of the force and of what is left, each of sum one, averaged over the blocks of a record (Welch
+1967, IEEE Trans. Audio Electroacoust. 15:70), its share is
 
-    Σ_ω p q/Σ_ω p²,  at most 1:
+    Σ_ω p q/Σ_ω p²,  at most 1.
 
-1 where both have one spectrum, and the share of frequencies that the force has where what is left has all of them.
+It is 1 if both have the same spectrum. If what is left is white and the force has some frequencies evenly, it is the
+share of the frequencies that the force has.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ def in_band(
 
     Args:
         left: What is left, at samples in order of time.
-        forces: Forces there; what is none, all zero, takes all that is left.
+        forces: Forces at the same samples; a column of zeros has a share of 1.
     """
     p, q = _spectra(forces), _spectra(left)
     square = np.sum(p**2, axis=0)
@@ -30,12 +31,12 @@ def in_band(
 
 
 def _spectra(table: np.ndarray) -> Float[np.ndarray, "n_frequency k"]:
-    """Return spectra over their sums, of blocks without their leaps at both ends."""
+    """Return spectra over their sums, of blocks under a Hann window: their ends do not leap."""
     n_block = int(blocks(len(table)).max(initial=0)) + 1
     length = len(table) // n_block
     cut = table[: n_block * length].reshape(n_block, length, -1) * hann(length, sym=False)[:, None]
     power = np.sum(np.abs(np.fft.rfft(cut, axis=1)) ** 2, axis=0)
-    # Frequencies between zero and the highest stand for two.
+    # All frequencies but zero and half the rate of the samples stand for their negative, too.
     power[1 : (length + 1) // 2] *= 2
     total = np.sum(power, axis=0)
     return power / np.where(total > 0, total, 1.0)

@@ -1,6 +1,6 @@
 """Size of the gap as a force, on rows that a force reaches only along a path.
 
-A sample shows what a force did since its run began: how far it is from the simulated one says little of the force.
+A sample shows what a force did since the start of its run: the size of the residual says little of that of the force.
 """
 
 import numpy as np
@@ -21,11 +21,12 @@ PLAUSIBLE = 2.0
 def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]) -> float:
     """Return the RMS that the gap may have as a force, over that of the target.
 
-    √(mean(E[w]² + Var[w])) of the latent force beside the model before, its free coefficients at their likeliest: the
-    largest over time scales and sizes that are plausible. Where nothing is missing it is what the noise may hide.
+    √(mean(E[w]² + Var[w])) of a latent force w beside the user's model without effects, whose free coefficients are at
+    their likeliest: the largest value over plausible time scales and sizes. If nothing is missing, it is the largest force
+    that the noise can hide. It is 1 where the residual is zero.
 
     Args:
-        force: The rows.
+        force: Latent force and noise on the rows.
         target: What was measured less what is simulated.
         free: The user's own terms at the rows.
     """

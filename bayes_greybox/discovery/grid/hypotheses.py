@@ -22,7 +22,7 @@ from .search import Reach, Sets, search
 from .set_prior import SetPrior
 
 LEAST_NOISE = 1e-6
-"""Least first guess of the noise, over the target's size."""
+"""Least first guess of the noise, over the RMS of the gap."""
 
 FAR = 30.0
 """Nats behind the likeliest set from which on signs and limits are not asked: far beyond the window of the search."""
@@ -46,8 +46,8 @@ class Hypothesis:
         covariance: Their posterior covariance.
         sizes: RMS of what each regressor contributes that the others of the set could not.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
-        beside: The same of what of it is in the band of each regressor.
-        against: Mean product of what each regressor contributes so with that discrepancy, times that probability:
+        beside: RMS of the part of that discrepancy in the band of each regressor, times the same root.
+        against: Mean product of what each regressor contributes so with the whole discrepancy, times that probability:
             below zero where the two cancel.
     """
 
@@ -131,8 +131,8 @@ class Weighed:
         return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
 
     @property
-    def gap(self) -> float:
-        """Return the mean square of the gap as a force, scaled."""
+    def gap_square(self) -> float:
+        """Return the mean square of the gap as a force, in scaled units."""
         return float(np.mean(self.table.target**2)) * self.table.force.gap**2
 
     def residual(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_row"]:

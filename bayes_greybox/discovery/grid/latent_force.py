@@ -46,7 +46,7 @@ class LatentForce(Protocol):
 
     @property
     def gap(self) -> float:
-        """Return the RMS of the gap as a force, over that of the target: what effects and what remains are made of."""
+        """Return the RMS of the gap as a force, over that of the target: the scale of effects and of what remains."""
         ...
 
     def whiten(

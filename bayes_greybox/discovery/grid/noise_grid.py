@@ -29,7 +29,7 @@ LENGTH_SCALES = (0.3, 0.6, 1.2)
 """Length scales of f, in half-widths of the box that the data fill."""
 
 RATIOS = 10.0 ** np.arange(-2.4, 0.41, 0.4)
-"""Standard deviations of the discrepancy, over that of the target."""
+"""Standard deviations of the discrepancy, over the RMS of the gap."""
 
 FEWEST_STEPS = 0.7
 """Time scales below so many sampling steps are white noise."""

@@ -166,7 +166,7 @@ def as_regressor(column: Column, gap: float) -> Regressor:
 
     Args:
         column: The column.
-        gap: RMS of the gap as a force, over that of the target: the size of effects.
+        gap: RMS of the gap as a force, over that of the target: the scale of effects.
     """
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect

@@ -103,7 +103,7 @@ WHAT_REMAINS = {
 
 
 def remembered(study: StudyResult, equation: str) -> str:
-    """Return what an effect without a name likely does, such as "remembers (hysteresis of y, probability 0.97)", or "".
+    """Return what an effect without a name likely does or depends on, "is a law of y (probability 0.97)", or "".
 
     Args:
         study: The study.
@@ -118,7 +118,7 @@ def remembered(study: StudyResult, equation: str) -> str:
     laws = rows_of(study.quantities, equation)["probability"].to_dict() if len(study.quantities) else {}
     laws = {str(name): float(p) for name, p in laws.items() if name and p > LIKELY}
     if laws and answer(study, equation) == "unknown":
-        # Curves of one quantity that the catalogue has only together.
+        # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
         law = max(laws, key=lambda name: laws[name])
         return f"is a law of {law.replace(', ', ' and ')} (probability {probability_text(laws[law])})"
     if told:

@@ -44,7 +44,7 @@ def test_it_is_the_rms_of_the_force_whatever_it_did_to_the_samples(size):
 
 def test_what_the_users_own_terms_explain_is_no_gap():
     force, target, scale = rows(1.0)
-    # Their column is what the force did, less the free motion, which is a start.
+    # Their column is the path without noise: the free motion in it is a start.
     assert gap_size(force, target, path(1.0)[:, None]) * scale < 0.02
 
 
