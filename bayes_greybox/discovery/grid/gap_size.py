@@ -22,8 +22,8 @@ def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Floa
     """Return the RMS that the gap may have as a force, over that of the target.
 
     √(mean(E[w]² + Var[w])) of a latent force w beside the user's model without effects, whose free coefficients are at
-    their likeliest: the largest value over plausible time scales and sizes. If nothing is missing, it is the largest force
-    that the noise can hide. It is 1 where the residual is zero.
+    their likeliest: the largest value over plausible time scales and sizes. If nothing is missing, it is the largest
+    force that the noise can hide. It is 1 where the residual is zero.
 
     Args:
         force: Latent force and noise on the rows.

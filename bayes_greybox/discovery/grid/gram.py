@@ -15,8 +15,8 @@ TINY = 1e-10
 """Spectral density, over its largest, below which a feature of f carries nothing."""
 
 MOST = 10.0**0.2
-"""Largest standard deviation of a discrepancy, over the RMS of the gap, of which it is a part, and half a step of the grid
-beyond. A larger one would need effects that happen to cancel it."""
+"""Largest standard deviation of a discrepancy, over the RMS of the gap, of which it is a part, and half a step of the
+grid beyond. A larger one would need effects that happen to cancel it."""
 
 
 @dataclass(frozen=True)
