@@ -1,7 +1,7 @@
 """The records: where each was published, what its owner would begin with, and what is right.
 
-The files are not part of the project. Each reader says where its file was published, and reads it from a folder by the
-name that it has there.
+The files are not part of the project. Each reader says where its file was published, and reads it from a folder, by a
+name of its own: coastdown.csv, gause_f22.csv, and so on.
 """
 
 from collections.abc import Callable, Iterator
@@ -110,7 +110,7 @@ def _battery(folder: Path) -> Record:
     """soorajsunil/Battery-ECM@b00a688: pulses of current."""
     held = loadmat(folder / "battery_pulses.mat")
     time, current, voltage = (held[name].ravel().astype(float) for name in ("tpulse", "ipulse", "vpulse"))
-    later = np.diff(time, prepend=-np.inf) > 0
+    later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
     data = TRAJECTORIES(time[later], states={}, inputs={"I": current[later]}, outputs={"V": voltage[later]})
     simulation, right = {"V": "3.83 + 0.0215*I"}, "one or two relaxations of I"
     return Record(data, simulation, "V", "electrical", right, sampled=False)
@@ -143,7 +143,7 @@ def _pendulum(number: int) -> Callable[[Path], Record]:
     def read(folder: Path) -> Record:
         table = pd.read_csv(folder / f"pendulum_{number}.csv", skipinitialspace=True)
         time, angle = table.time.to_numpy(), table.angle.to_numpy()
-        later = np.diff(time, prepend=-np.inf) > 0
+        later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
         time, angle = time[later], angle[later]
         # Its frequency at small swings, by the crossings in the last quarter.
         since, late = time[3 * len(time) // 4 :], angle[3 * len(angle) // 4 :]

@@ -104,7 +104,7 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
 
     Args:
         probabilities: Of the hypotheses.
-        rate_size: RMS of the modelled rate, over that of the gap.
+        rate_size: RMS of the modelled rate, over that of the target.
         late: Whether a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind

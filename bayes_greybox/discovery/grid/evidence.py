@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .gram import Gram
+from .noise_grid import STEP
 
 CHUNK = 400_000
 """Largest number of values in a batch's arrays, some 3 MB: they stay in the cache."""
@@ -86,8 +87,14 @@ def _batch(
     log_prior = sum((np.log(d) for d in D), 0.0)
     value = -0.5 * ((n - k) * np.log(v_used) + log_det - log_prior + gram.log_det + np.maximum(left, 0.0) / v_used)
     value = value - 0.5 * n * np.log(2 * np.pi) + 0.5 * np.log(4 * np.pi / n)
-    ratio = np.array([point.ratio for point in gram.points])
-    return np.where(ratio * np.sqrt(v_used) > gram.most, -np.inf, value), v_used
+    return value + _within(gram, v_used), v_used
+
+
+def _within(gram: Gram, v: Float[np.ndarray, "n_set n_point"]) -> Float[np.ndarray, "n_set n_point"]:
+    """Return the log share of each point's cell of the grid in which what remains is no larger than the gap."""
+    with np.errstate(divide="ignore"):
+        beyond = np.log10([point.ratio if point.remains else 0.0 for point in gram.points]) + 0.5 * np.log10(v)
+        return np.log(np.clip((np.log10(gram.most) - beyond) / STEP + 0.5, 0.0, 1.0))
 
 
 class Modes(NamedTuple):

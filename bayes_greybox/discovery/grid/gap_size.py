@@ -44,4 +44,5 @@ def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Floa
         if value >= best - PLAUSIBLE:
             mean, variance = force.smooth((target - free @ theta)[:, None], scale, ratio)
             found.append(float(np.sqrt(np.mean(mean[:, 0] ** 2 + v * variance))))
-    return max(found, default=1.0)
+    size = max(found, default=1.0)
+    return size if np.isfinite(size) and size > 0 else 1.0

@@ -14,10 +14,6 @@ from .regressors import RegressorTable
 TINY = 1e-10
 """Spectral density, over its largest, below which a feature of f carries nothing."""
 
-MOST = 10.0**0.2
-"""Largest standard deviation of a discrepancy, over the RMS of the gap, of which it is a part, and half a step of the
-grid beyond. A larger one would need effects that happen to cancel it."""
-
 
 @dataclass(frozen=True)
 class Gram:
@@ -28,7 +24,8 @@ class Gram:
         products: [y X]ᵀ R⁻¹ [y X] of each point.
         log_det: log|R| of each point.
         n_obs: White numbers that the rows carry.
-        most: Largest standard deviation of a discrepancy, in units of the target.
+        most: Largest standard deviation of what remains, in units of the target: it is a part of the gap. A larger one
+            would need effects that happen to cancel it.
     """
 
     points: tuple[NoisePoint, ...]
@@ -135,4 +132,4 @@ def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[L
             for k, r in zip(own, ratios, strict=True):
                 products[k] -= with_target.T @ (basis.shrunk(r)[:, None] * with_target)
                 log_det[k] += basis.log_det(r)
-    return Gram(tuple(points), products, log_det, float(n_white), MOST * table.force.gap)
+    return Gram(tuple(points), products, log_det, float(n_white), table.force.gap)

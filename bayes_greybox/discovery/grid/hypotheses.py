@@ -11,7 +11,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
 from .agreement import bagged
-from .band import in_band
+from .band import Band
 from .evidence import RIDGE, log_evidences, modes
 from .gram import Basis, Gram, discrepancy_basis, gram
 from .latent_force import LatentForce
@@ -202,11 +202,12 @@ def weigh(
     """
     forces = (table.force, *(force for force, _ in shapes))
     force = table.force
-    ratios: np.ndarray = RATIOS * force.gap / max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
+    noise = max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
+    ratios: np.ndarray = RATIOS * force.gap / noise
     points = noise_points(
         force.period, force.step, ratios, table.law.rows.shape[1] > 0, tuple(table.memories),
         (0.0, *(log_prior for _, log_prior in shapes)),
-        odds.noise if force.forced else None,
+        odds.noise if force.forced else None, RATIOS / noise,
     )  # fmt: skip
     weight = _Weight(
         table, gram(table, points, forces), np.array([each.sd**-2.0 for each in table.regressors]),
@@ -229,7 +230,7 @@ def weigh(
     agreement = bagged(in_blocks, probability, seed)
     remainder = pieces.remainder(logs, residuals)
     left, with_left = np.sqrt(np.mean(remainder**2, axis=0)), table.acting.T @ remainder / len(remainder)
-    band = np.sqrt(in_band(remainder, table.acting))
+    band = Band(table.acting, remainder)
     of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
     of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
     hypotheses = []
@@ -244,7 +245,7 @@ def weigh(
                 members, float(totals[k]), float(probability[k]), float(agreement[k]), kinds, memories, share,
                 int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k],
                 np.abs(found.mean[k]) * apart, float(left[k] * np.sqrt(remains)),
-                left[k] * np.sqrt(remains) * band[k, list(members)],
+                left[k] * np.sqrt(remains * band.of(k, members, alone)),
                 remains * found.mean[k] * (alone @ with_left[list(members), k]),
             )
         )  # fmt: skip
@@ -360,7 +361,7 @@ class _Pieces:
         remains = np.array([point.remains for point in self.points])
         best = np.argmax(np.where(remains, logs, -np.inf), axis=1)
         found = np.zeros((len(self.table.acting), len(best)))
-        for number in np.unique(best):
+        for number in np.unique(best[np.any(np.isfinite(np.where(remains, logs, -np.inf)), axis=1)]):
             own = np.flatnonzero(best == number)
             found[:, own] = self.smoothed(int(number), residuals[:, own])[0]
         return found

@@ -28,7 +28,10 @@ SENSOR_SCALES = (0.05, 0.2)
 LENGTH_SCALES = (0.3, 0.6, 1.2)
 """Length scales of f, in half-widths of the box that the data fill."""
 
-RATIOS = 10.0 ** np.arange(-2.4, 0.41, 0.4)
+STEP = 0.4
+"""Decades from one standard deviation of a discrepancy to the next."""
+
+RATIOS = 10.0 ** np.arange(-2.4, 0.41, STEP)
 """Standard deviations of the discrepancy, over the RMS of the gap."""
 
 FEWEST_STEPS = 0.7
@@ -64,6 +67,7 @@ class NoisePoint:
 def noise_points(
     period: float, step: float, ratios: Sequence[float] | Float[np.ndarray, " n_ratio"], law: bool,
     memories: Sequence[str] = (), shapes: Sequence[float] = (0.0,), noise: float | None = 0.05,
+    sensor: Sequence[float] | Float[np.ndarray, " n_ratio"] | None = None,
 ) -> tuple[NoisePoint, ...]:  # fmt: skip
     """Return the points of the grid.
 
@@ -76,6 +80,7 @@ def noise_points(
         shapes: Log prior of each shape of the noise.
         noise: Prior probability that a sensor's noise hangs together; None where that is known, and no force in time is
             weighed.
+        sensor: Standard deviations of noise that hangs together, over that of the noise; `ratios` if it is not given.
     """
 
     def scales(shares: Sequence[float]) -> list[float]:
@@ -86,12 +91,18 @@ def noise_points(
         points.append(NoisePoint(NONE, shape=shape, log_prior=log_shape + float(np.log1p(-(noise or 0.0)))))
         # Under a shape of the noise that is found and not given, coarser ratios of a discrepancy do.
         coarse = ratios[::2]
-        own = coarse if shape else ratios
+        some_ratios = coarse if shape else ratios
         lengths = LENGTH_SCALES if law else ()
-        for kind, each, log_prior in (
-            (SENSOR, [] if shape or noise is None else scales(SENSOR_SCALES), log_shape + float(np.log(noise or 1.0))),
-            (TIME, [] if noise is None else scales(TIME_SCALES), log_shape),
-            (LAW, lengths, log_shape),
+        together = ratios if sensor is None else sensor
+        for kind, each, own, log_prior in (
+            (
+                SENSOR,
+                [] if shape or noise is None else scales(SENSOR_SCALES),
+                together,
+                log_shape + float(np.log(noise or 1.0)),
+            ),
+            (TIME, [] if noise is None else scales(TIME_SCALES), some_ratios, log_shape),
+            (LAW, lengths, some_ratios, log_shape),
         ):
             share = log_prior - float(np.log(max(len(each) * len(own), 1)))
             points += [NoisePoint(kind, float(r), float(s), "", shape, share) for s in each for r in own]

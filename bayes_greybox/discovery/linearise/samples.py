@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -49,12 +49,14 @@ class SampleRows:
         train: Samples as they came.
         equation: The studied state.
         effects: Effects bound to columns.
+        _gap: RMS of the gap as a force, user's units, by the rows near the first point.
     """
 
     model: Program
     train: Trajectories
     equation: str
     effects: Sequence[BoundEffect]
+    _gap: float | None = field(default=None, init=False, repr=False)
 
     def near(self, point: Point) -> Rows:
         """Return rows near a point.
@@ -78,6 +80,11 @@ class SampleRows:
         shown = replace(beside.nodes, states={name: beside.nodes.states[name] for name in own})
         found.remember(chain(memory_columns(shown), drift_columns(shown)))
         force = _force(found, data, point)
+        if self._gap is None:
+            # The scale of effects is one, wherever rows are taken: else evidences near two hypotheses differ by it.
+            free = found.at_rows(found.of_kind(FREE))
+            self._gap = gap_size(force, found.target, free) * found.target_scale
+        force = replace(force, gap=self._gap / found.target_scale)
         floor = with_rounding(found.rows.measured / found.target_scale, self.model.noise_floor) ** 2
         # Of the samples as they came: those freed of a gain are over it.
         unit = math.log(found.target_scale * found.rows.gain) + unit_of_rows(right.samples or right, point.sensors)
@@ -184,4 +191,4 @@ def _force(found: Regressors, data: Trajectories, point: Point) -> ForcedPath:
         steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, found.equation), step,
         typical / (path.gain * found.target_scale),
     )  # fmt: skip
-    return replace(force, gap=gap_size(force, found.target, found.at_rows(found.of_kind(FREE))))
+    return force

@@ -117,15 +117,16 @@ def remembered(study: StudyResult, equation: str) -> str:
     told = [name for name in likely if name not in WHAT_REMAINS]
     laws = rows_of(study.quantities, equation)["probability"].to_dict() if len(study.quantities) else {}
     laws = {str(name): float(p) for name, p in laws.items() if name and p > LIKELY}
-    if laws and answer(study, equation) == "unknown":
+    said = [
+        f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"
+        for name in told
+    ]
+    if answer(study, equation) == "unknown":
         # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
-        law = max(laws, key=lambda name: laws[name])
-        return f"is a law of {law.replace(', ', ' and ')} (probability {probability_text(laws[law])})"
-    if told:
-        return "; ".join(
-            f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"
-            for name in told
-        )
+        law = [f"a law of {of.replace(', ', ' and ')} (probability {probability_text(p)})" for of, p in laws.items()]
+        said = [f"is {' and '.join(law)}", *said] if law else said
+    if said:
+        return "; ".join(said)
     return "; ".join(f"{WHAT_REMAINS[name]} (probability {probability_text(likely[name])})" for name in kinds)
 
 

@@ -3,12 +3,18 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.band import in_band
+from bayes_greybox.discovery.grid.band import Band
 
 N = 1024
 T = np.arange(N)
 BLOCK = N // 30
 """Samples of a block: the record has the largest number of them."""
+
+
+def in_band(left, forces):
+    """Shares of each remainder in the band of each force by itself."""
+    band, k = Band(forces, left), forces.shape[1]
+    return np.array([band.of(h, range(k), np.eye(k)) for h in range(left.shape[1])])
 
 
 def test_what_has_the_spectrum_of_a_force_is_all_in_its_band():
@@ -36,6 +42,17 @@ def test_white_noise_is_all_in_the_band_of_white_noise_and_what_is_no_force_take
     rng = np.random.default_rng(2)
     found = in_band(rng.normal(size=(N, 1)), np.column_stack([rng.normal(size=N), np.zeros(N)]))
     assert found[0, 0] > 0.9 and found[0, 1] == 1.0
+
+
+def test_of_a_force_beside_another_its_own_part_has_the_band():
+    # The cube of a sine is three quarters of the sine and a quarter of its third harmonic.
+    sine = np.sin(2 * np.pi * 3 * T / BLOCK)
+    forces = np.column_stack([sine, sine**3])
+    left = np.sin(2 * np.pi * 9 * T / BLOCK)[:, None]
+    alone = np.array([[1.0, 0.0], [-0.75, 1.0]])
+    band = Band(forces, left)
+    assert band.of(0, [0, 1], alone) == pytest.approx([0.0, 1.0], abs=0.02)
+    assert band.of(0, [0, 1], np.eye(2))[1] < 0.2
 
 
 @pytest.mark.parametrize("n", [1, 5, 26, 200])
