@@ -361,7 +361,8 @@ class _Pieces:
         remains = np.array([point.remains for point in self.points])
         best = np.argmax(np.where(remains, logs, -np.inf), axis=1)
         found = np.zeros((len(self.table.acting), len(best)))
-        for number in np.unique(best[np.any(np.isfinite(np.where(remains, logs, -np.inf)), axis=1)]):
+        # Where each one would be larger than the gap there is none.
+        for number in np.unique(best[remains[best]]):
             own = np.flatnonzero(best == number)
             found[:, own] = self.smoothed(int(number), residuals[:, own])[0]
         return found

@@ -91,7 +91,7 @@ def noise_points(
         points.append(NoisePoint(NONE, shape=shape, log_prior=log_shape + float(np.log1p(-(noise or 0.0)))))
         # Under a shape of the noise that is found and not given, coarser ratios of a discrepancy do.
         coarse = ratios[::2]
-        some_ratios = coarse if shape else ratios
+        of_force = coarse if shape else ratios
         lengths = LENGTH_SCALES if law else ()
         together = ratios if sensor is None else sensor
         for kind, each, own, log_prior in (
@@ -101,8 +101,8 @@ def noise_points(
                 together,
                 log_shape + float(np.log(noise or 1.0)),
             ),
-            (TIME, [] if noise is None else scales(TIME_SCALES), some_ratios, log_shape),
-            (LAW, lengths, some_ratios, log_shape),
+            (TIME, [] if noise is None else scales(TIME_SCALES), of_force, log_shape),
+            (LAW, lengths, of_force, log_shape),
         ):
             share = log_prior - float(np.log(max(len(each) * len(own), 1)))
             points += [NoisePoint(kind, float(r), float(s), "", shape, share) for s in each for r in own]

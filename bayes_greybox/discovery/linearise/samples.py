@@ -187,8 +187,7 @@ def _force(found: Regressors, data: Trajectories, point: Point) -> ForcedPath:
     n = found.rows.n_row // sensors
     inside = np.diff(found.rows.time[:n])
     step = float(np.median(inside[inside > 0])) if np.any(inside > 0) else 1.0
-    force = ForcedPath(
+    return ForcedPath(
         steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, found.equation), step,
         typical / (path.gain * found.target_scale),
     )  # fmt: skip
-    return force

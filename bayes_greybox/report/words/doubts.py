@@ -17,6 +17,7 @@ from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
+from .remainder import remembered
 from .sampled import sampled_elsewhere
 from .study import (
     added,
@@ -27,7 +28,6 @@ from .study import (
     name_of,
     not_helped,
     not_weighed,
-    remembered,
     rows_of,
     worse_runs,
 )

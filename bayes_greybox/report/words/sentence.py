@@ -18,6 +18,7 @@ from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, probability_text, share_text
+from .remainder import remembered
 from .study import (
     LEAST_CLOSED,
     LIKELY,
@@ -27,7 +28,6 @@ from .study import (
     named_in,
     not_helped,
     not_weighed,
-    remembered,
     reversed_text,
     risen,
     rows_of,

@@ -14,7 +14,6 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects import bends
 from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
 from bayes_greybox.discovery.suspects.drift import DRIFT
-from bayes_greybox.discovery.suspects.memory import LAW
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing
 
@@ -92,42 +91,6 @@ MOST_CLOSED = 0.9999
 def added(study: StudyResult) -> np.ndarray:
     """Row numbers of the effects that were added to the model."""
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
-
-
-WHAT_REMAINS = {
-    "a law of the states": "is a law of the states",
-    "something in time": "is something in time, of the machine or of its sensor",
-    "something that remembers": "remembers",
-}
-"""What is said of an effect without a name, by the kind that the table of what remains has."""
-
-
-def remembered(study: StudyResult, equation: str) -> str:
-    """Return what an effect without a name likely does or depends on, "is a law of y (probability 0.97)", or "".
-
-    Args:
-        study: The study.
-        equation: The equation that lacks it.
-    """
-    known = rows_of(study.memory, equation)["probability"].to_dict()
-    likely = {name: p for name, p in known.items() if p > LIKELY}
-    kinds = [name for name in likely if name in WHAT_REMAINS]
-    verbs = {DRIFT: "changes with time", LAW: "follows another law"}
-    # What a memory is of says more than that it is one; files of before know no kinds.
-    told = [name for name in likely if name not in WHAT_REMAINS]
-    laws = rows_of(study.quantities, equation)["probability"].to_dict() if len(study.quantities) else {}
-    laws = {str(name): float(p) for name, p in laws.items() if name and p > LIKELY}
-    said = [
-        f"{verbs.get(name.split(' of ')[0], 'remembers')} ({name}, probability {probability_text(likely[name])})"
-        for name in told
-    ]
-    if answer(study, equation) == "unknown":
-        # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
-        law = [f"a law of {of.replace(', ', ' and ')} (probability {probability_text(p)})" for of, p in laws.items()]
-        said = [f"is {' and '.join(law)}", *said] if law else said
-    if said:
-        return "; ".join(said)
-    return "; ".join(f"{WHAT_REMAINS[name]} (probability {probability_text(likely[name])})" for name in kinds)
 
 
 def name_of(study: StudyResult, slug: str) -> str:

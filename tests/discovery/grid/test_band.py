@@ -1,4 +1,4 @@
-"""What is left in the band of a force."""
+"""Share of what is left that is in the band of a force."""
 
 import numpy as np
 import pytest
