@@ -10,8 +10,8 @@ from .latent_force import LatentForce
 from .noise_grid import TIME_SCALES
 
 SIZES = 10.0 ** np.arange(-6.0, 0.6, 0.5)
-"""Standard deviations of the force, over that of the target, that are tried: from a millionth to all of it. Half a step is
-worth 0.6 nats to the prior of an effect."""
+"""Standard deviations of the force, over that of the target, that are tried: from a millionth to all of it. Half a step
+is worth 0.6 nats to the prior of an effect."""
 
 SCALES = TIME_SCALES[1:3]
 """Time scales of it, in periods of the motion: those of the grid that are next to the motion's own."""
