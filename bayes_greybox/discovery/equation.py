@@ -29,7 +29,7 @@ from .grid.search import Reach
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
-from .linearise.settle import settle
+from .linearise.settle import settle, weighed_on
 from .linearise.source import Source
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
@@ -124,14 +124,16 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     point = found[1].point_of(found[1].likeliest)
     # A delay is what lines between samples of held inputs look like.
     start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
+    # That inputs are held has the prior odds of any error of a channel.
+    least = found[1].log_evidence - math.log(odds.suspect) + math.log1p(-odds.suspect)
     try:
         rows = held.rows.complete(train, name, held.simulator(train))
-        again = settled(SampleRows(held, rows, name, question.effects), start)
+        source = SampleRows(held, rows, name, question.effects)
+        near = weighed_on(source.near(replace(start, window=found[1].window)), odds, reach, question.seed)
+        again = settled(source, start) if near.log_evidence > least else found
     except (InputError, np.linalg.LinAlgError):
         return found
-    # That inputs are held has the prior odds of any error of a channel.
-    prior = math.log(odds.suspect) - math.log1p(-odds.suspect)
-    return again if again[1].log_evidence + prior > found[1].log_evidence else found
+    return again if again[1].log_evidence > least else found
 
 
 def _amendment(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -98,6 +99,7 @@ class Weighed:
         floor: Least variance of the noise.
         hypotheses: Likeliest first.
         blocks: Log likelihood of each block of the record at each hypothesis's mode.
+        prior: Prior probability of sets.
     """
 
     table: RegressorTable
@@ -107,6 +109,7 @@ class Weighed:
     floor: float
     hypotheses: tuple[Hypothesis, ...]
     blocks: Float[np.ndarray, "n_hypothesis n_block"]
+    prior: SetPrior
 
     def told(self, more: Sequence[float], seed: int) -> "Weighed":
         """Return the hypotheses where their log weights are known better.
@@ -188,7 +191,7 @@ class Weighed:
 
 def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
-    seed: int = 0,
+    seed: int = 0, window: "Window | None" = None,
 ) -> Weighed:  # fmt: skip
     """Return the hypotheses of a table.
 
@@ -199,19 +202,24 @@ def weigh(
         floor: Least variance of the noise, in units of the target's.
         shapes: Rows under further shapes of the noise, each with the log prior that it adds.
         seed: Of the bagged records.
+        window: What the regressors are some of; None if they are all.
     """
     forces = (table.force, *(force for force, _ in shapes))
     force = table.force
     noise = max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
     ratios: np.ndarray = RATIOS * force.gap / noise
+    memories = tuple(table.memories) if window is None else window.memories
     points = noise_points(
-        force.period, force.step, ratios, table.law.rows.shape[1] > 0, tuple(table.memories),
+        force.period, force.step, ratios, table.law.rows.shape[1] > 0, memories,
         (0.0, *(log_prior for _, log_prior in shapes)),
         odds.noise if force.forced else None, RATIOS / noise,
     )  # fmt: skip
+    kinds = len({point.kind for point in points} & set(REMAINS))
+    points = tuple(point for point in points if not point.memory or point.memory in table.memories)
+    every = table.regressors
+    prior = SetPrior.of(every, odds, reach.effects) if window is None else window.prior.among(every)
     weight = _Weight(
-        table, gram(table, points, forces), np.array([each.sd**-2.0 for each in table.regressors]),
-        SetPrior.of(table.regressors, odds, reach.effects), floor,
+        table, gram(table, points, forces), np.array([each.sd**-2.0 for each in every]), prior, floor, kinds
     )  # fmt: skip
     sets = search(table.regressors, weight.total, reach)
     # The model before is one of them, however unlikely: the gap is what it leaves.
@@ -249,7 +257,21 @@ def weigh(
                 remains * found.mean[k] * (alone @ with_left[list(members), k]),
             )
         )  # fmt: skip
-    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks)
+    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks, prior)
+
+
+class Window(NamedTuple):
+    """What is weighed near a hypothesis until it stays: all that had some probability before.
+
+    Attributes:
+        called: What the effects, the sensor errors and the memories among it are called.
+        prior: Prior probability of all sets.
+        memories: Everything that may be remembered.
+    """
+
+    called: frozenset[str]
+    prior: SetPrior
+    memories: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -261,14 +283,14 @@ class _Weight:
     precision: np.ndarray
     prior: SetPrior
     floor: float
+    kinds: int
 
     @cached_property
     def _on_grid(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the log prior of each point given whether something remains, and whether it does at each."""
         points = self.products.points
         remains = np.array([point.remains for point in points])
-        kinds = len({point.kind for point in points} & set(REMAINS))
-        every = np.array([point.log_prior for point in points]) - np.where(remains, np.log(max(kinds, 1)), 0.0)
+        every = np.array([point.log_prior for point in points]) - np.where(remains, np.log(max(self.kinds, 1)), 0.0)
         return every - np.logaddexp.reduce(every[~remains]), remains
 
     def by_point(self, sets: Sets) -> Float[np.ndarray, "n_set n_point"]:

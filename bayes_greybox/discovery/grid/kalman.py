@@ -97,27 +97,43 @@ def _updated(P: Array, H: Array, noise: Array) -> tuple[Array, Array, Array]:
     return K, S, left @ P @ left.swapaxes(-1, -2) + noise * K[..., :, None] * K[..., None, :]
 
 
-def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
+def _gains(process: Any, ratios: Array) -> tuple[Array, Array]:
+    """Return gains and the variances of the innovations, which no column of a table changes."""
     F, Q, H, noise, fresh, start, started = process
     square = (ratios**2)[:, None, None]
     begun = start + square * started
 
-    def step(carry: tuple[Array, Array], piece: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        P, m = carry
-        F, Q, noise, fresh, z = piece
+    def step(P: Array, piece: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
+        F, Q, noise, fresh = piece
         P = F @ jnp.where(fresh, begun, P) @ F.T + square * Q
-        m = jnp.where(fresh, 0.0, jnp.einsum("ij,rjk->rik", F, m))
-        white, logs = [], []
+        gains, variances = [], []
         for a in range(H.shape[0]):
-            innovation = z[a] - jnp.einsum("j,rjk->rk", H[a], m)
             K, S, P = _updated(P, H[a], noise[a])
-            m = m + K[:, :, None] * innovation[:, None]
-            white.append(innovation / jnp.sqrt(S)[:, None])
-            logs.append(jnp.log(S))
-        return (P, m), (jnp.stack(white), jnp.stack(logs))
+            gains.append(K)
+            variances.append(S)
+        return P, (jnp.stack(gains), jnp.stack(variances))
 
-    first = jnp.zeros((ratios.shape[0], *start.shape)), jnp.zeros((ratios.shape[0], start.shape[0], z.shape[2]))
-    return jax.lax.scan(step, first, (F, Q, noise, fresh, z))[1]
+    return jax.lax.scan(step, jnp.zeros((ratios.shape[0], *start.shape)), (F, Q, noise, fresh))[1]
+
+
+def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
+    F, H, d = jnp.where(process.fresh[:, None, None], 0.0, process.F), process.H, process.F.shape[1]
+    gains, variances = _gains(process, ratios)
+    scale = 1 / jnp.sqrt(variances)
+
+    # Sums that are written out become one pass over a row; products of small matrices take twice as long.
+    def step(m: list[Array], piece: tuple[Array, ...]) -> tuple[list[Array], Array]:
+        F, z, K, scale = piece
+        m = [sum(F[i, j] * m[j] for j in range(d)) for i in range(d)]
+        white = []
+        for a in range(H.shape[0]):
+            innovation = z[a] - sum(H[a, j] * m[j] for j in range(d))
+            m = [m[j] + K[a, :, j, None] * innovation for j in range(d)]
+            white.append(innovation * scale[a, :, None])
+        return m, jnp.stack(white)
+
+    first = [jnp.zeros((ratios.shape[0], z.shape[2]))] * d
+    return jax.lax.scan(step, first, (F, z, gains, scale))[1], jnp.log(variances)
 
 
 def _smoother_of(process: Any, ratio: Array, z: Array, unit: Array) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log, log1p
 
@@ -32,6 +32,14 @@ class SetPrior:
     odds: Odds
     by_size: tuple[float, ...]
     ways: Mapping[str, float]
+
+    def among(self, regressors: Sequence[Regressor]) -> "SetPrior":
+        """Return the same prior of sets of some of the effects and sensor errors.
+
+        Args:
+            regressors: These, beside all free terms and corrections.
+        """
+        return replace(self, regressors=tuple(regressors))
 
     @classmethod
     def of(cls, regressors: Sequence[Regressor], odds: Odds, most: int) -> "SetPrior":

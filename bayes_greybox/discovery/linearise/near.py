@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed, Window
 from bayes_greybox.discovery.grid.latent_force import LatentForce
 from bayes_greybox.discovery.grid.regressors import Regressor
 from bayes_greybox.discovery.regressors.columns import Column, Values
@@ -21,6 +21,9 @@ from .noise_shapes import Shape
 
 STAYS = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
+
+MATTERS = 1e-3
+"""Probability from which on something is weighed, and its values are refined, until the likeliest hypothesis stays."""
 
 LARGEST_ERROR, LARGEST_DELAY = 3.0, 2.0
 """An error of a sensor is small: at most so many of its prior standard deviations, or it is no such error."""
@@ -36,6 +39,7 @@ class Point:
         values: Values of nonlinear parameters by the effect's label.
         shapes: Shapes of the noise beside white.
         spread: Relative standard deviations of the sensors' noise; empty where there is one.
+        window: What is weighed there; None for everything.
     """
 
     added: tuple[tuple[Term, float], ...] = ()
@@ -43,6 +47,11 @@ class Point:
     values: Mapping[str, Values] = field(default_factory=dict)
     shapes: tuple[Shape, ...] = ()
     spread: tuple[float, ...] = ()
+    window: Window | None = None
+
+    def weighs(self, called: str) -> bool:
+        """Return whether an effect, a sensor error or a memory is weighed."""
+        return self.window is None or called in self.window.called
 
     @property
     def hidden(self) -> tuple[HiddenState, ...]:
@@ -124,6 +133,19 @@ class Near:
         for h in self.weighed.hypotheses:
             found[self.names(h)] = float(np.logaddexp(found.get(self.names(h), -np.inf), h.log_weight))
         return found
+
+    @property
+    def window(self) -> Window:
+        """Return what had some probability: all else is left out until the likeliest hypothesis stays."""
+        weighed, found = self.weighed, dict.fromkeys(self.weighed.table.memories, 0.0)
+        for h in weighed.hypotheses:
+            for name in (*self.names(h), *h.memories):
+                found[name] = found.get(name, 0.0) + h.probability * h.memories.get(name, 1.0)
+        known = self.rows.point.window
+        called = {name for name, probability in found.items() if probability > MATTERS}
+        if known is None:
+            return Window(frozenset(called), weighed.prior, tuple(weighed.table.memories))
+        return known._replace(called=known.called | called)
 
     def column(self, index: int) -> Column:
         """Return one regressor's column."""

@@ -81,11 +81,12 @@ class RateRows:
         used = usable(self._measured, self.equation, delays, self._out)
         data = whole.keep(used)
         rate = modelled_rate(self.model, whole, self.equation, point.added)
-        found = regressors_of(self.model, data, self.equation, self.effects, point.values)
+        effects = [effect for effect in self.effects if point.weighs(effect.label)]
+        found = regressors_of(self.model, data, self.equation, effects, point.values)
         columns = [
             (self._known(suspect), column[used])
             for suspect, column in suspect_columns(whole, self.equation, rate)
-            if suspect.channel not in self.late or suspect.kind != DELAY
+            if point.weighs(suspect.key) and (suspect.channel not in self.late or suspect.kind != DELAY)
         ]
         found.suspect(columns, [s.key for s in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
@@ -95,7 +96,7 @@ class RateRows:
                 size = late[column.suspect.key] * column.scale / found.target_scale
                 found.shown = found.shown + size * found.values[:, k]
         # What was there at rows that are out is remembered too.
-        elements = chain(memory_columns(whole), drift_columns(whole))
+        elements = chain(memory_columns(whole, point.weighs), drift_columns(whole, point.weighs))
         found.remember((memory, table[used]) for memory, table in elements)
         own = found.rows
         period = period_of(data, self.equation)

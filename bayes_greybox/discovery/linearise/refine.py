@@ -18,6 +18,8 @@ from bayes_greybox.discovery.regressors.columns import Values, at_values, limits
 from bayes_greybox.discovery.regressors.regressors import EFFECT, FREE, Regressors
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 
+from .near import MATTERS
+
 LARGEST_SHARE = 0.2
 """Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
 
@@ -29,9 +31,6 @@ CLOUDS = 5
 
 EFFECTIVE = 12.0
 """Effective number of values of several parameters, 1/Σp², from which on intervals are smooth."""
-
-MATTERS = 1e-3
-"""Probability of the hypotheses with an effect from which on its values are refined beside its companions."""
 
 COMPANIES = 3
 """Companions that an effect's values are refined beside, likeliest first."""

@@ -73,12 +73,13 @@ class SampleRows:
         data = near.rows.complete(right, equation, simulation)
         rate = modelled_rate(near, data, equation, point.added)
         beside = Suspected.of(near, data, equation, point.added, point.sensors, rate, hidden)
-        found = regressors_of(near, data, equation, self.effects, point.values, beside.shown)
-        found.suspect(beside.told(found), at_rows=True)
-        found.suspect(beside.inputs)
+        effects = [effect for effect in self.effects if point.weighs(effect.label)]
+        found = regressors_of(near, data, equation, effects, point.values, beside.shown)
+        found.suspect([each for each in beside.told(found) if point.weighs(each[0].key)], at_rows=True)
+        found.suspect([each for each in beside.inputs if point.weighs(each[0].key)])
         # What a hidden state did before is what it is.
         shown = replace(beside.nodes, states={name: beside.nodes.states[name] for name in own})
-        found.remember(chain(memory_columns(shown), drift_columns(shown)))
+        found.remember(chain(memory_columns(shown, point.weighs), drift_columns(shown, point.weighs)))
         force = _force(found, data, point)
         if self._gap is None:
             # The scale of effects is one, wherever rows are taken: else evidences near two hypotheses differ by it.

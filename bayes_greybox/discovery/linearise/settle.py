@@ -1,6 +1,6 @@
 """One loop: rows and regressors near the likeliest hypothesis, weighed, until it stays."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -21,7 +21,7 @@ from .near import Near, Point, Rows, as_regressor
 from .noise_shapes import noise_shapes
 from .refine import Company, Ground, refined
 
-TURNS = 5
+TURNS = 6
 """How often rows are taken anew near what was found."""
 
 LIKELIER = 1.0
@@ -58,27 +58,37 @@ def settle(
         ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
         values, known = refined(rows.regressors, ground)
         rows = build(replace(start, values=values)) if values else rows
-    here = Visit(_weighed(rows, odds, reach, seed))
+    visits = [Visit(weighed_on(rows, odds, reach, seed))]
     for turn in range(TURNS):
-        near = here.near
-        weighed = near.weighed
+        here = _best(visits, seed)
+        near, weighed = here.near, here.near.weighed
         ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
         finer, known = refined(near.regressors, ground, weighed.hypotheses, known)
         point = _next(near, finer, quantities, odds)
-        if not finer and _names(point) == _names(near.rows.point) and here.stays(point):
+        stays = not finer and _names(point) == _names(near.rows.point) and here.stays(point)
+        if stays and near.rows.point.window is None:
             return near
         report(f"weighing them near the likeliest, turn {turn + 1}")
+        # Rows near the likeliest for the first time have everything, and so have those that it stays on.
+        window = near.window if turn and not stays else None
         try:
-            there = Visit(_weighed(build(point), odds, reach, seed), near.names(near.likeliest), near)
+            rows = build(replace(point, window=window))
         except (InputError, np.linalg.LinAlgError):
             # No path of what was found follows the samples.
             break
+        there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near)
         # Only as many rows can be compared: a delay takes some out of their run.
-        alike = near.regressors.rows.n_row == there.near.regressors.rows.n_row
-        more = there.own - here.own if alike else np.inf
-        here = there.told(here, seed) if more >= 0 else here.told(there, seed)
-        if abs(more) < LIKELIER:
+        if near.regressors.rows.n_row != there.near.regressors.rows.n_row:
+            visits = [there]
+            continue
+        visits = [each for each in visits if each.hypothesis != there.hypothesis] + [there]
+        if abs(there.own - here.own) < LIKELIER and not stays:
             break
+    here = _best(visits, seed)
+    if here.near.rows.point.window is not None:
+        rows = build(replace(here.near.rows.point, window=None))
+        whole = here._replace(near=Near(rows, weighed_on(rows, odds, reach, seed).weighed))
+        here = _best([whole, *(each for each in visits if each.hypothesis != here.hypothesis)], seed)
     return here.near
 
 
@@ -129,15 +139,31 @@ class Visit(NamedTuple):
         return self._replace(near=replace(near, weighed=near.weighed.told(shifts, seed)))
 
 
+def _best(visits: Sequence[Visit], seed: int) -> Visit:
+    """Return the rows near the likeliest of the hypotheses that were weighed truly, with what is known of the others."""
+    best = max(visits, key=lambda each: each.own)
+    for other in visits:
+        best = best.told(other, seed)
+    return best
+
+
 def _names(point: Point) -> list[str]:
     """Return the shapes of the noise that are weighed."""
     return [shape.name for shape in point.shapes]
 
 
-def _weighed(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
+def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
+    """Return the hypotheses on rows.
+
+    Args:
+        rows: The rows.
+        odds: Prior probabilities.
+        reach: How far the search goes.
+        seed: Of the bagged records.
+    """
     table = table_of(rows)
     shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
-    return Near(rows, weigh(table, odds, reach, rows.floor, shapes, seed))
+    return Near(rows, weigh(table, odds, reach, rows.floor, shapes, seed, rows.point.window))
 
 
 def table_of(rows: Rows) -> RegressorTable:

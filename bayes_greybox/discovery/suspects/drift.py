@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 
-from .memory import Memory
+from .memory import Chosen, Memory, everything
 
 DRIFT = "drift"
 
@@ -24,16 +24,19 @@ SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 """Time constants τ over the duration of the record."""
 
 
-def drift_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs 1"]]]:
+def drift_columns(
+    data: Trajectories, chosen: Chosen = everything
+) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs 1"]]]:
     """Every state and input times each of the ways of settling, one element each.
 
     Args:
         data: Samples; runs that go on at the time at which others ended belong to one record.
+        chosen: Which ones.
     """
     since = data.time - np.min(data.time)
     duration = np.max(since)
     if duration <= 0:
         return
     for name in (*data.state_names, *data.input_names):
-        for share in SETTLING:
+        for share in SETTLING if chosen(Memory(DRIFT, name).text) else ():
             yield Memory(DRIFT, name, share), (data.column(name) * np.exp(-since / (share * duration)))[:, None]

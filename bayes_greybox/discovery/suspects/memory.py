@@ -10,7 +10,7 @@ Sums of the first over r are hysteresis of Masing's kind, whose loops close and 
 function of the states, so that neither an effect of the catalogue nor an unknown f over the states is what they are.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -69,17 +69,32 @@ class Memory:
         return f"{self.kind} of {self.channel}"
 
 
-def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
+Chosen = Callable[[str], bool]
+"""Whether a memory is asked for, by what it is in words."""
+
+
+def everything(text: str) -> bool:
+    """Return that each one is."""
+    return True
+
+
+def memory_columns(
+    data: Trajectories, chosen: Chosen = everything
+) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
     """Yield every memory with the forces of its elements, by the paths that were measured; of channels that come back.
 
     Elements are at rest where a run starts; of an input, which may begin there, also as if it had been zero before.
 
     Args:
         data: Samples in order of time.
+        chosen: Which ones.
     """
     runs = [np.flatnonzero(data.run == r) for r in dict.fromkeys(data.run.tolist())]
     runs = [own for own in runs if len(own) > 2]
     for name in (*data.state_names, *data.input_names):
+        hysteresis, relaxation = Memory(HYSTERESIS, name), Memory(RELAXATION, name)
+        if not (chosen(hysteresis.text) or chosen(relaxation.text)):
+            continue
         x = data.column(name)
         half = np.ptp(x) / 2
         # What is applied from outside may be held from each sample to the next, and may begin with the run.
@@ -99,8 +114,7 @@ def memory_columns(data: Trajectories) -> Iterator[tuple[Memory, Float[np.ndarra
                 # It may act at once and relax, or come to act late: no coefficient is off for either.
                 elements += [leaping, begun, x[own][:, None] - leaping]
             relaxing[own] = np.hstack(elements)
-        yield Memory(HYSTERESIS, name), held
-        yield Memory(RELAXATION, name), relaxing
+        yield from ((each, table) for each, table in ((hysteresis, held), (relaxation, relaxing)) if chosen(each.text))
 
 
 def relaxation_times(

@@ -11,6 +11,8 @@ from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.latent_force import ForcedRates
 from bayes_greybox.discovery.grid.noise_grid import KINDS, LAW, NONE, SENSOR, TIME, NoisePoint
 from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
+from bayes_greybox.discovery.grid.set_prior import SetPrior
+from bayes_greybox.discovery.odds import Odds
 
 N = 4
 POINTS = (NoisePoint(NONE), NoisePoint(SENSOR, 1.0, 0.1), NoisePoint(TIME, 1.0, 1.0), NoisePoint(LAW, 1.0, 1.0))
@@ -59,7 +61,8 @@ def weighed(*given):
         np.zeros((0, 1)),
     )  # fmt: skip
     gram = Gram(POINTS, np.zeros((4, 1, 1)), np.zeros(4), float(N))
-    return Weighed(table, (force,), gram, np.ones(len(NAMES)), 1e-8, tuple(found), np.zeros((len(found), 1)))
+    prior = SetPrior.of(table.regressors, Odds(), 3)
+    return Weighed(table, (force,), gram, np.ones(len(NAMES)), 1e-8, tuple(found), np.zeros((len(found), 1)), prior)
 
 
 def probabilities(*given, **criteria):
