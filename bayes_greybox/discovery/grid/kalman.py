@@ -124,7 +124,7 @@ def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
     # Sums that are written out become one pass over a row; products of small matrices take twice as long.
     def step(m: list[Array], piece: tuple[Array, ...]) -> tuple[list[Array], Array]:
         F, z, K, scale = piece
-        m = [sum(F[i, j] * m[j] for j in range(d)) for i in range(d)]
+        m = [sum((F[i, j] * m[j] for j in range(1, d)), F[i, 0] * m[0]) for i in range(d)]
         white = []
         for a in range(H.shape[0]):
             innovation = z[a] - sum(H[a, j] * m[j] for j in range(d))

@@ -140,7 +140,7 @@ class Visit(NamedTuple):
 
 
 def _best(visits: Sequence[Visit], seed: int) -> Visit:
-    """Return the rows near the likeliest of the hypotheses that were weighed truly, with what is known of the others."""
+    """Return the rows near the likeliest of what was weighed truly, with what is known of the others."""
     best = max(visits, key=lambda each: each.own)
     for other in visits:
         best = best.told(other, seed)
