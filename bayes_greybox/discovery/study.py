@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
+from bayes_greybox.data.samples.averaging import FEWEST_BLOCKS, averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
@@ -53,6 +54,11 @@ HELD_INPUTS = (
     "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
     "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), in a "
     'file [rows] kind = "trajectory" with interpolation.'
+)
+
+AVERAGED = (
+    "The sensors are read much more often than anything moves: neighbouring samples were averaged, {m} at a time, "
+    "which loses nothing but noise. What follows is about the averages."
 )
 
 
@@ -202,6 +208,10 @@ def investigate(
     check_rows(model)
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
+    block = longest_block(train)
+    if test is not None:
+        block = max(1, min(block, min(test.run_lengths) // FEWEST_BLOCKS))
+    train, test = averaged(train, block), None if test is None else averaged(test, block)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
     # Without a catalogue suspects, corrections and f are weighed against nothing.
     loaded = () if catalogue in ([], ()) else load_catalogue(catalogue)
@@ -266,7 +276,7 @@ def investigate(
     warnings = tuple(
         text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
     )
-    held = () if model is asked else (HELD_INPUTS,)
+    held = (() if model is asked else (HELD_INPUTS,)) + ((AVERAGED.format(m=block),) if block > 1 else ())
     counted = {name: found.counted for name, found in findings.items()}
     sizes = (text for found in findings.values() for text in other_sizes(found.regressors))
     said = _said_of(model, train, counted, settle)
