@@ -1,1 +1,1 @@
-"""Benchmarks that are run from a checkout, `python -m benchmarks.NAME`, and are no part of the package."""
+"""Data with a known answer, and what the package makes of them; run from a checkout: `python -m benchmarks NAME`."""

@@ -32,10 +32,9 @@ from jaxtyping import install_import_hook
 
 matplotlib.use("Agg")
 if os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1":
-    # They make studies take twice as long. All rooms but the benchmarks: their data come out of loops that call small
-    # functions fifty thousand times a case.
+    # They make studies take twice as long.
     rooms = pkgutil.iter_modules(find_spec("bayes_greybox").submodule_search_locations, "bayes_greybox.")
-    install_import_hook([room.name for room in rooms if room.name != "bayes_greybox.benchmarks"], "beartype.beartype")
+    install_import_hook([room.name for room in rooms], "beartype.beartype")
 
 
 @pytest.fixture(scope="session")

@@ -4,8 +4,8 @@ from functools import cache
 
 import numpy as np
 
-from bayes_greybox.benchmarks.hidden_effects.cases import Case
-from bayes_greybox.benchmarks.hidden_effects.generate import generate
+from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.generate import generate
 
 OBVIOUS = Case("catalogue", "forced-oscillator", ("cubic-stiffness",), (10.0,), 0.01, 1)
 SILENT = Case("null", "tank", (), (), 0.05, 2)

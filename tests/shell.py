@@ -3,9 +3,9 @@
 from bayes_greybox import cli
 
 
-def refuse(capsys, *words: str) -> str:
+def refuse(capsys, *words: str, main=cli.main) -> str:
     """Run, and return the one sentence of the refusal."""
-    assert cli.main(words) == 2
+    assert main(words) == 2
     out, err = capsys.readouterr()
     assert out == ""
     # On a busy machine it may first be said what is being done.

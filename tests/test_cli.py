@@ -176,7 +176,7 @@ def test_no_words_mean_help(capsys):
     assert "Usage: bayes-greybox" in capsys.readouterr().out
 
 
-COMMANDS = ["fit", "discover", "compare", "report", "next", "export", "benchmark", "datasets"]
+COMMANDS = ["fit", "discover", "compare", "report", "next", "export", "datasets"]
 
 
 @pytest.mark.parametrize("command", COMMANDS)

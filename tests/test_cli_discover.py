@@ -12,11 +12,6 @@ from tiny_study import judged
 
 import bayes_greybox as bg
 from bayes_greybox import cli
-from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
-from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-from bayes_greybox.benchmarks.hidden_effects.scoring.score import Scores
-from bayes_greybox.cli.benchmarking import RUNS
-from bayes_greybox.cli.options import Benchmark
 from bayes_greybox.config import load_config
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.stages import announce
@@ -252,41 +247,9 @@ def test_a_fit_that_is_not_there_cannot_be_reported(here, capsys):
     assert "absent.nc" in refuse(capsys, "report", "absent.nc")
 
 
-def test_a_benchmark_gets_its_options_and_shows_what_must_hold(here, monkeypatch, capsys):
-    calls = []
-    columns = ["cases", "study", "oracle", "stlsq", "ensemble", "right or tied", "closed", "seconds"]
-    families = pd.DataFrame([[12, 0.9167, np.nan, 0.5, 0.5, 1.0, 0.99, 3.21]], index=["catalogue"], columns=columns)
-    bars = pd.DataFrame({"reached": [0.9167], "least": [0.95], "holds": [False]}, index=["nulls kept silent"])
-    empty = {name: pd.DataFrame() for name in ("cases", "ratios", "groups", "verdicts", "coverage", "reliability")}
-
-    def run(output, cases, **settings):
-        calls.append((output, cases, settings))
-        return Scores(families=families, bars=bars, **empty)
-
-    monkeypatch.setattr("bayes_greybox.benchmarks.hidden_effects.run.run", run)
-    words = ["benchmark", "hidden-effects", "--cases", "20", "--workers", "1", "--seed", "3", "-o", "b"]
-    assert cli.main([*words, "--no-progress"]) == 0
-    assert cli.main(["benchmark", "hidden-effects"]) == 0
-    out = capsys.readouterr().out
-    (output, cases, settings), (default, every, _) = calls
-    assert (output, settings) == (Path("b"), {"workers": 1, "progress": False})
-    assert cases == subset((*all_cases(3), *assumption_cases(3)), 20, 3)
-    assert (default, every) == (Path("runs/benchmark-hidden-effects"), (*all_cases(0), *assumption_cases(0)))
-    assert cli.main(["benchmark", "hidden-effects", "--families", "effects"]) == 0
-    assert cli.main(["benchmark", "hidden-effects", "--families", "assumptions"]) == 0
-    assert [kept for _, kept, _ in calls[2:]] == [all_cases(0), assumption_cases(0)]
-    capsys.readouterr()
-    assert "does not apply" in refuse(capsys, "benchmark", "confounding", "--families", "all")
-    assert "0.917" in out and "nulls kept silent" in out and "Results are in b." in out and "nan" not in out
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["benchmark"], "Missing argument"),
-        (["benchmark", "hiden-effects"], "hidden-effects"),
-        (["benchmark", "confounding", "--families", "all"], "--families does not apply to confounding"),
-        (["benchmark", "hidden-effects", "--cases", "0"], "Invalid value for '--cases'"),
         (["discover"], "Missing argument"),
         (["report"], "Missing argument"),
     ],
@@ -295,12 +258,8 @@ def test_wrong_use_is_refused_in_one_sentence(here, capsys, words, sentence):
     assert sentence in refuse(capsys, *words)
 
 
-def test_every_benchmark_that_can_be_named_can_be_run():
-    assert [each.value for each in Benchmark] == list(RUNS)
-
-
 def test_every_command_explains_itself(capsys):
-    for command in ("discover", "report", "benchmark"):
+    for command in ("discover", "report"):
         assert cli.main([command, "--help"]) == 0
         assert f"Usage: bayes-greybox {command}" in capsys.readouterr().out
 

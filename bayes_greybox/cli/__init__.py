@@ -26,7 +26,6 @@ from bayes_greybox.cli.options import (
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.collecting import leave_collected, seldom_collected
 
-from .benchmarking import benchmark
 from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
 from .exporting import export
 from .spelling import as_typed
@@ -54,10 +53,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    return run_app(app, "bayes-greybox", sys.argv[1:] if arguments is None else arguments)
+
+
+def run_app(app: typer.Typer, name: str, arguments: Sequence[str]) -> int:
+    """Run a command line: what is wrong with its words, or with what they name, is one sentence.
+
+    Args:
+        app: Its commands.
+        name: What the program is called.
+        arguments: Words after that.
+
+    Returns:
+        The exit code.
+    """
+    words = list(arguments) or ["--help"]
     try:
         with seldom_collected():
-            return int(app(words, prog_name="bayes-greybox", standalone_mode=False) or DONE)
+            return int(app(words, prog_name=name, standalone_mode=False) or DONE)
     except InputError as error:
         return _refused(as_typed(words[0], str(error)))
     except typer.Abort:
@@ -310,7 +323,13 @@ def next_(
 
 
 app.command()(export)
-app.command()(benchmark)
+
+
+@app.command(context_settings={"ignore_unknown_options": True}, hidden=True)
+def benchmark(words: Annotated[list[str] | None, typer.Argument(help="Of a benchmark.")] = None) -> int:
+    """Say where the benchmarks are."""
+    asked = " ".join(words or ["--help"])
+    raise InputError(f"The benchmarks are run from a checkout of the repository: python -m benchmarks {asked}")
 
 
 @app.command()

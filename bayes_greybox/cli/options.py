@@ -16,34 +16,6 @@ class Scheme(StrEnum):
     future = "future"
 
 
-class Benchmark(StrEnum):
-    """Benchmarks that come with the package."""
-
-    hidden_effects = "hidden-effects"
-    calibration = "calibration"
-    confounding = "confounding"
-    sampled_systems = "sampled-systems"
-    sampled_traps = "sampled-traps"
-    sampled_coverage = "sampled-coverage"
-    published_odes = "published-odes"
-    static_maps = "static-maps"
-    memory_effects = "memory-effects"
-    spring_pendulum = "spring-pendulum"
-    next_experiment = "next-experiment"
-    weak_odes = "weak-odes"
-    weak_coverage = "weak-coverage"
-    hudson_bay = "hudson-bay"
-    speed = "speed"
-
-
-class Families(StrEnum):
-    """Families of cases of hidden-effects."""
-
-    all = "all"
-    effects = "effects"
-    assumptions = "assumptions"
-
-
 ConfigFile = Annotated[Path, typer.Argument(help="Configuration file (TOML).")]
 Output = Annotated[
     Path | None, typer.Option("--output", "-o", help="Folder for the results, instead of the config's own.")

@@ -145,11 +145,16 @@ def _pendulum(number: int) -> Callable[[Path], Record]:
         time, angle = table.time.to_numpy(), table.angle.to_numpy()
         later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
         time, angle = time[later], angle[later]
-        # Its frequency at small swings, by the crossings in the last quarter.
+        # Its frequency at small swings: a period by the first and the last crossing of the last quarter.
         since, late = time[3 * len(time) // 4 :], angle[3 * len(angle) // 4 :]
         swing = late - np.mean(late)
-        crossings = int(np.sum(np.diff(np.sign(swing)) != 0))
-        frequency = np.pi * crossings / (since[-1] - since[0]) / (1 - np.max(np.abs(swing)) ** 2 / 16)
+        before = np.flatnonzero((swing[:-1] < 0) & (swing[1:] >= 0))
+        slope = (swing[before + 1] - swing[before]) / (since[before + 1] - since[before])
+        crossings = since[before] - swing[before] / slope
+        # Near zero noise crosses more than once.
+        crossings = crossings[np.append(True, np.diff(crossings) > 0.5)]
+        period = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
+        frequency = 2 * np.pi / period / (1 - 2 * np.mean(swing**2) / 16)
         simulation = {"theta": "w", "w": f"-{frequency**2:.4f}*sin(theta) - 0.02*w"}
         data = TRAJECTORIES(time, states={"theta": angle})
         return Record(data, simulation, "w", "mechanical", "Coulomb friction and quadratic drag")

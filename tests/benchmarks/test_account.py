@@ -7,8 +7,8 @@ import sys
 
 import pytest
 
-from bayes_greybox.benchmarks.account import ACCOUNT, Interval, accounted
-from bayes_greybox.benchmarks.stopwatch import PROGRAM
+from benchmarks.account import ACCOUNT, Interval, accounted
+from benchmarks.stopwatch import PROGRAM
 
 
 def test_a_second_counts_for_the_innermost_thing_that_was_going_on():

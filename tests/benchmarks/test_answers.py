@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from bayes_greybox.benchmarks.answers import Answer
+from benchmarks.answers import Answer
 
 EFFECTS = pd.DataFrame(
     {

@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox import cli
-from bayes_greybox.benchmarks import calibration as benchmark
 from bayes_greybox.criticism.calibration.calibrate import Calibration
 from bayes_greybox.criticism.calibration.reliability import reliability
+from benchmarks import calibration as benchmark
+from benchmarks.__main__ import main
 
 
 def made_up(replicates=100, broken=False):
@@ -59,8 +59,8 @@ def counted(monkeypatch):
 
 
 def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, tmp_path, capsys):
-    words = ["benchmark", "calibration", "-o", str(tmp_path), "--replicates", "100", "--no-progress", "--cases"]
-    assert cli.main([*words, "2"]) == 0
+    words = ["calibration", "-o", str(tmp_path), "--replicates", "100", "--no-progress", "--cases"]
+    assert main([*words, "2"]) == 0
     assert len(counted) == 2
     files = {
         "spike-and-slab_projected.json",
@@ -77,10 +77,10 @@ def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, t
     assert summary["variants"][0]["coverage_data"] == 0.9
     out = capsys.readouterr().out
     assert "spike-and-slab_projected" in out and "x_sigma" in out
-    assert cli.main([*words, "3"]) == 0
+    assert main([*words, "3"]) == 0
     assert len(counted) == 3
     # Other settings are another run.
-    assert cli.main([*words[:4], "--replicates", "50", "--no-progress", "--cases", "1"]) == 0
+    assert main([*words[:3], "--replicates", "50", "--no-progress", "--cases", "1"]) == 0
     assert len(counted) == 4
 
 
@@ -95,14 +95,14 @@ def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, t
 )
 def test_wrong_use_is_refused(words, sentence, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert cli.main(["benchmark", *words]) == 2
+    assert main([*words]) == 2
     assert sentence in capsys.readouterr().err
     assert os.listdir(tmp_path) == []
 
 
 def test_a_folder_that_cannot_be_written_to_is_refused(counted, tmp_path, capsys):
     (tmp_path / "file").write_text("")
-    assert cli.main(["benchmark", "calibration", "-o", str(tmp_path / "file" / "out"), "--no-progress"]) == 2
+    assert main(["calibration", "-o", str(tmp_path / "file" / "out"), "--no-progress"]) == 2
     assert "Cannot write to the folder" in capsys.readouterr().err
     assert counted == []
 

@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.confounding.cells import KERNELS, Cell, _compressed, measure_cell
-from bayes_greybox.benchmarks.confounding.run import all_cells, run
-from bayes_greybox.benchmarks.confounding.score import score
-from bayes_greybox.benchmarks.confounding.situations import NOISE, SITUATIONS, records
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.report.plots import plot_confounding
+from benchmarks.confounding.cells import KERNELS, Cell, _compressed, measure_cell
+from benchmarks.confounding.run import all_cells, run
+from benchmarks.confounding.score import score
+from benchmarks.confounding.situations import NOISE, SITUATIONS, records
 
 
 def fabricated_row(situation, variant, measure, replicates=4):
@@ -107,7 +107,7 @@ def test_a_stopped_run_goes_on_and_tables_are_written(tmp_path, monkeypatch):
         ran.append(cell)
         return {"key": cell.key, **fabricated_row(cell.situation, cell.variant, cell.measure, cell.replicates)}
 
-    monkeypatch.setattr("bayes_greybox.benchmarks.confounding.run.measure_cell", measured)
+    monkeypatch.setattr("benchmarks.confounding.run.measure_cell", measured)
     cells = all_cells(4)
     assert len(cells) == len(SITUATIONS) * len(KERNELS)
     run(tmp_path, cells[:2], progress=False)

@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.hudson_bay.reference import REFERENCE
-from bayes_greybox.benchmarks.hudson_bay.run import compared, refined, speed
 from bayes_greybox.data.datasets import load_hudson_bay
+from benchmarks.hudson_bay.reference import REFERENCE
+from benchmarks.hudson_bay.run import compared, refined, speed
 
 
 def drawn(shift=0.0, widen=1.0):

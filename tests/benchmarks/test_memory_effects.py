@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.memory_effects import machines as making
-from bayes_greybox.benchmarks.memory_effects import run as module
-from bayes_greybox.benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
-from bayes_greybox.benchmarks.memory_effects.run import run, score
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.loading import load_catalogue
+from benchmarks.memory_effects import machines as making
+from benchmarks.memory_effects import run as module
+from benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
+from benchmarks.memory_effects.run import run, score
 
 ENTRIES = {effect.slug: effect for effect in load_catalogue("mechanical")}
 

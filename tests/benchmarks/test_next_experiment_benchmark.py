@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE
-from bayes_greybox.benchmarks.next_experiment import run as module
-from bayes_greybox.benchmarks.next_experiment.machines import (
+from bayes_greybox.discovery.answer.explained import Component, Explained
+from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.physics.signals import Hold
+from bayes_greybox.physics.terms import Term
+from benchmarks.hidden_effects.generate import generate
+from benchmarks.hidden_effects.systems.hidden import CATALOGUE
+from benchmarks.next_experiment import run as module
+from benchmarks.next_experiment.machines import (
     LEVELS,
     RATIOS,
     Driven,
@@ -20,13 +24,9 @@ from bayes_greybox.benchmarks.next_experiment.machines import (
     record_of,
     small_gaps,
 )
-from bayes_greybox.benchmarks.next_experiment.optimal import encompassing, log_determinants
-from bayes_greybox.benchmarks.next_experiment.run import measure, run
-from bayes_greybox.benchmarks.next_experiment.scores import differences, score
-from bayes_greybox.discovery.answer.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.physics.signals import Hold
-from bayes_greybox.physics.terms import Term
+from benchmarks.next_experiment.optimal import encompassing, log_determinants
+from benchmarks.next_experiment.run import measure, run
+from benchmarks.next_experiment.scores import differences, score
 
 
 def case_of(host, effect, seed=0):

@@ -8,12 +8,12 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from typer.testing import CliRunner
 
-from bayes_greybox.benchmarks.published_odes import run as running
-from bayes_greybox.benchmarks.published_odes.estimate import estimate
-from bayes_greybox.benchmarks.published_odes.problems import CELLS, FITZHUGH_NAGUMO, LOTKA_VOLTERRA
-from bayes_greybox.benchmarks.published_odes.run import run, table_row
-from bayes_greybox.cli import app
 from bayes_greybox.physics.terms import Term
+from benchmarks.__main__ import app
+from benchmarks.published_odes import run as running
+from benchmarks.published_odes.estimate import estimate
+from benchmarks.published_odes.problems import CELLS, FITZHUGH_NAGUMO, LOTKA_VOLTERRA
+from benchmarks.published_odes.run import run, table_row
 
 
 @pytest.mark.parametrize("problem", [LOTKA_VOLTERRA, FITZHUGH_NAGUMO], ids=lambda problem: problem.name)
@@ -69,9 +69,7 @@ def test_a_short_run_goes_on_and_says_what_it_found(tmp_path, monkeypatch):
     assert [row["median"] for row in saved] == pytest.approx(table["median"].tolist())
     monkeypatch.setattr(running, "estimate", None)
     assert run(tmp_path, replicates=1, progress=False).equals(table)
-    shown = CliRunner().invoke(
-        app, ["benchmark", "published-odes", "--replicates", "1", "-o", str(tmp_path), "--no-progress"]
-    )
+    shown = CliRunner().invoke(app, ["published-odes", "--replicates", "1", "-o", str(tmp_path), "--no-progress"])
     assert shown.exit_code == 0 and "Lotka-Volterra" in shown.output
 
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.sampled_systems import coverage
-from bayes_greybox.benchmarks.sampled_systems import run as module
-from bayes_greybox.benchmarks.sampled_systems.run import run, score
-from bayes_greybox.benchmarks.sampled_systems.samples import CORRELATION, sampled
-from bayes_greybox.benchmarks.sampled_systems.systems import systems
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.table import catalogue
+from benchmarks.sampled_systems import coverage
+from benchmarks.sampled_systems import run as module
+from benchmarks.sampled_systems.run import run, score
+from benchmarks.sampled_systems.samples import CORRELATION, sampled
+from benchmarks.sampled_systems.systems import systems
 
 
 def test_a_sensor_shows_the_position_alone_and_its_noise_is_the_replicates():

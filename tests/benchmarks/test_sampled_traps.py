@@ -9,13 +9,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from shell import refuse
 
-from bayes_greybox import cli
-from bayes_greybox.benchmarks.sampled_traps import run as module
-from bayes_greybox.benchmarks.sampled_traps import trap as making
-from bayes_greybox.benchmarks.sampled_traps.run import counts, judged, run, score, study, traps
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.physics.catalogue.table import catalogue
+from benchmarks.__main__ import main
+from benchmarks.sampled_traps import run as module
+from benchmarks.sampled_traps import trap as making
+from benchmarks.sampled_traps.run import counts, judged, run, score, study, traps
 
 TRAPS = traps()
 
@@ -247,19 +247,21 @@ def test_a_folder_that_cannot_be_written_to_and_an_unknown_trap_are_refused(tmp_
 
 def test_the_command_runs_some_cases_and_has_no_replicates(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(module, "study", named)
-    words = ["benchmark", "sampled-traps", "--cases", "2", "--seed", "3", "-o", str(tmp_path), "--no-progress"]
-    assert cli.main(words) == 0
+    words = ["sampled-traps", "--cases", "2", "--seed", "3", "-o", str(tmp_path), "--no-progress"]
+    assert main(words) == 0
     out = capsys.readouterr().out
     first, second, *others = TRAPS
     assert f"\n{first}  " in out and f"\n{second}  " in out and others[0] not in out
     assert "cubic stiffness" in out and "…" not in out
     keys = [json.loads(line)["key"] for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     assert keys == [f"{first}/3", f"{second}/3"]
-    sentence = refuse(capsys, "benchmark", "sampled-traps", "--replicates", "2", "-o", str(tmp_path / "more"))
+    sentence = refuse(capsys, "sampled-traps", "--replicates", "2", "-o", str(tmp_path / "more"), main=main)
     assert sentence == "--replicates does not apply to sampled-traps; leave it out. It has --cases, --only, --seed."
-    assert "There is no trap 'trap'" in refuse(capsys, *words[:2], "--only", "trap", "-o", str(tmp_path / "more"))
+    assert "There is no trap 'trap'" in refuse(
+        capsys, *words[:1], "--only", "trap", "-o", str(tmp_path / "more"), main=main
+    )
     assert not (tmp_path / "more").exists()
     own = ["-o", str(tmp_path / "own"), "--no-progress", "--only", others[0]]
-    assert cli.main([*words[:2], *own]) == 0
+    assert main([*words[:1], *own]) == 0
     out = capsys.readouterr().out
     assert f"\n{others[0]}  " in out and f"\n{first}  " not in out

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.benchmarks.speed import problems as posing
-from bayes_greybox.benchmarks.speed import run as running
-from bayes_greybox.benchmarks.speed.contenders.listed import CONTENDERS
-from bayes_greybox.benchmarks.speed.contest import contest
-from bayes_greybox.benchmarks.speed.drawn import FEATURES, Drawn, Settings, tensor_features
-from bayes_greybox.benchmarks.speed.figures import apart, figures, first_answer
-from bayes_greybox.benchmarks.speed.problems import BOX, COMPLETE, PARTIAL, Problem, measured, problems
-from bayes_greybox.benchmarks.tables import speed_tables
 from bayes_greybox.model.gp.features import HilbertBasis, default_features
+from benchmarks.speed import problems as posing
+from benchmarks.speed import run as running
+from benchmarks.speed.contenders.listed import CONTENDERS
+from benchmarks.speed.contest import contest
+from benchmarks.speed.drawn import FEATURES, Drawn, Settings, tensor_features
+from benchmarks.speed.figures import apart, figures, first_answer
+from benchmarks.speed.problems import BOX, COMPLETE, PARTIAL, Problem, measured, problems
+from benchmarks.tables import speed_tables
 
 
 def designed(data):
@@ -125,7 +125,7 @@ def test_what_cannot_be_drawn_costs_its_row(tmp_path):
 
 
 def test_a_contender_is_ended_at_its_cap_and_a_second_run_goes_on(tmp_path, monkeypatch):
-    monkeypatch.setattr("bayes_greybox.benchmarks.speed.contest.GRACE", 0.0)
+    monkeypatch.setattr("benchmarks.speed.contest.GRACE", 0.0)
     asked = []
     whole = running.measure
     monkeypatch.setattr(running, "measure", lambda *args: asked.append(args[1]) or whole(*args))

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.benchmarks.spring_pendulum import run as module
-from bayes_greybox.benchmarks.spring_pendulum.plant import NAMES, plant
-from bayes_greybox.benchmarks.spring_pendulum.run import TRAIN, UNSEEN, cases, off, sampled, score
-from bayes_greybox.benchmarks.spring_pendulum.truth import path, truth, without_friction
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.simulation.reading import simulation_of
+from benchmarks.spring_pendulum import run as module
+from benchmarks.spring_pendulum.plant import NAMES, plant
+from benchmarks.spring_pendulum.run import TRAIN, UNSEEN, cases, off, sampled, score
+from benchmarks.spring_pendulum.truth import path, truth, without_friction
 
 CASE, CONTROL = cases()["1-mm-4-effects"], cases()["1-mm-nothing"]
 

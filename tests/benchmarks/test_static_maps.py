@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.static_maps import run as module
-from bayes_greybox.benchmarks.static_maps.maps import CORRELATION, HIDDEN, NOISE, maps, measured
-from bayes_greybox.benchmarks.static_maps.oracle import FLOWS, FORCES, told
-from bayes_greybox.benchmarks.static_maps.run import run, score
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.table import catalogue
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from benchmarks.static_maps import run as module
+from benchmarks.static_maps.maps import CORRELATION, HIDDEN, NOISE, maps, measured
+from benchmarks.static_maps.oracle import FLOWS, FORCES, told
+from benchmarks.static_maps.run import run, score
 
 
 @pytest.mark.parametrize("name", maps())

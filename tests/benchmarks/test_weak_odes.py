@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.weak_odes import run as module
-from bayes_greybox.benchmarks.weak_odes.run import identified, run, score
-from bayes_greybox.benchmarks.weak_odes.systems import weak_systems
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.terms import Term
+from benchmarks.weak_odes import run as module
+from benchmarks.weak_odes.run import identified, run, score
+from benchmarks.weak_odes.systems import weak_systems
 
 
 def test_systems_are_those_that_were_published():

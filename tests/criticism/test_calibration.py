@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.benchmarks.calibration import problem, variants
 from bayes_greybox.criticism.calibration.coverage import places
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.sampler import draws
 from bayes_greybox.model.program import Program
+from benchmarks.calibration import problem, variants
 
 DEFAULT = "spike-and-slab_projected"
 

@@ -11,24 +11,24 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_greybox.benchmarks.hidden_effects.assumptions.case import AssumptionCase
-from bayes_greybox.benchmarks.hidden_effects.assumptions.cases import assumption_cases
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families import FAMILIES
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families.measurement import bent_sensors, heavy_tails
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families.measurement.correlated import autoregressive
-from bayes_greybox.benchmarks.hidden_effects.assumptions.families.physics import for_a_moment, smooth_friction
-from bayes_greybox.benchmarks.hidden_effects.assumptions.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
-from bayes_greybox.benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
-from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-from bayes_greybox.benchmarks.hidden_effects.run import run
-from bayes_greybox.benchmarks.hidden_effects.scoring import case_scores
-from bayes_greybox.benchmarks.hidden_effects.scoring.score import score
-from bayes_greybox.benchmarks.hidden_effects.solvers import peers
-from bayes_greybox.benchmarks.hidden_effects.solvers.study import record
-from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE, find
-from bayes_greybox.benchmarks.tables import benchmark_tables
 from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.assumptions.case import AssumptionCase
+from benchmarks.hidden_effects.assumptions.cases import assumption_cases
+from benchmarks.hidden_effects.assumptions.families import FAMILIES
+from benchmarks.hidden_effects.assumptions.families.measurement import bent_sensors, heavy_tails
+from benchmarks.hidden_effects.assumptions.families.measurement.correlated import autoregressive
+from benchmarks.hidden_effects.assumptions.families.physics import for_a_moment, smooth_friction
+from benchmarks.hidden_effects.assumptions.generate import generate
+from benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
+from benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
+from benchmarks.hidden_effects.cases import all_cases, subset
+from benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.scoring import case_scores
+from benchmarks.hidden_effects.scoring.score import score
+from benchmarks.hidden_effects.solvers import peers
+from benchmarks.hidden_effects.solvers.study import record
+from benchmarks.hidden_effects.systems.hidden import CATALOGUE, find
+from benchmarks.tables import benchmark_tables
 
 CASES = assumption_cases()
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.solvers import displacement_oracle, displacement_peers
-from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import displacement, displacement_cases
-from bayes_greybox.benchmarks.hidden_effects.solvers.displacement_oracle import _nudged, _responses, seen
-from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import NONE, candidates, inner_nodes
-from bayes_greybox.benchmarks.hidden_effects.systems.ode import Acting, HostODE, paths
+from benchmarks.hidden_effects.generate import generate
+from benchmarks.hidden_effects.solvers import displacement_oracle, displacement_peers
+from benchmarks.hidden_effects.solvers.displacement import displacement, displacement_cases
+from benchmarks.hidden_effects.solvers.displacement_oracle import _nudged, _responses, seen
+from benchmarks.hidden_effects.solvers.oracle import NONE, candidates, inner_nodes
+from benchmarks.hidden_effects.systems.ode import Acting, HostODE, paths
 
 
 def data_of(slug, host="free-oscillator", seed=0):

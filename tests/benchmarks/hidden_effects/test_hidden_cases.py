@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from hidden_cases import OBVIOUS, SILENT, made, without_effect
 
-from bayes_greybox.benchmarks.hidden_effects.cases import (
+from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.cases import (
     FAMILIES,
     NOISE,
     RATIO_EDGES,
@@ -16,11 +17,10 @@ from bayes_greybox.benchmarks.hidden_effects.cases import (
     ratio_density,
     subset,
 )
-from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import candidates, nearest
-from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE, OFF_CATALOGUE
-from bayes_greybox.benchmarks.hidden_effects.systems.hosts import HOSTS
-from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.generate import generate
+from benchmarks.hidden_effects.solvers.oracle import candidates, nearest
+from benchmarks.hidden_effects.systems.hidden import CATALOGUE, OFF_CATALOGUE
+from benchmarks.hidden_effects.systems.hosts import HOSTS
 
 
 def test_cases_follow_from_the_seed_alone():

@@ -1,7 +1,7 @@
 """Thirty cases of the hidden-effects benchmark, solved for real.
 
 Each bar's miss is allowed as often as a study that just meets the bar would miss it, with a false failure of at most
-one in a hundred for each bar. The full run is `bayes-greybox benchmark hidden-effects`.
+one in a hundred for each bar. The full run is `python -m benchmarks hidden-effects`.
 
 python -m pytest -n 0 -m slow tests/benchmarks/hidden_effects/test_hidden_effects_subset.py
 """
@@ -9,8 +9,8 @@ python -m pytest -n 0 -m slow tests/benchmarks/hidden_effects/test_hidden_effect
 import pytest
 from scipy.stats import binom
 
-from bayes_greybox.benchmarks.hidden_effects.cases import all_cases, subset
-from bayes_greybox.benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.cases import all_cases, subset
+from benchmarks.hidden_effects.run import run
 
 BARS = {"null": 0.95, "mis-calibrated": 0.9, "off-catalogue": 0.9, "two effects": 0.8}
 

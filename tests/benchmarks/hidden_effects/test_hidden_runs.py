@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 from hidden_cases import SILENT, effect
 
-from bayes_greybox.benchmarks.hidden_effects.cases import Case
-from bayes_greybox.benchmarks.hidden_effects.run import RESULTS, run
 from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.run import RESULTS, run
 
 
 def knows_all(data):

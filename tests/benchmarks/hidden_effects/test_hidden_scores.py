@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hidden_cases import effect, row
 
-from bayes_greybox.benchmarks.hidden_effects.scoring import case_scores
-from bayes_greybox.benchmarks.hidden_effects.scoring.score import score
+from benchmarks.hidden_effects.scoring import case_scores
+from benchmarks.hidden_effects.scoring.score import score
 
 
 @pytest.mark.parametrize(

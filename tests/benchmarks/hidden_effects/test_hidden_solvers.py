@@ -9,9 +9,10 @@ import pandas as pd
 import pytest
 from hidden_cases import OBVIOUS, SILENT, effect, made, without_effect
 
-from bayes_greybox.benchmarks.hidden_effects.cases import ratio_density
-from bayes_greybox.benchmarks.hidden_effects.solvers import peers, study
-from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import (
+from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.cases import ratio_density
+from benchmarks.hidden_effects.solvers import peers, study
+from benchmarks.hidden_effects.solvers.oracle import (
     NONE,
     candidates,
     effect_values,
@@ -19,8 +20,7 @@ from bayes_greybox.benchmarks.hidden_effects.solvers.oracle import (
     log_evidence,
     posterior,
 )
-from bayes_greybox.benchmarks.hidden_effects.systems.hidden import CATALOGUE
-from bayes_greybox.data.errors import InputError
+from benchmarks.hidden_effects.systems.hidden import CATALOGUE
 
 # Oracle
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.benchmarks.hidden_effects.systems.hidden import ADDED, CATALOGUE
-from bayes_greybox.benchmarks.hidden_effects.systems.hosts import HOSTS, formula, term_value
-from bayes_greybox.benchmarks.hidden_effects.systems.ode import Acting, HostODE, LostError, paths
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from benchmarks.hidden_effects.systems.hidden import ADDED, CATALOGUE
+from benchmarks.hidden_effects.systems.hosts import HOSTS, formula, term_value
+from benchmarks.hidden_effects.systems.ode import Acting, HostODE, LostError, paths
 
 
 def columns_of(names, seed=0):

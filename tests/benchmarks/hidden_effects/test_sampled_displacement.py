@@ -8,13 +8,13 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox import missing_effects
-from bayes_greybox.benchmarks.hidden_effects.generate import generate
-from bayes_greybox.benchmarks.hidden_effects.solvers.displacement import (
+from bayes_greybox.physics.catalogue.loading import load_catalogue
+from benchmarks.hidden_effects.generate import generate
+from benchmarks.hidden_effects.solvers.displacement import (
     displacement,
     displacement_cases,
     study_displacement,
 )
-from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 COULOMB, QUADRATIC = -0.052, -0.0045
 SQUARED = 4 * np.pi**2

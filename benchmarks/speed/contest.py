@@ -1,0 +1,130 @@
+"""One contender on one problem in a process of its own, which nothing was compiled for: its draws and its costs.
+
+    python -m benchmarks.speed.contest FOLDER
+
+is what the process runs; the folder has the task, and gets the draws.
+"""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.account import account
+
+from .contenders.listed import CONTENDERS
+from .drawn import Drawn, Settings
+from .problems import Data, Problem
+
+TASK, DATA, DRAWN = "task.json", "data.npz", "drawn.npz"
+"""Files of the folder."""
+
+STARTING = ("imports", "tracing", "compiling", "kept programs")
+"""Kinds of seconds that a process spends before it draws."""
+
+GRACE = 15.0
+"""Seconds beyond the cap after which a process that looks at no clock is ended."""
+
+
+def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tuple[Drawn | None, dict[str, Any]]:
+    """Draws of a contender, and what they cost.
+
+    Args:
+        folder: An empty one, for this alone.
+        contender: Of `CONTENDERS`.
+        data: Data.
+        settings: Settings.
+
+    Returns:
+        The draws, None where it was ended; and `seconds` since its process started, `cpu` seconds of all cores,
+        `starting` seconds (the interpreter, imports, tracing, compiling), `memory` in MB at its peak, `capped`, and
+        `failed`, the end of what it said where it failed.
+    """
+    problem = data.problem
+    task = {"contender": contender, "problem": asdict(problem), "settings": asdict(settings)}
+    names = list(data.columns)
+    (folder / TASK).write_text(json.dumps({**task, "names": names, "equation": data.equation}), encoding="utf-8")
+    np.savez(folder / DATA, states=np.column_stack([*data.columns.values()]), rate=data.rate, time=data.time)
+    kept = folder / "compiled"
+    environment = {
+        **{name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"},
+        # Nothing that another process compiled.
+        "BAYES_GREYBOX_CACHE": "off", "NUMBA_CACHE_DIR": str(kept), "PYTENSOR_FLAGS": f"base_compiledir={kept}",
+        "JAX_ENABLE_X64": "1", "JAX_PLATFORMS": "cpu",
+    }  # fmt: skip
+    words = [sys.executable, "-m", __name__, str(folder)]
+    start = time.time()
+    with (folder / "said.txt").open("w", encoding="utf-8") as said:
+        process = subprocess.Popen([*words, repr(start)], env=environment, stdout=said, stderr=said)
+        try:
+            process.wait(settings.cap + GRACE)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
+            process.wait()
+            return None, {"seconds": time.time() - start, "capped": True, "failed": ""}
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        last = (folder / "said.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
+        failed = "".join(last) or f"ended with {process.returncode}"
+        return None, {"seconds": time.time() - start, "capped": False, "failed": failed}
+    with np.load(folder / DRAWN) as found:
+        looks = tuple((float(seconds), int(n)) for seconds, n in found["looks"])
+        numbers = json.loads(str(found["numbers"]))
+        drawn = Drawn(found["theta"], found["eta"], looks, numbers.pop("gradients"), numbers.pop("divergences"))
+    return drawn, {**numbers, "capped": looks[-1][1] < settings.draws, "failed": ""}
+
+
+def work(folder: Path, started: float) -> int:
+    """Do what the folder says, in this process.
+
+    Args:
+        folder: With the task.
+        started: `time.time()` when the process was asked for.
+    """
+    entered = time.time() - started
+    task = json.loads((folder / TASK).read_text(encoding="utf-8"))
+    settings = Settings(**task["settings"])
+    with np.load(folder / DATA) as found:
+        columns = dict(zip(task["names"], np.ascontiguousarray(found["states"].T), strict=True))
+        data = Data(Problem(**task["problem"]), columns, task["equation"], found["rate"], found["time"])
+    found, costs = [], {}
+
+    def draw() -> int:
+        found.append(CONTENDERS[task["contender"]].draw(data, settings, lambda: time.time() - started))
+        costs.update(_costs())
+        return 0
+
+    seconds = account(draw)[1]
+    (drawn,) = found
+    numbers = {
+        **costs,
+        "seconds": drawn.looks[-1][0],
+        "starting": entered + drawn.compiling + math.fsum(seconds.get(kind, 0.0) for kind in STARTING),
+        "gradients": drawn.gradients,
+        "divergences": drawn.divergences,
+    }
+    np.savez(folder / DRAWN, theta=drawn.theta, eta=drawn.eta, looks=np.array(drawn.looks), numbers=json.dumps(numbers))
+    return 0
+
+
+def _costs() -> dict[str, float]:
+    """CPU seconds and peak memory of this process."""
+    import resource  # there is none on Windows
+
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    # Bytes on macOS, else kilobytes.
+    return {"cpu": used.ru_utime + used.ru_stime, "memory": used.ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)}
+
+
+if __name__ == "__main__":
+    sys.exit(work(Path(sys.argv[1]), float(sys.argv[2])))

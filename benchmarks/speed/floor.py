@@ -1,0 +1,167 @@
+"""How near the machine's own speed we are: a gradient beside LAPACK's share of it, a pass over rows beside a product.
+
+A gradient of the sampler, with M features, factorises A = I + diag(s) G diag(s), solves with it for K + 1 columns on
+its way there and again on its way back, and needs diag(A⁻¹), for which LAPACK inverts the triangle: dpotrf, twice
+dpotrs, dtrtri, called from SciPy. The pass over rows [Φ Ψ y] gives their triangular factor; the product is FᵀG of two
+matrices of the same shapes by NumPy, block by block. Seconds are those of the processor, of one thread, the least of
+many.
+"""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import scipy.linalg
+from threadpoolctl import threadpool_limits
+
+from bayes_greybox.data.whole import write_text
+from benchmarks.files import unwritable
+from benchmarks.progress import shown
+
+from .contenders.here import asked_of
+from .drawn import FEATURES
+from .problems import BOX, Data, Problem, measured
+
+VARIABLES = (1, 2, 4)
+"""Of f, with as many features along each as contenders have."""
+
+LARGE = 20
+"""Features along each of two variables, of the largest basis that a fit is given without being asked."""
+
+ROWS, COLUMNS = 2**20, 107
+"""Of the pass: K + M + 1 of the oscillator."""
+
+REPEATS, GRADIENTS = 15, 100
+"""Of which the least counts; gradients in each."""
+
+
+def floor(folder: Path, *, progress: bool = True) -> pd.DataFrame:
+    """Measure both, and write the table.
+
+    Args:
+        folder: For floor.csv.
+        progress: Whether to show a progress bar.
+
+    Returns:
+        By what was measured: `here` and `machine`, seconds, and `times`, the one over the other.
+
+    Raises:
+        InputError: A folder that cannot be written to.
+    """
+    asked: dict[str, Callable[[], tuple[float, float]]] = {}
+    for n_var, along in (*((n, FEATURES[n]) for n in VARIABLES), (2, LARGE)):
+        name = f"a gradient, {n_var} variables, {along} features each"
+        asked[name] = lambda n_var=n_var, along=along: gradient(n_var, along)
+    asked[f"a pass over {ROWS} rows of {COLUMNS} columns"] = lambda: row_pass(ROWS, COLUMNS)
+    table = {}
+    with threadpool_limits(1):
+        for name in shown(list(asked), "Floor", progress):
+            here, machine = asked[name]()
+            table[name] = {"here": here, "machine": machine, "times": here / machine}
+    found = pd.DataFrame.from_dict(table, orient="index").rename_axis("what")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "floor.csv", found.reset_index().to_csv(index=False))
+    except OSError as error:
+        raise unwritable(folder, error) from error
+    return found
+
+
+def gradient(n_var: int, along: int, n_term: int = 6) -> tuple[float, float]:
+    """Seconds of a gradient of the log density that NUTS sees, and of LAPACK alone.
+
+    Args:
+        n_var: Variables of f.
+        along: Features along each.
+        n_term: Terms.
+    """
+    import jax
+
+    from bayes_greybox.running.compiling import compiled
+
+    log_density, start, design = _density(measured(Problem(BOX, 1000, n_term, n_var), 1), along)
+
+    def ascended(z: Any, design: Any, times: Any) -> Any:
+        # One after the other within one program, as in a trajectory: what a call costs is not counted.
+        def body(_: Any, z: Any) -> Any:
+            slope = jax.grad(log_density(design))(z)
+            return jax.tree.map(lambda a, b: a + 1e-12 * b, z, slope)
+
+        return jax.lax.fori_loop(0, times, body, z)
+
+    run = compiled(ascended)
+    run(start, design, 1)
+    here = least(lambda: jax.block_until_ready(run(start, design, GRADIENTS))) / GRADIENTS
+    return here, lapack(design["a"].Psi.shape[1], n_term + 1)
+
+
+def lapack(n_basis: int, n_column: int) -> float:
+    """Seconds of dpotrf, twice dpotrs and dtrtri.
+
+    Args:
+        n_basis: Order M of the matrix.
+        n_column: Right-hand sides, K + 1.
+    """
+    generator = np.random.default_rng(0)
+    root = generator.standard_normal((n_basis, n_basis))
+    A = np.asfortranarray(np.eye(n_basis) + root @ root.T / n_basis)
+    right = np.asfortranarray(generator.standard_normal((n_basis, n_column)))
+    potrf, potrs, trtri = scipy.linalg.get_lapack_funcs(("potrf", "potrs", "trtri"), (A,))
+
+    def once() -> None:
+        for _ in range(GRADIENTS):
+            L, _ = potrf(A, lower=1)
+            potrs(L, right, lower=1)
+            potrs(L, right, lower=1)
+            trtri(L, lower=1)
+
+    return least(once) / GRADIENTS
+
+
+def row_pass(n_row: int, n_column: int) -> tuple[float, float]:
+    """Seconds of the triangular factor of rows, and of a product of matrices of the same shapes.
+
+    Args:
+        n_row: Rows.
+        n_column: Columns.
+    """
+    from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
+
+    left, right = np.random.default_rng(0).standard_normal((2, CHUNK, n_column))
+
+    def product() -> None:
+        total = np.zeros((n_column, n_column))
+        for _ in range(n_row // CHUNK):
+            total += left.T @ right
+
+    here = least(lambda: triangular_factor(lambda index: left[: len(index)], n_row))
+    return here, least(product)
+
+
+def least(once: Callable[[], object]) -> float:
+    """Least processor seconds of several calls.
+
+    Args:
+        once: What to call.
+    """
+    times = []
+    for _ in range(REPEATS):
+        start = time.process_time()
+        once()
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def _density(data: Data, along: int) -> tuple[Callable[[Any], Callable], Any, Any]:
+    """The negative log density by design, where to begin, and the designs."""
+    import jax
+    from numpyro.infer.util import initialize_model
+
+    model, rows = asked_of(data, along)
+    designs = model.designs(rows)
+    program: Any = model.bare.numpyro_model
+    found = initialize_model(jax.random.PRNGKey(0), program, model_args=(designs,), dynamic_args=True)
+    return found.potential_fn, found.param_info.z, designs
