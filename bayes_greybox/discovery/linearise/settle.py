@@ -24,6 +24,9 @@ from .refine import Company, Ground, refined
 TURNS = 6
 """How often rows are taken anew near what was found."""
 
+SMALL = 100_000
+"""Values of a table that is weighed in a fraction of a second."""
+
 LIKELIER = 1.0
 """Nats by which rows near another hypothesis have to make it likelier, or less likely, for the search to go on: six
 coefficients that move by 0.6 of their standard deviations are worth as much. It ends a loop, and decides no name."""
@@ -69,8 +72,9 @@ def settle(
         if stays and near.rows.point.window is None:
             return near
         report(f"weighing them near the likeliest, turn {turn + 1}")
-        # Rows near the likeliest for the first time have everything, and so have those that it stays on.
-        window = near.window if turn and not stays else None
+        # Small tables are weighed whole once more at first: rates are seldom moved again.
+        some = turn or weighed.table.columns.size > SMALL
+        window = near.window if some and not stays else None
         try:
             rows = build(replace(point, window=window))
         except (InputError, np.linalg.LinAlgError):
