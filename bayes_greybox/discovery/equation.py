@@ -130,7 +130,8 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
         rows = held.rows.complete(train, name, held.simulator(train))
         source = SampleRows(held, rows, name, question.effects)
         near = weighed_on(source.near(replace(start, window=found[1].window)), odds, reach, question.seed)
-        again = settled(source, start) if near.log_evidence > least else found
+        # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
+        again = settled(source, start) if near.log_evidence > least - reach.window else found
     except (InputError, np.linalg.LinAlgError):
         return found
     return again if again[1].log_evidence > least else found

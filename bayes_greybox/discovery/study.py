@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.records import plain_rows
-from bayes_greybox.data.samples.averaging import FEWEST_BLOCKS, averaged, longest_block
+from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
@@ -58,7 +58,8 @@ HELD_INPUTS = (
 
 AVERAGED = (
     "The sensors are read much more often than anything moves: neighbouring samples were averaged, {m} at a time, "
-    "which loses nothing but noise. What follows is about the averages."
+    "which loses nothing but noise, and less of a run than one average at its end. What follows is about the averages: "
+    "delays in samples are in averages."
 )
 
 
@@ -208,9 +209,7 @@ def investigate(
     check_rows(model)
     equations = studied_equations(model, train)
     check_data(model, equations, train, test, free_runs)
-    block = longest_block(train)
-    if test is not None:
-        block = max(1, min(block, min(test.run_lengths) // FEWEST_BLOCKS))
+    block = longest_block(train, test)
     train, test = averaged(train, block), None if test is None else averaged(test, block)
     train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
     # Without a catalogue suspects, corrections and f are weighed against nothing.

@@ -19,8 +19,8 @@ ENOUGH = 1000
 """Samples that are left at least."""
 
 SAFE = 1.5
-"""Blocks are so many times shorter than the longest that lose nothing which shows: what is lost of a motion goes with
-the fourth power of their length, its variance with the eighth, and is 1.5⁻⁸ = 0.04 of the noise then at most."""
+"""Blocks are so many times shorter than the longest that lose nothing which shows: what is lost of a smooth motion goes
+with the fourth power of their length, its variance with the eighth, and is 1.5⁻⁸ = 0.04 of the noise then at most."""
 
 FEWEST_BLOCKS = 4
 """Least number of averages of a run."""
@@ -28,28 +28,57 @@ FEWEST_BLOCKS = 4
 FLAT = 1e-12
 """Share of a column's size below which it does not change."""
 
+UNEVEN = 2.0
+"""Largest step over the usual one: a block does not reach over a gap, nor a block of one record over the motion of a
+sparser one."""
 
-def longest_block(data: Trajectories) -> int:
+TAILS = 5.0
+"""Fourth moment of noise over the square of its second from which on outliers would spoil the averages that they are in;
+it is 3 of normal noise, within 0.11 at the fewest samples that are averaged."""
+
+
+def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
     """Return how many neighbouring samples may be averaged without a loss; 1 for none.
 
-    What blocks lose of a motion goes on from one sample to the next: samples less a spline through the averages are
-    correlated with the sample before. Noise alone is not, but for the little that each has in its own average. Columns
-    without noise are never averaged, nor are those of a sensor that was at its end.
+    What blocks lose of a smooth motion goes on from one sample to the next: samples less a spline through the averages
+    are correlated with the sample before. Noise alone is not, but for the little that each has in its own average.
+    Nothing is averaged of states without noise or with outliers, beside an input that changes, of a sensor that was at
+    its end, and across gaps.
 
     Args:
         data: Samples of states and inputs.
+        test: Held-out ones, which lose nothing by the same blocks.
     """
     most = data.n_obs // ENOUGH
-    measured = data.derivatives or data.filter is not None or data.samples is not None
-    if most < 2 or measured or data.unseen is not None or clipped_states(data):
+    if most < 2 or not all(_able(each) for each in (data, test) if each is not None):
         return 1
-    found = 1
-    for m in range(2, int(SAFE * most) + 1):
-        means = averaged(data, m)
-        if min(means.run_lengths) < FEWEST_BLOCKS or any(_lost(data, means, name, m) for name in data.columns):
-            break
-        found = m
+    if test is not None and not 1 / UNEVEN < _step(test) / _step(data) < UNEVEN:
+        return 1
+    found, m = 1, 2
+    while m <= SAFE * most and not any(_spoiled(each, m) for each in (data, test) if each is not None):
+        found, m = m, max(m + 1, int(1.2 * m))
     return max(1, min(most, int(found / SAFE)))
+
+
+def _able(data: Trajectories) -> bool:
+    """Return whether data are samples of states that nothing drives, evenly and within the sensors' ranges."""
+    measured = data.derivatives or data.noise or data.filter is not None or data.samples is not None
+    if measured or data.unseen is not None or any(np.ptp(values) > 0 for values in data.inputs.values()):
+        return False
+    steps = np.diff(data.time)[np.diff(data.run) == 0]
+    return bool(len(steps) and np.max(steps) < UNEVEN * np.median(steps)) and not clipped_states(data)
+
+
+def _step(data: Trajectories) -> float:
+    return float(np.median(np.diff(data.time)[np.diff(data.run) == 0]))
+
+
+def _spoiled(data: Trajectories, m: int) -> bool:
+    """Return whether blocks of m samples are too long for a run, or lose something of a state that shows."""
+    if min(data.run_lengths) // m < FEWEST_BLOCKS:
+        return True
+    means = averaged(data, m)
+    return any(_lost(data, means, name) for name in data.states)
 
 
 def averaged(data: Trajectories, m: int) -> Trajectories:
@@ -74,7 +103,10 @@ def averaged(data: Trajectories, m: int) -> Trajectories:
     states = {name: of(values) for name, values in data.states.items()}
     inputs = {name: of(values) for name, values in data.inputs.items()}
     remark = f"neighbouring samples are averaged, {m} at a time"
-    return replace(data, time=time, run=run, states=states, inputs=inputs, remarks=(*data.remarks, remark))
+    return replace(
+        data, time=time, run=run, states=states, inputs=inputs, dropped=data.dropped + data.n_obs - blocks.size,
+        remarks=(*data.remarks, remark),
+    )  # fmt: skip
 
 
 def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.ndarray, " n"]:
@@ -89,16 +121,19 @@ def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.nd
     return found
 
 
-def _lost(data: Trajectories, means: Trajectories, name: str, m: int) -> bool:
-    """Return whether averages lose something of a column that shows."""
+def _lost(data: Trajectories, means: Trajectories, name: str) -> bool:
+    """Return whether averages lose something of a state that shows, or more than normal noise."""
     left, before = [], []
-    for r in range(data.n_run):
-        own, there = data.run == r, means.run == r
-        time, values = data.time[own], data.column(name)[own]
-        inside = (time > means.time[there][0]) & (time < means.time[there][-1])
-        between = values - CubicSpline(means.time[there], means.column(name)[there])(time)
+    ends = np.cumsum(data.run_lengths)[:-1], np.cumsum(means.run_lengths)[:-1]
+    columns = data.time, data.column(name), means.time, means.column(name)
+    parts = [np.split(x, at) for x, at in zip(columns, (ends[0], ends[0], ends[1], ends[1]), strict=True)]
+    for time, values, mean_time, mean in zip(*parts, strict=True):
+        inside = (time > mean_time[0]) & (time < mean_time[-1])
+        between = values - CubicSpline(mean_time, mean)(time)
         left.append(between[1:][inside[1:]])
         before.append(between[:-1][inside[1:]])
     now, then = np.concatenate(left), np.concatenate(before)
-    size = float(np.max(np.abs(data.column(name))))
-    return bool(np.sqrt(np.mean(now**2)) > FLAT * size and now @ then > 0)
+    square = np.mean(now**2)
+    if np.sqrt(square) <= FLAT * np.max(np.abs(data.column(name))):
+        return False
+    return bool(now @ then > 0 or np.mean(now**4) > TAILS * square**2)

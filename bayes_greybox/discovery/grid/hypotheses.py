@@ -264,7 +264,7 @@ class Window(NamedTuple):
     """What is weighed near a hypothesis until it stays: all that had some probability before.
 
     Attributes:
-        called: What the effects, the sensor errors and the memories among it are called.
+        called: What its effects, sensor errors and memories are called.
         prior: Prior probability of all sets.
         memories: Everything that may be remembered.
     """

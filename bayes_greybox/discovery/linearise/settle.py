@@ -61,7 +61,8 @@ def settle(
         ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
         values, known = refined(rows.regressors, ground)
         rows = build(replace(start, values=values)) if values else rows
-    visits = [Visit(weighed_on(rows, odds, reach, seed))]
+    near = weighed_on(rows, odds, reach, seed)
+    visits = [Visit(near, None if start.added or start.sensors else near.names(near.weighed.before))]
     for turn in range(TURNS):
         here = _best(visits, seed)
         near, weighed = here.near, here.near.weighed
@@ -72,15 +73,15 @@ def settle(
         if stays and near.rows.point.window is None:
             return near
         report(f"weighing them near the likeliest, turn {turn + 1}")
-        # Small tables are weighed whole once more at first: rates are seldom moved again.
+        # In the first turn a small table is weighed whole: rates are seldom moved a second time.
         some = turn or weighed.table.columns.size > SMALL
         window = near.window if some and not stays else None
         try:
             rows = build(replace(point, window=window))
+            there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near)
         except (InputError, np.linalg.LinAlgError):
             # No path of what was found follows the samples.
             break
-        there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near)
         # Only as many rows can be compared: a delay takes some out of their run.
         if near.regressors.rows.n_row != there.near.regressors.rows.n_row:
             visits = [there]
@@ -88,11 +89,10 @@ def settle(
         visits = [each for each in visits if each.hypothesis != there.hypothesis] + [there]
         if abs(there.own - here.own) < LIKELIER and not stays:
             break
-    here = _best(visits, seed)
-    if here.near.rows.point.window is not None:
+    while (here := _best(visits, seed)).near.rows.point.window is not None:
         rows = build(replace(here.near.rows.point, window=None))
         whole = here._replace(near=Near(rows, weighed_on(rows, odds, reach, seed).weighed))
-        here = _best([whole, *(each for each in visits if each.hypothesis != here.hypothesis)], seed)
+        visits = [whole, *(each for each in visits if each.hypothesis != here.hypothesis)]
     return here.near
 
 
@@ -101,7 +101,7 @@ class Visit(NamedTuple):
 
     Attributes:
         near: The rows with all hypotheses.
-        hypothesis: Names of what the rows are near to; None of the model before.
+        hypothesis: Names of what the rows are near to; None where that is none of theirs.
         origin: Rows that it was the likeliest on.
     """
 
@@ -115,10 +115,11 @@ class Visit(NamedTuple):
 
         Near itself it may be no longer among those that are kept: then it is at most that of the last of them.
         """
+        if self.hypothesis is None:
+            return -np.inf
         near = self.near
-        names = near.names(near.weighed.before) if self.hypothesis is None else self.hypothesis
         least = min(h.log_weight for h in near.weighed.hypotheses)
-        return near.log_weights().get(names, least) - near.log_unit
+        return near.log_weights().get(self.hypothesis, least) - near.log_unit
 
     def stays(self, point: Point) -> bool:
         """Return whether the likeliest hypothesis is that of the rows, at a point that is known no better."""
@@ -136,7 +137,7 @@ class Visit(NamedTuple):
             seed: Of the bagged records.
         """
         near, logs = self.near, self.near.log_weights()
-        if other.hypothesis == self.hypothesis or other.hypothesis not in logs:
+        if other.hypothesis is None or other.hypothesis == self.hypothesis or other.hypothesis not in logs:
             return self
         more = other.own + near.log_unit - logs[other.hypothesis]
         shifts = [more * (near.names(h) == other.hypothesis) for h in near.weighed.hypotheses]

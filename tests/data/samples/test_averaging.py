@@ -45,7 +45,7 @@ def test_uneven_steps_are_averaged_at_their_mean_time():
 
 def test_a_slow_noisy_motion_is_averaged_and_enough_is_left():
     block = longest_block(of(wave(10.0, 0.05)))
-    assert block == 6001 // ENOUGH
+    assert 3 <= block <= 6001 // ENOUGH
     assert averaged(of(wave(10.0, 0.05)), block).n_obs == 6001 // block
 
 
@@ -55,9 +55,46 @@ def test_blocks_are_short_against_what_moves():
     assert 1 < longest_block(of(wave(1.0, 0.001))) < 6001 // ENOUGH
 
 
-def test_columns_without_noise_are_not_averaged():
+def test_states_without_noise_are_not_averaged():
     assert longest_block(of(wave(10.0, 0.0))) == 1
-    assert longest_block(of(wave(10.0, 0.05), inputs={"u": np.sin(T)})) == 1
+
+
+@pytest.mark.parametrize(
+    "u",
+    [
+        np.sin(T),
+        np.random.default_rng(2).standard_normal(len(T)),
+        np.where(np.arange(len(T)) % 2, 1.0, -1.0),
+        np.repeat(np.random.default_rng(4).choice([-1.0, 1.0], len(T) // 5 + 1), 5)[: len(T)],
+        (np.arange(len(T)) // 500 % 2).astype(float),
+    ],
+    ids=["slow", "white", "alternating", "held", "steps"],
+)
+def test_nothing_is_averaged_beside_an_input_that_changes(u):
+    assert longest_block(of(wave(10.0, 0.05), inputs={"u": u})) == 1
+
+
+def test_outliers_spoil_averages():
+    hit = np.where(np.random.default_rng(5).random(len(T)) < 0.03, 1.0, 0.0)
+    assert longest_block(of(wave(10.0, 0.05) + hit)) == 1
+
+
+def test_no_block_reaches_over_a_gap():
+    late = T + np.where(np.arange(len(T)) > 3001, 2.8, 0.0)
+    data = Trajectories.from_arrays(late, states={"x": np.sin(0.2 * np.pi * late) + wave(10.0, 0.05) - wave(10.0, 0.0)})
+    assert longest_block(data) == 1
+
+
+def test_held_out_samples_lose_nothing_either():
+    data, later = of(wave(10.0, 0.05)), wave(10.0, 0.05, seed=9)[:2000]
+    alike = Trajectories.from_arrays(T[:2000], states={"x": later})
+    assert longest_block(data, alike) == longest_block(data)
+    sparse = Trajectories.from_arrays(T[::25], states={"x": wave(2.0, 0.05)[::25]})
+    assert longest_block(data, sparse) == 1
+    faster = Trajectories.from_arrays(T[:2000], states={"x": wave(0.1, 0.05)[:2000]})
+    assert longest_block(data, faster) < longest_block(data)
+    brief = Trajectories.from_arrays(T[:7], states={"x": later[:7]})
+    assert longest_block(data, brief) == 1
 
 
 def test_an_input_that_stays_is_no_obstacle():
@@ -79,6 +116,6 @@ def test_runs_are_averaged_each_by_itself():
         [T[:2003], T[:2002]], states={"x": [wave(10.0, 0.05)[:2003], 7 + wave(10.0, 0.05)[:2002]]}
     )
     found = averaged(data, 4)
-    assert list(found.run_lengths) == [500, 500]
+    assert list(found.run_lengths) == [500, 500] and found.dropped == 3 + 2
     assert np.all(found.states["x"][found.run == 1] > 5)
     assert "averaged, 4 at a time" in found.remarks[-1]
