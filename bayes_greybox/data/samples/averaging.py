@@ -33,8 +33,8 @@ UNEVEN = 2.0
 sparser one."""
 
 TAILS = 5.0
-"""Fourth moment of noise over the square of its second from which on outliers would spoil the averages that they are in;
-it is 3 of normal noise, within 0.11 at the fewest samples that are averaged."""
+"""Fourth moment of noise over the square of its second from which on outliers would spoil their averages; it is 3 of
+normal noise, within 0.11 at the fewest samples that are averaged."""
 
 
 def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
