@@ -1,0 +1,81 @@
+"""What rows near different hypotheses tell each other."""
+
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_greybox.discovery.linearise.settle import Visit, _best
+
+
+@dataclass(frozen=True)
+class Table:
+    """Hypotheses by their names, with log weights."""
+
+    logs: dict
+    log_unit: float = 0.0
+    weighed: SimpleNamespace = field(init=False)
+
+    def __post_init__(self):
+        hypotheses = [SimpleNamespace(names=names, log_weight=value) for names, value in self.logs.items()]
+        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, told=self.told))
+
+    def told(self, shifts, seed):
+        return {names: value + more for (names, value), more in zip(self.logs.items(), shifts, strict=True)}
+
+    def names(self, hypothesis):
+        return hypothesis.names
+
+    def log_weights(self):
+        return dict(self.logs)
+
+
+@pytest.fixture(autouse=True)
+def replaced(monkeypatch):
+    def another(near, weighed):
+        return Table(weighed, near.log_unit)
+
+    monkeypatch.setattr("bayes_greybox.discovery.linearise.settle.replace", another)
+
+
+NOTHING, CUBE, LAG = (), ("cube",), ("lag",)
+
+
+def test_each_hypothesis_has_the_weight_that_it_has_on_rows_of_its_own():
+    # Near either the other one looks likelier: in turns neither would ever stay.
+    near_cube = Visit(Table({CUBE: 10.0, LAG: 12.0, NOTHING: 0.0}), CUBE)
+    near_lag = Visit(Table({CUBE: 11.0, LAG: 9.0, NOTHING: 0.0}), LAG)
+    for visits in ([near_cube, near_lag], [near_lag, near_cube]):
+        best = _best(visits, 0)
+        assert best.hypothesis == CUBE
+        assert best.near.logs == {CUBE: 10.0, LAG: 9.0, NOTHING: 0.0}
+
+
+def test_no_gap_is_told_too():
+    first = Visit(Table({NOTHING: 3.0, CUBE: 8.0}), NOTHING)
+    then = Visit(Table({NOTHING: -50.0, CUBE: 10.0}), CUBE)
+    assert _best([first, then], 0).near.logs == {NOTHING: 3.0, CUBE: 10.0}
+
+
+def test_rows_in_another_unit_are_compared_in_that_of_the_readings():
+    near_cube = Visit(Table({CUBE: 110.0, LAG: 112.0}, log_unit=100.0), CUBE)
+    near_lag = Visit(Table({CUBE: 11.0, LAG: 9.0}), LAG)
+    assert _best([near_cube, near_lag], 0).near.logs == {CUBE: 110.0, LAG: 109.0}
+
+
+def test_rows_near_no_known_hypothesis_are_left_for_any_others():
+    start = Visit(Table({CUBE: 20.0, LAG: 30.0}))
+    assert start.own == -np.inf
+    then = Visit(Table({CUBE: 5.0, LAG: 4.0}), CUBE)
+    assert _best([start, then], 0).near.logs == {CUBE: 5.0, LAG: 4.0}
+
+
+def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is():
+    visit = Visit(Table({LAG: 9.0, NOTHING: 2.0}), CUBE)
+    assert visit.own == 2.0
+
+
+def test_a_table_keeps_its_own_hypotheses_alone():
+    here, there = Visit(Table({CUBE: 10.0}), CUBE), Visit(Table({LAG: 3.0, CUBE: 1.0}), LAG)
+    assert _best([here, there], 0).near.logs == {CUBE: 10.0}
