@@ -40,7 +40,8 @@ def test_a_notebook_runs_and_was_saved_with_its_outputs(path, tmp_path):
     assert all(cell.execution_count for cell in code), "saved without outputs"
     if "BAYES_GREYBOX_DATA" not in os.environ and any("BAYES_GREYBOX_DATA" in cell.source for cell in code):
         pytest.skip("BAYES_GREYBOX_DATA names no folder of data")
-    shutil.copytree(ROOT / "configs", tmp_path / "configs")
+    for folder in ("configs", "benchmarks"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
     (tmp_path / "notebooks").mkdir()
     client = NotebookClient(notebook, timeout=900, resources={"metadata": {"path": str(tmp_path / "notebooks")}})
     client.execute()
