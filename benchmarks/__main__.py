@@ -8,8 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bayes_greybox.cli import run_app
-from bayes_greybox.cli.ending import DONE, log_to_stderr, show
+from bayes_greybox.cli.ending import DONE, log_to_stderr, run_app, show
 from bayes_greybox.cli.options import NoProgress, Quiet, Verbose
 
 from .registry import RUNS, Wanted, run_benchmark
@@ -127,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    return run_app(app, "python -m benchmarks", sys.argv[1:] if arguments is None else arguments)
+    return run_app(app, "python -m benchmarks", arguments)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The command bayes-greybox; JAX and all that needs it are imported inside the commands."""
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,11 +23,10 @@ from bayes_greybox.cli.options import (
     Verbose,
 )
 from bayes_greybox.data.errors import InputError
-from bayes_greybox.running.collecting import leave_collected, seldom_collected
+from bayes_greybox.running.collecting import leave_collected
 
-from .ending import BAD_INPUT, DONE, exit_code, log_to_stderr, show
+from .ending import DONE, exit_code, log_to_stderr, run_app, show
 from .exporting import export
-from .spelling import as_typed
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -53,34 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    return run_app(app, "bayes-greybox", sys.argv[1:] if arguments is None else arguments)
-
-
-def run_app(app: typer.Typer, name: str, arguments: Sequence[str]) -> int:
-    """Run a command line: what is wrong with its words, or with what they name, is one sentence.
-
-    Args:
-        app: Its commands.
-        name: What the program is called.
-        arguments: Words after that.
-
-    Returns:
-        The exit code.
-    """
-    words = list(arguments) or ["--help"]
-    try:
-        with seldom_collected():
-            return int(app(words, prog_name=name, standalone_mode=False) or DONE)
-    except InputError as error:
-        return _refused(as_typed(words[0], str(error)))
-    except typer.Abort:
-        return 130
-    except Exception as error:
-        # A wrong option or argument; Typer's class for these has changed its home, its method has not.
-        message = getattr(error, "format_message", None)
-        if message is None:
-            raise
-        return _refused(message())
+    return run_app(app, "bayes-greybox", arguments)
 
 
 def command() -> int:
@@ -403,8 +374,3 @@ def _configured(file: Path, **sampling: int | None) -> "Config":
     from bayes_greybox.config import load_config
 
     return load_config(file).with_sampling(**sampling)
-
-
-def _refused(message: str) -> int:
-    typer.echo(f"Error: {' '.join(message.split())}", err=True)
-    return BAD_INPUT

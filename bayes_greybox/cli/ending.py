@@ -1,9 +1,17 @@
 """What every command says and how it ends: tables, the log, its exit code."""
 
 import os
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.collecting import seldom_collected
+
+from .spelling import as_typed
 
 if TYPE_CHECKING:
     from bayes_greybox.inference.posterior import Posterior
@@ -13,6 +21,38 @@ DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
 
 HANDLER = "bayes-greybox on stderr"
 """Name of the handler that the commands give to the package's log."""
+
+
+def run_app(app: typer.Typer, name: str, arguments: Sequence[str] | None = None) -> int:
+    """Run a command line: what is wrong with its words, or with what they name, is one sentence.
+
+    Args:
+        app: Its commands.
+        name: What the program is called.
+        arguments: Words after that; those of the process by default.
+
+    Returns:
+        The exit code.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    try:
+        with seldom_collected():
+            return int(app(words, prog_name=name, standalone_mode=False) or DONE)
+    except InputError as error:
+        return _refused(as_typed(words[0], str(error)))
+    except typer.Abort:
+        return 130
+    except Exception as error:
+        # A wrong option or argument; Typer's class for these has changed its home, its method has not.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        return _refused(message())
+
+
+def _refused(message: str) -> int:
+    typer.echo(f"Error: {' '.join(message.split())}", err=True)
+    return BAD_INPUT
 
 
 def exit_code(fits: Mapping[str, "Posterior"]) -> int:

@@ -57,9 +57,8 @@ HELD_INPUTS = (
 )
 
 AVERAGED = (
-    "The sensors are read much more often than anything moves: neighbouring samples were averaged, {m} at a time, "
-    "which loses nothing but noise, and less of a run than one average at its end. What follows is about the averages: "
-    "delays in samples are in averages."
+    "The sensors are read much more often than anything moves, so neighbouring samples were averaged, {m} at a time; "
+    "all that this loses is noise. The study is about these averages, and a delay in samples counts them."
 )
 
 

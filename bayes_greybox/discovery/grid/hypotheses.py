@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,13 +13,14 @@ from bayes_greybox.discovery.ties import ranked
 from .agreement import bagged
 from .band import Band
 from .evidence import RIDGE, log_evidences, modes
-from .gram import Basis, Gram, discrepancy_basis, gram
+from .gram import Gram, gram
 from .latent_force import LatentForce
-from .noise_grid import KINDS, LAW, MEMORY, RATIOS, REMAINS, SENSOR, TIME, NoisePoint, noise_points
+from .noise_grid import KINDS, LAW, RATIOS, REMAINS, TIME, noise_points
+from .pieces import Pieces
 from .ranges import log_ranges
 from .regressors import FREE, RegressorTable
 from .search import Reach, Sets, search
-from .set_prior import SetPrior
+from .set_prior import SetPrior, Window
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the RMS of the gap."""
@@ -172,8 +172,8 @@ class Weighed:
         return mean[:, 0], np.sqrt(v * variance)
 
     @cached_property
-    def _pieces(self) -> "_Pieces":
-        return _Pieces(self.table, self.forces, self.grid.points, {})
+    def _pieces(self) -> Pieces:
+        return Pieces(self.table, self.forces, self.grid.points, {})
 
     def _likeliest(self, hypothesis: Hypothesis, able: Sequence[bool]) -> tuple[int, Float[np.ndarray, "n 1"], float]:
         """Return the likeliest of the noise points that may be, with the residual and v at the mode there."""
@@ -191,7 +191,7 @@ class Weighed:
 
 def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
-    seed: int = 0, window: "Window | None" = None,
+    seed: int = 0, window: Window | None = None,
 ) -> Weighed:  # fmt: skip
     """Return the hypotheses of a table.
 
@@ -233,7 +233,7 @@ def weigh(
     residuals = np.column_stack(
         [table.target - table.columns[:, list(s)] @ m for s, m in zip(sets, found.mean, strict=True)]
     )
-    pieces = _Pieces(table, forces, points, {})
+    pieces = Pieces(table, forces, points, {})
     in_blocks = pieces.block_logs(best, residuals, found.v)
     agreement = bagged(in_blocks, probability, seed)
     remainder = pieces.remainder(logs, residuals)
@@ -258,20 +258,6 @@ def weigh(
             )
         )  # fmt: skip
     return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks, prior)
-
-
-class Window(NamedTuple):
-    """What is weighed near a hypothesis until it stays: all that had some probability before.
-
-    Attributes:
-        called: What its effects, sensor errors and memories are called.
-        prior: Prior probability of all sets.
-        memories: Everything that may be remembered.
-    """
-
-    called: frozenset[str]
-    prior: SetPrior
-    memories: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -332,71 +318,6 @@ class _Weight:
             rows, mean, sd = (np.array(x) for x in zip(*items, strict=True))
             np.add.at(added, rows, log_ranges((every[i],), mean[:, None], sd[:, None])[:, 0])
         return added
-
-
-@dataclass(frozen=True)
-class _Pieces:
-    """Residuals of hypotheses, taken apart under noise points."""
-
-    table: RegressorTable
-    forces: Sequence[LatentForce]
-    points: Sequence[NoisePoint]
-    bases: dict[tuple, Basis]
-
-    def white(self, number: int, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return residuals without the smoothed discrepancy of a law, whitened, and log variances of the rows."""
-        point = self.points[number]
-        if point.kind in (TIME, SENSOR):
-            force, sensor = self.forces[point.shape], point.kind == SENSOR
-            white, logs = force.whiten(residuals, point.scale, np.array([point.ratio]), sensor)
-            return white[:, 0], logs
-        white, logs = self.forces[point.shape].whiten(residuals, 1.0, np.zeros(1))
-        white = white[:, 0]
-        if point.kind in (LAW, MEMORY):
-            basis = self._basis(point)
-            white = white - basis.features @ basis.posterior(white, point.ratio)
-        return white, logs
-
-    def smoothed(self, number: int, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the posterior mean of the discrepancy, as a force, and its variance over v."""
-        point = self.points[number]
-        if point.kind == TIME:
-            return self.forces[point.shape].smooth(residuals, point.scale, point.ratio)
-        basis = self._basis(point)
-        white = self.forces[point.shape].whiten(residuals, 1.0, np.zeros(1))[0][:, 0]
-        variance = basis.acting**2 @ (point.ratio**2 / (1 + point.ratio**2 * basis.eigenvalues))
-        return basis.acting @ basis.posterior(white, point.ratio), variance
-
-    def block_logs(self, best: np.ndarray, residuals: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the log likelihood of each block at each hypothesis's mode [n_hypothesis, n_block]."""
-        member = (self.table.block == np.arange(self.table.block.max() + 1)[:, None]).astype(float)
-        logs = np.empty((residuals.shape[1], len(member)))
-        for number in np.unique(best):
-            own = np.flatnonzero(best == number)
-            white, spread = self.white(int(number), residuals[:, own])
-            each = -0.5 * (white**2 / v[own] + np.log(v[own]) + spread)
-            logs[own] = (member @ each).T
-        return logs
-
-    def remainder(self, logs: np.ndarray, residuals: np.ndarray) -> np.ndarray:
-        """Return the smoothed discrepancy beside each hypothesis, at its likeliest point that has one."""
-        remains = np.array([point.remains for point in self.points])
-        best = np.argmax(np.where(remains, logs, -np.inf), axis=1)
-        found = np.zeros((len(self.table.acting), len(best)))
-        # Where each one would be larger than the gap there is none.
-        for number in np.unique(best[remains[best]]):
-            own = np.flatnonzero(best == number)
-            found[:, own] = self.smoothed(int(number), residuals[:, own])[0]
-        return found
-
-    def _basis(self, point: NoisePoint) -> Basis:
-        key = point.shape, point.kind, point.scale, point.memory
-        if key not in self.bases:
-            table = self.table
-            if point.shape:
-                table = replace(table, force=self.forces[point.shape])
-            self.bases[key] = discrepancy_basis(table, point)
-        return self.bases[key]
 
 
 def _apart(products: np.ndarray, members: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

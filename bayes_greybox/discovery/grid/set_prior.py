@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log, log1p
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -91,6 +92,20 @@ class SetPrior:
             own += log(odds.suspect) - log1p(-odds.suspect) if sensor else 0.0
             rows.append((own, float(effect), float(each.kind == CORRECTION)))
         return np.array([*rows, (0.0, 0.0, 0.0)]).T
+
+
+class Window(NamedTuple):
+    """Effects, sensor errors and memories that had some probability: they alone are weighed until the likeliest stays.
+
+    Attributes:
+        called: What they are called.
+        prior: Prior probability of all sets.
+        memories: Everything that may be remembered.
+    """
+
+    called: frozenset[str]
+    prior: SetPrior
+    memories: tuple[str, ...]
 
 
 def _padded(sets: Sequence[Sequence[int]], by: int) -> Int[np.ndarray, "n_set most"]:

@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed, Window
+from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.latent_force import LatentForce
 from bayes_greybox.discovery.grid.regressors import Regressor
+from bayes_greybox.discovery.grid.set_prior import Window
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import EFFECT, SENSOR, Regressors
 from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate

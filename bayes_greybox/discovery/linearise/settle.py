@@ -22,10 +22,11 @@ from .noise_shapes import noise_shapes
 from .refine import Company, Ground, refined
 
 TURNS = 6
-"""How often rows are taken anew near what was found."""
+"""Largest number of times that rows are taken anew near what was found; the last one weighs everything again."""
 
 SMALL = 100_000
-"""Values of a table that is weighed in a fraction of a second."""
+"""Number of values of a table that is weighed in a fraction of a second. It saves time alone: what is said at the end
+is of a table with everything."""
 
 LIKELIER = 1.0
 """Nats by which rows near another hypothesis have to make it likelier, or less likely, for the search to go on: six

@@ -70,7 +70,7 @@ class Memory:
 
 
 Chosen = Callable[[str], bool]
-"""Whether a memory is asked for, by what it is in words."""
+"""Test of whether a memory is asked for, by its text."""
 
 
 def everything(text: str) -> bool:

@@ -1,4 +1,4 @@
-"""What is missing without a name, in words: of what kind it is, and what it depends on."""
+"""Words for what is missing without a name: its kind, and what it depends on."""
 
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.suspects.drift import DRIFT
@@ -12,7 +12,7 @@ WHAT_REMAINS = {
     "something in time": "is something in time, of the machine or of its sensor",
     "something that remembers": "remembers",
 }
-"""What is said of an effect without a name, by the kind that the table of what remains has."""
+"""Words for each kind of what remains, by its name in the table."""
 
 
 def remembered(study: StudyResult, equation: str) -> str:

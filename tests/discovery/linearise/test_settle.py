@@ -1,4 +1,4 @@
-"""What rows near different hypotheses tell each other."""
+"""Tests of rows near several hypotheses: the evidence that each tells the others."""
 
 from dataclasses import dataclass, field
 from types import SimpleNamespace
