@@ -8,13 +8,11 @@ from .criticism.cross_validation.compare import compare as compare
 from .criticism.cross_validation.cross_validate import cross_validate as cross_validate
 from .criticism.cross_validation.loo import Loo as Loo
 from .criticism.discrepancy import DiscrepancyGrid as DiscrepancyGrid
-from .criticism.equations.rates import LearnedRates as LearnedRates
 from .criticism.free_run import FreeRun as FreeRun
 from .criticism.prediction import Prediction as Prediction
 from .criticism.trade_off import TradeOff as TradeOff
 from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset
-from .data.errors import InputError as InputError
 from .data.reading.door import read as read
 from .data.reading.read_table import read_table as read_table
 from .data.streams.door import stream as stream
@@ -22,6 +20,7 @@ from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories
 from .discovery.next_experiment.ranked import NextExperiment as NextExperiment
 from .discovery.odds import Odds as Odds
+from .equations.rates import LearnedRates as LearnedRates
 from .fleet.studies import FleetStudy as FleetStudy
 from .fleet.studies import find_missing_effects_of_fleet as find_missing_effects_of_fleet
 from .greybox import Fit as Fit
@@ -52,6 +51,7 @@ from .prior_comparison import PriorComparison as PriorComparison
 from .prior_comparison import compare_priors as compare_priors
 from .report import plots as plots
 from .report import study_figures as study_figures
+from .running.errors import InputError as InputError
 
 figures = plots
 __version__: str

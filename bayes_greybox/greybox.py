@@ -18,9 +18,6 @@ from bayes_greybox.criticism.checks.whiteness import Whiteness
 from bayes_greybox.criticism.convergence import LARGEST_BASIS, Verdict, boundary_needed, convergence, features_needed
 from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid, discrepancy_grid, discrepancy_table
-from bayes_greybox.criticism.equations.of_posterior import fitted_system
-from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.criticism.equations.starts import estimated_starts
 from bayes_greybox.criticism.free_run import FreeRun, free_run
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.kept.file import save_checked
@@ -30,6 +27,9 @@ from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.criticism.trial import try_on
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.equations.of_posterior import fitted_system
+from bayes_greybox.equations.rates import LearnedRates, learned_rates
+from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, given_checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.inference_data import to_inferencedata

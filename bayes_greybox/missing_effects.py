@@ -9,10 +9,7 @@ from typing import Any
 
 import sympy
 
-from bayes_greybox.criticism.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.criticism.equations.starts import estimated_starts
 from bayes_greybox.criticism.kept.file import checked_of
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
@@ -23,6 +20,8 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
+from bayes_greybox.equations.rates import LearnedRates, learned_rates
+from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
@@ -38,6 +37,7 @@ from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
 from bayes_greybox.report.words.sentence import measurement_in_words, sentence
 from bayes_greybox.running.compiling import keep_programs, make_room
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stages
 
 from .greybox import Fit, GreyBox, fit_of, greybox_of

@@ -10,9 +10,9 @@ from rich.console import Console
 
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
+from bayes_greybox.running.errors import InputError
 
 from .greybox import Fit, GreyBox
 

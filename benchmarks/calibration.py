@@ -15,13 +15,13 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.criticism.calibration.calibrate import FEWEST_REPLICATES, Calibration, calibrate
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows, plain_values
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.whole import write_text
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.plain_values import plain_rows, plain_values
+from bayes_greybox.running.whole_files import write_text
 
 from .files import unwritable, write_tables
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import write_text
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import write_text
 
 
 def write_tables(folder: Path, tables: Mapping[str, pd.DataFrame], about: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 if TYPE_CHECKING:
     from bayes_greybox.criticism.calibration.calibrate import Calibration

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .files import opened, unwritable, write_tables
 from .progress import shown

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.compiling import FOLDER
+from bayes_greybox.running.errors import InputError
 from benchmarks.account import ACCOUNT
 
 COMMANDS = {

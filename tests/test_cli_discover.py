@@ -13,7 +13,7 @@ from tiny_study import judged
 import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.config import load_config
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce
 
 CONFIGS = Path(__file__).parents[1] / "configs"

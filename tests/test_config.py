@@ -15,12 +15,12 @@ from bayes_greybox.config import load_config, sources, study
 from bayes_greybox.config.file import Compare, Sampling
 from bayes_greybox.criticism.cross_validation.compare import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.gp.discrepancy import Path as PathKind
 from bayes_greybox.model.gp.kernels import KERNELS
 from bayes_greybox.model.gp.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import PRIORS
 from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.running.errors import InputError
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 

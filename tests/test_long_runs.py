@@ -16,8 +16,8 @@ from tiny_study import SIMULATION, oscillator
 
 import bayes_greybox as bg
 from bayes_greybox import cli
-from bayes_greybox.data.locking import locked
 from bayes_greybox.inference.sampler import chain_file
+from bayes_greybox.running.locking import locked
 
 ROOT = Path(__file__).parents[1]
 FIT = ("fit", "case.toml", "--quiet", "--draws", "50", "--tune", "100")

@@ -9,7 +9,7 @@ from streamed_runs import animals, oscillations, path_of, stream_of, weak
 import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 FEW = {"draws": 40, "tune": 60, "chains": 2, "progress": False}
 

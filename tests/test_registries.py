@@ -10,13 +10,13 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
-from bayes_greybox.data.limits import Count, Positive, require_limits
 from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.running.limits import Count, Positive, require_limits
 
 SMALL = {"draws": 10, "tune": 10, "chains": 1, "progress": False}
 

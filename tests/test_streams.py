@@ -11,9 +11,9 @@ from streamed import NAMES, chunk, chunks, frame, model, together
 import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.running.errors import InputError
 
 FEW = {"draws": 40, "tune": 60, "chains": 2, "progress": False}
 

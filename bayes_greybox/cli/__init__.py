@@ -22,8 +22,8 @@ from bayes_greybox.cli.options import (
     Tune,
     Verbose,
 )
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.collecting import leave_collected
+from bayes_greybox.running.errors import InputError
 
 from .ending import DONE, exit_code, log_to_stderr, run_app, show
 from .exporting import export
@@ -326,7 +326,7 @@ def init(
     """
     from bayes_greybox.config.starting.starter import starter
     from bayes_greybox.data.reading.door import layout_of
-    from bayes_greybox.data.whole import write_text
+    from bayes_greybox.running.whole_files import write_text
 
     config = output or Path(f"{data.stem}.toml")
     if config.exists():

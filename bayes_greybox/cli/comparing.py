@@ -8,12 +8,12 @@ from typing import Any
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.folders.comparison import save_comparison
 from bayes_greybox.report.folders.holding import require_own
 from bayes_greybox.report.folders.saved import load_fits
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.comparison import comparison_tables
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.collecting import seldom_collected
+from bayes_greybox.running.errors import InputError
 
 from .spelling import as_typed
 

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, show
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.run import study_fleet
 from bayes_greybox.fleet.together import FLEET_PAGE
 from bayes_greybox.report.folders.holding import free_folder, require_own
 from bayes_greybox.report.terminal.fleet import fleet_tables
+from bayes_greybox.running.errors import InputError
 
 
 def study_folder(

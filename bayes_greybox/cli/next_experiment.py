@@ -5,11 +5,11 @@ from typing import Any
 
 from bayes_greybox.cli.ending import DONE, show
 from bayes_greybox.config import load_config
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import write_text
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
 from bayes_greybox.report.terminal.tables import frame_table
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import write_text
 
 
 def next_configured(

@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from bayes_greybox.config import Config
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.checkpoint import Checkpoint, checkpoint_in
+from bayes_greybox.running.errors import InputError
 
 CHECKPOINT = "checkpoint"
 """Folder in that of the results, while a run is not complete."""

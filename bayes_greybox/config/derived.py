@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_ty
 from pydantic import BeforeValidator, TypeAdapter, create_model
 from pydantic_core import CoreSchema, core_schema
 
-from bayes_greybox.data.limits import OneOf, Rule
+from bayes_greybox.running.limits import OneOf, Rule
 
 from .section import Section, suggestion, wrong
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import CONFIG, command_of
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
 from .derived import AlsoAs
 from .next_experiment import Next

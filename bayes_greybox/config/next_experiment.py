@@ -1,6 +1,6 @@
 """[next]: what could be measured next, and how it is ranked."""
 
-from bayes_greybox.data.limits import Count, NotNegative, Positive
+from bayes_greybox.running.limits import Count, NotNegative, Positive
 
 from .section import Section
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, Positive, is_finite
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Count, Positive, is_finite
 
 from .derived import AlsoAs, Switch, Table, section_of, table_of_kinds
 from .section import Section, wrong

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, NotNegative, Positive, Probability, Seed, Whole
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
 from .names import equation_of_input, rate_without_equation
 from .section import Section, wrong

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from bayes_greybox.data.limits import Count
 from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.running.limits import Count
 
 from .derived import Table, section_of
 from .section import Section, wrong

@@ -8,9 +8,9 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.spatial import KDTree
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.running.errors import InputError
 
 from .bands import Band
 from .prediction import PREDICTION_DRAWS, discrepancy_draws

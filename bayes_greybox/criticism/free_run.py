@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
@@ -26,6 +25,7 @@ from bayes_greybox.physics.integrate import (
 )
 from bayes_greybox.physics.solvers import diffrax
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
 
 from .bands import Band, band_holds

@@ -3,9 +3,9 @@
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import coefficient_unit, target_unit
+from bayes_greybox.running.errors import InputError
 
 ROPE = 0.01
 """Default region of practical equivalence: terms that move the target by less than one percent of its RMS."""

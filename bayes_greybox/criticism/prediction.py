@@ -8,12 +8,12 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.physics.units import require_units_of
+from bayes_greybox.running.errors import InputError
 
 from .bands import Band
 

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.inference.sampler.draws import draw_given
@@ -18,6 +17,7 @@ from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
 
 from .prediction import PREDICTION_DRAWS

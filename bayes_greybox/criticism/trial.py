@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remember, remembered
+from bayes_greybox.running.errors import InputError
 
 from .free_run import FreeRun, free_run
 from .prediction import completed, predict

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayes_greybox.running.errors import InputError
+
 from .digits import first_lost, since_first
-from .errors import InputError
 from .given_arrays import plain_array
 
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .errors import InputError
+from bayes_greybox.running.errors import InputError
+
 from .trajectories import Trajectories
 
 FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from .errors import InputError
+from bayes_greybox.running.errors import InputError
 
 NO_UNIT = ("", "dimensionless")
 """What libraries of units call a plain number."""

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Int
 
 from bayes_greybox.data.runs.cut import CutRuns
 from bayes_greybox.data.runs.gaps import parted
+from bayes_greybox.running.errors import InputError
 
 from .columns import (
     check_names,
@@ -26,7 +27,6 @@ from .columns import (
     stack,
     usable_rows,
 )
-from .errors import InputError
 from .noise.files import noise_from_dict
 from .noise.protocol import WHITE_SHARE, RowNoise
 from .rates.differentiate import differentiate, uniform_step

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
 from .answer.checks.adequacy import Check, check_hypothesis

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayes_greybox.criticism.equations.learned import (
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.equations.learned import (
     Drawn,
     InnerValue,
     LearnedDiscrepancy,
@@ -15,13 +16,12 @@ from bayes_greybox.criticism.equations.learned import (
     LearnedTerm,
     Value,
 )
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.coefficient import StatedTerms
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
+from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment
 from .study import StudyResult

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, replace
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Probability, beyond_limits
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Probability, beyond_limits
 
 
 @dataclass(frozen=True)

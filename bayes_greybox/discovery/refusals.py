@@ -4,7 +4,6 @@ from collections.abc import Collection, Sequence
 from numbers import Integral, Real
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
@@ -15,6 +14,7 @@ from bayes_greybox.physics.integrate import check_interpolation
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import check_units, require_units_of
+from bayes_greybox.running.errors import InputError
 
 from .odds import Odds
 

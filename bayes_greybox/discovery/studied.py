@@ -1,8 +1,8 @@
 """Which equations a study looks at."""
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
 
 
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:

@@ -9,8 +9,6 @@ from typing import Any
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
@@ -22,6 +20,8 @@ from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogu
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.plain_values import plain_rows
 from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bayes_greybox.config import Config, load_config
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .files import data_files, files_of, require_one_each
 

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.sources import READERS
+from bayes_greybox.running.errors import InputError
 
 
 def files_of(folder: Path) -> list[Path]:

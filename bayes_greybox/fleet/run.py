@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.tasks import LOST
-from bayes_greybox.discovery.fleet import Fleet
+from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.report.folders.holding import RECORD
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stages
+from bayes_greybox.running.tasks import LOST
 
 from .assets import Asset
 from .reporting import MARK, put_back, set_aside

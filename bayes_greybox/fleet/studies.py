@@ -12,11 +12,9 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.fleet import Fleet
+from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.discovery.refusals import check_settings
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.inference.settings import Sampling
@@ -27,6 +25,8 @@ from bayes_greybox.report.folders.holding import require_own
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.words.fleet import fleet_sentence
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import is_finite
 from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each

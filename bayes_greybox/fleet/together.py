@@ -5,15 +5,15 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.records import plain_rows, plain_values
-from bayes_greybox.data.tasks import run_tasks
-from bayes_greybox.discovery.fleet import Fleet, fleet_of
+from bayes_greybox.discovery.fleet.shared import Fleet, fleet_of
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.report.folders.holding import RECORD
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.report.words.fleet import fleet_sentence
+from bayes_greybox.running.plain_values import plain_rows, plain_values
 from bayes_greybox.running.stages import announce, stage
+from bayes_greybox.running.tasks import run_tasks
 
 from .reporting import PAGE
 

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.locking import locked
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.whole import remove_parts, write_text
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.locking import locked
 from bayes_greybox.running.stages import announce
+from bayes_greybox.running.whole_files import remove_parts, write_text
 
 from .kept.groups import data_table
 from .kept.model_record import describe

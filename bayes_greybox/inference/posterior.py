@@ -10,7 +10,6 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Bool
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
@@ -21,6 +20,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites
 from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 
 from .kept.groups import drawn
 from .sampler.programs import Programs, programs_for

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from numbers import Integral
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 
 @dataclass(frozen=True)

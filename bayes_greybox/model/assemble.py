@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 
 from .algebra.compression import CHUNK, triangular_factor
 from .algebra.linalg import require_independent

@@ -4,9 +4,9 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Dictionary, Term, stating
+from bayes_greybox.running.errors import InputError
 
 
 class StatedTerms(NamedTuple):

@@ -12,9 +12,9 @@ import numpyro
 import numpyro.distributions as dist
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Positive, Whole, require_limits
 from bayes_greybox.physics.coefficient import Coefficient as Coefficient
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Positive, Whole, require_limits
 
 from .sites import site
 

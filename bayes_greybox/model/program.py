@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.physics.coefficient import Coefficient
@@ -16,6 +15,7 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import named_outputs, not_known, readable, simulation_of, with_states
 from bayes_greybox.physics.terms import Dictionary, stating, terms_of
 from bayes_greybox.physics.units import check_units
+from bayes_greybox.running.errors import InputError
 
 from .assemble import assemble
 from .blocks import by_block, used_states

@@ -12,9 +12,9 @@ import numpyro.distributions as dist
 from jaxtyping import Float
 from numpyro.handlers import scope, seed, substitute, trace
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.errors import InputError
 
 from .design import Design
 from .gp.discrepancy import OrthogonalGP

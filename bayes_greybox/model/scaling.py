@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.running.errors import InputError
 
 from .frame import Frame
 from .gp.discrepancy import OrthogonalGP

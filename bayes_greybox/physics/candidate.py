@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .signals import Signal
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Annotated, Any
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Rule, require_limits
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Rule, require_limits
 
 
 def _finite(value: Any) -> bool:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .formula.expressions import namespace
 from .solvers import diffrax, ordered_times

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.running.errors import InputError
 
 _TOLERANCE = 1e-11
 # Stiff growth would otherwise take the integration for ever.

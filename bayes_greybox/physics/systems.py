@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .simulated import Drive, System, multisine
 

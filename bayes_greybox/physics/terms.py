@@ -11,7 +11,6 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import (
     check_expression,
     evaluate,
@@ -23,6 +22,7 @@ from bayes_greybox.physics.formula.grammar import MAX_EXPONENT, check_known, che
 from bayes_greybox.physics.formula.numbers import Named, as_columns
 from bayes_greybox.physics.formula.printing import to_latex, to_text
 from bayes_greybox.physics.formula.rounding import rounded
+from bayes_greybox.running.errors import InputError
 
 from .coefficient import Bounds, Coefficient, coefficient_of_term
 from .hidden_states import HiddenState

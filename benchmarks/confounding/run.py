@@ -7,8 +7,8 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.plain_values import plain_rows
 from benchmarks.files import unwritable, write_tables
 from benchmarks.resumed import resumed
 

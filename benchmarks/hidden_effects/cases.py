@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .systems.hidden import CATALOGUE, OFF_CATALOGUE
 from .systems.hosts import HOSTS, Host

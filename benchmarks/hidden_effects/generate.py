@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 from .assumptions.case import AssumptionCase
 from .cases import RATIO_EDGES, Case

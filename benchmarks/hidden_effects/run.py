@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows, plain_values
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.plain_values import plain_rows, plain_values
 from benchmarks.files import opened, unwritable, write_tables
 from benchmarks.resumed import RESULTS
 

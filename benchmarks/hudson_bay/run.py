@@ -10,8 +10,8 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.datasets import load_hudson_bay
-from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.plain_values import plain_rows
 from benchmarks.files import unwritable, write_tables
 
 from .reference import INTERACTION, NOISE, RATE, REFERENCE, START

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import Case, all_cases
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.ode import HostODE, LostError

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.records import plain_rows
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.plain_values import plain_rows
 from benchmarks.resumed import tabled
 
 from .estimate import estimate

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.answers import SURE
 from benchmarks.resumed import picked, tabled
 

@@ -17,7 +17,7 @@ import pandas as pd
 import scipy.linalg
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.whole import write_text
+from bayes_greybox.running.whole_files import write_text
 from benchmarks.files import unwritable
 from benchmarks.progress import shown
 

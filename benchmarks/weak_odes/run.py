@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.resumed import picked, tabled
 
 from .systems import NOISES, WeakSystem, weak_systems

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.report.plots import plot_confounding
+from bayes_greybox.running.errors import InputError
 from benchmarks.confounding.cells import KERNELS, Cell, _compressed, measure_cell
 from benchmarks.confounding.run import all_cells, run
 from benchmarks.confounding.score import score

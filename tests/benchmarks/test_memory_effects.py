@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.loading import load_catalogue
+from bayes_greybox.running.errors import InputError
 from benchmarks.memory_effects import machines as making
 from benchmarks.memory_effects import run as module
 from benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured

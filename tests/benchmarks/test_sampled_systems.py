@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.running.errors import InputError
 from benchmarks.sampled_systems import coverage
 from benchmarks.sampled_systems import run as module
 from benchmarks.sampled_systems.run import run, score

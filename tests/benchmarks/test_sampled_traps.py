@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from shell import refuse
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.running.errors import InputError
 from benchmarks.__main__ import main
 from benchmarks.sampled_traps import run as module
 from benchmarks.sampled_traps import trap as making

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.catalogue.table import catalogue
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.running.errors import InputError
 from benchmarks.static_maps import run as module
 from benchmarks.static_maps.maps import CORRELATION, HIDDEN, NOISE, maps, measured
 from benchmarks.static_maps.oracle import FLOWS, FORCES, told

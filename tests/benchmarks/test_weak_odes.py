@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 from benchmarks.weak_odes import run as module
 from benchmarks.weak_odes.run import identified, run, score
 from benchmarks.weak_odes.systems import weak_systems

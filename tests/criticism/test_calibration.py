@@ -9,9 +9,9 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.calibration.coverage import places
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.sampler import draws
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
 from benchmarks.calibration import problem, variants
 
 DEFAULT = "spike-and-slab_projected"

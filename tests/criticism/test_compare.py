@@ -8,7 +8,6 @@ from sampled_oscillator import SIMULATION, sampled
 from bayes_greybox.criticism.cross_validation.compare import compare, comparison_table, stacking_weights, tied
 from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
 from bayes_greybox.criticism.cross_validation.loo import Loo
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling
@@ -18,6 +17,7 @@ from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.model.rows.weak_rows import WeakRows
+from bayes_greybox.running.errors import InputError
 
 FULL = Program(dictionary={"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=6))
 BARE = Program(dictionary={"v": ["y", "v"]}, discrepancy=None)

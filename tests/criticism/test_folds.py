@@ -22,13 +22,13 @@ from bayes_greybox.criticism.cross_validation.fold_densities import (
 )
 from bayes_greybox.criticism.cross_validation.folds import correlation_length, make_folds
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.design import FeatureDesign
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import RegularisedHorseshoe
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.running.errors import InputError
 
 TERMS = ["y", "v", "y**3"]
 SIMULATION = {"v": "-0.2*v"}

@@ -16,7 +16,6 @@ from bayes_greybox.criticism.convergence import array_stats, convergence, conver
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
 from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, loo, pointwise_loo
 from bayes_greybox.criticism.cross_validation.refits import refit_without
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling
@@ -25,6 +24,7 @@ from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Normal, Scales, SpikeAndSlab
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
 
 TERMS = ["y", "v", "y**3"]
 SIMULATION = {"v": "-0.2*v"}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.datasets import FOLDER_VARIABLE, IMPACT, dataset_table, load_dataset, search_folders
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 measured = pytest.mark.skipif(
     not os.environ.get(FOLDER_VARIABLE),

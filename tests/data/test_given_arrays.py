@@ -5,9 +5,9 @@ import os
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.unit_registry import registry
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 UNTYPED = pytest.mark.skipif(
     os.environ.get("BAYES_GREYBOX_TYPECHECK", "0") == "1", reason="the checker of types answers first"

@@ -3,8 +3,8 @@ import pandas as pd
 import pytest
 
 from bayes_greybox.data.columns import stack
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 T = np.linspace(0.0, 1.0, 11)
 

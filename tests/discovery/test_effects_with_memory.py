@@ -10,12 +10,12 @@ from sampled_oscillator import SIMULATION, force
 from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.report.pages.study_page import study_html
+from bayes_greybox.running.errors import InputError
 
 
 def only(*slugs):

@@ -9,7 +9,6 @@ import pytest
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_model, tiny_regressors
 
 import bayes_greybox.discovery.study as module
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.amendment import Amendment
@@ -35,6 +34,7 @@ from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 
 def two_states(n=24, rates=("x", "z"), states=("x", "z"), lengths=None, seed=0, units=None):

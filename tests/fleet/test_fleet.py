@@ -11,10 +11,10 @@ from pumps import CATALOGUE, CONFIG, pumps
 
 import bayes_greybox as bg
 from bayes_greybox.cli import main
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.tasks import LOST, Done
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.run import _mark, _studied, study_fleet
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.tasks import LOST, Done
 
 
 @pytest.fixture(scope="module")

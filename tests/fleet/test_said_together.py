@@ -4,8 +4,7 @@ import json
 
 import pytest
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.discovery.fleet import fleet_of
+from bayes_greybox.discovery.fleet.shared import fleet_of
 from bayes_greybox.fleet import run
 from bayes_greybox.fleet.assets import Asset
 from bayes_greybox.fleet.run import study_fleet
@@ -14,6 +13,7 @@ from bayes_greybox.report.pages.fleet_page import fleet_page
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.terminal.fleet import fleet_tables
 from bayes_greybox.report.words.fleet import fleet_sentence
+from bayes_greybox.running.errors import InputError
 
 
 def record(verdict, effects=(), before=0.5):

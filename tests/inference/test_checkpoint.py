@@ -10,9 +10,9 @@ import pytest
 from tiny_equation import tiny_data
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.checkpoint import Checkpoint, checkpoint_in
 from bayes_greybox.inference.sampler import chain_file
+from bayes_greybox.running.errors import InputError
 
 SETTINGS = {"draws": 60, "tune": 120, "chains": 2, "progress": False}
 

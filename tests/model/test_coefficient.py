@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.priors import Coefficient
+from bayes_greybox.running.errors import InputError
 
 TERMS = ["y", "ydot", "y**3"]
 

@@ -9,10 +9,10 @@ import pytest
 from numpyro.handlers import seed, substitute, trace
 from scipy import stats
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.priors import CustomPrior, Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
 
 N_DRAW = 20_000
 

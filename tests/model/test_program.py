@@ -11,7 +11,6 @@ import numpyro.distributions as dist
 import pytest
 from numpyro.handlers import seed, trace
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import EXACT_LIMIT, OrthogonalGP
@@ -19,6 +18,7 @@ from bayes_greybox.model.noise.asked import Noise, varies_with
 from bayes_greybox.model.priors import CustomPrior, Laplace
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.running.errors import InputError
 
 
 def _data(n=40, derivatives=("v",), **changes):

@@ -3,11 +3,11 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.priors import CustomPrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites, site
+from bayes_greybox.running.errors import InputError
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from matplotlib.mathtext import MathTextParser
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import keys_of
@@ -21,6 +20,7 @@ from bayes_greybox.physics.formula.grammar import read
 from bayes_greybox.physics.hidden_states import HiddenState, along
 from bayes_greybox.physics.terms import Dictionary, Term
 from bayes_greybox.physics.units import coefficient_unit, derivative_unit
+from bayes_greybox.running.errors import InputError
 
 SLUGS = {
     "mechanical": """linear-stiffness quadratic-stiffness cubic-stiffness quintic-stiffness signed-quadratic-stiffness

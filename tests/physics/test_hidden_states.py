@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bayes_greybox.physics.hidden_states as module
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.hidden_states import HiddenState, along
+from bayes_greybox.running.errors import InputError
 
 STEP = 0.05
 

@@ -7,7 +7,6 @@ import pytest
 from integration import integrate
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.integrate import (
     PIECE,
     Limits,
@@ -20,6 +19,7 @@ from bayes_greybox.physics.integrate import (
     joined,
 )
 from bayes_greybox.physics.solvers import ordered_times
+from bayes_greybox.running.errors import InputError
 
 
 def interpolant(t, values, kind="linear"):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.terms import stating
+from bayes_greybox.running.errors import InputError
 
 Coefficient = bg.priors.Coefficient
 

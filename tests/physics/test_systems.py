@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from integration import integrate
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics import systems
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit
+from bayes_greybox.running.errors import InputError
 
 NAMES = ["oscillator", "duffing", "van_der_pol", "pendulum", "lotka_volterra", "two_tanks"]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import sympy
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.terms import Dictionary, Term, polynomial
+from bayes_greybox.running.errors import InputError
 
 NAMES = ("y", "ydot")
 

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.terms import Dictionary, Term
 from bayes_greybox.physics.units import (
@@ -17,6 +16,7 @@ from bayes_greybox.physics.units import (
     term_unit,
     with_rates,
 )
+from bayes_greybox.running.errors import InputError
 
 UNITS = {
     "t": "s", "y": "m", "ydot": "m/s", "F": "N", "phi": "rad", "psi": "degree", "r": "1", "q": "mm",

@@ -3,7 +3,7 @@
 import numpy as np
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.equations.learned import Drawn, LearnedEquation, LearnedSystem, LearnedTerm, Value
+from bayes_greybox.equations.learned import Drawn, LearnedEquation, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 CLOSE = {"rtol": 1e-8, "atol": 1e-12}

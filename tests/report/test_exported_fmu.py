@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from exported_systems import CASES, CLOSE, MEMORY, points, system_of
 
-from bayes_greybox.criticism.equations.learned import Value
-from bayes_greybox.criticism.equations.rates import learned_rates
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.equations.learned import Value
+from bayes_greybox.equations.rates import learned_rates
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
+from bayes_greybox.running.errors import InputError
 
 fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (extra fmu)")
 compiled = pytest.mark.skipif(not any(map(shutil.which, ("cc", "gcc", "clang"))), reason="there is no C compiler")

@@ -12,12 +12,12 @@ import pytest
 from exported_systems import CASES, CLOSE, MEMORY, TERMS, points, system_of
 from pymoca import parser
 
-from bayes_greybox.criticism.equations.learned import Drawn, InnerValue, Value
-from bayes_greybox.criticism.equations.rates import learned_rates
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.equations.learned import Drawn, InnerValue, Value
+from bayes_greybox.equations.rates import learned_rates
 from bayes_greybox.physics.formula.functions import FUNCTIONS
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
+from bayes_greybox.running.errors import InputError
 
 
 def by_python(path):

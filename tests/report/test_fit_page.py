@@ -8,9 +8,9 @@ import pytest
 from fabricated import shown
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.pages.fit_page import fit_html
 from bayes_greybox.report.words.formatting import probability_text
+from bayes_greybox.running.errors import InputError
 
 SHORT = {"draws": 50, "tune": 100, "chains": 2, "progress": False}
 

@@ -2,8 +2,8 @@ import os
 
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.folders.writing import output_folder, staged
+from bayes_greybox.running.errors import InputError
 
 
 def names(folder):

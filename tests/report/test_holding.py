@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bayes_greybox.config import load_config
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.folders.copies import author_text, copy_of
 from bayes_greybox.report.folders.holding import command_of, free_folder, require_own
+from bayes_greybox.running.errors import InputError
 
 TEXT = """#:schema ./bayes-greybox.schema.json
 # What a spring does, measured by ü.

@@ -8,7 +8,6 @@ from matplotlib.collections import LineCollection, PolyCollection, QuadMesh
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots import (
     plot_coefficients,
     plot_comparison,
@@ -20,6 +19,7 @@ from bayes_greybox.report.plots import (
 )
 from bayes_greybox.report.plots.style import formula_or_name
 from bayes_greybox.report.words.formatting import estimate, formula, unit_text
+from bayes_greybox.running.errors import InputError
 
 
 def texts(figure: Figure) -> list[str]:

@@ -11,10 +11,9 @@ import pytest
 from tiny_study import judged
 
 from bayes_greybox.cli.ending import exit_code
-from bayes_greybox.criticism.equations.learned import Value
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.equations.learned import Value
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
@@ -41,6 +40,7 @@ from bayes_greybox.report.words.formatting import (
 )
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, closed_text, metric_interval, metric_value, name_of
+from bayes_greybox.running.errors import InputError
 
 # Most of the time a page takes is that of its figures.
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}

@@ -9,7 +9,6 @@ from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import (
     Coefficient,
@@ -25,6 +24,7 @@ from bayes_greybox.report.plots.gap.before_after import seen_as
 from bayes_greybox.report.plots.studies import gap_map, study_figures
 from bayes_greybox.report.plots.style import BLUE, SKY
 from bayes_greybox.report.words.formatting import percent_text, probability_text
+from bayes_greybox.running.errors import InputError
 
 
 def texts(figure: Figure) -> list[str]:

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 from bayes_greybox.data.columns import RESERVED
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Table
 from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.running.errors import InputError
 
 from .example import is_electrical, is_length_or_angle
 from .roles import LEVEL, POSITION, Guess

@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.filters import step_slack
 from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
 from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.running.errors import InputError
 
 TIME = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
 RUN = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")

@@ -15,13 +15,13 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.criticism.convergence import Verdict
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampler.prior_data import draw_truths, open_equation
 from bayes_greybox.inference.sampler.replicates import sample_replicates
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import Sites
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage, stages
 
 from .coverage import coverage_table, places

@@ -12,12 +12,12 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
 from bayes_greybox.model.design import Design
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
 
 ALPHAS = (0.99, 1.01)

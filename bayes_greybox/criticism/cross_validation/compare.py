@@ -9,9 +9,9 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.running.errors import InputError
 
 from .cross_validate import cross_validate
 from .folds import SCHEMES, START, Folds, check_scheme, make_folds

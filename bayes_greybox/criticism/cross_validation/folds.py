@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.rows.equation_rows import EquationRows
+from bayes_greybox.running.errors import InputError
 
 SCHEMES = ("loo", "block", "trajectory", "future")
 """Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""

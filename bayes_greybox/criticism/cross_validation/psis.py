@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.criticism.convergence import array_stats
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.running.errors import InputError
 
 MIN_DRAWS = 25
 """Fewer draws have no tail for Pareto smoothing to fit."""

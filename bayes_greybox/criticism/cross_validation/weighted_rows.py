@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.running.errors import InputError
 
 NOTE = (
     "Noise(tails=...) gave each row its weight by its own residual, which a prediction cannot know: elpd is too high, "

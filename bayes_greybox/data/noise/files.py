@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .banded import BandedNoise
 from .forced_noise import ForcedNoise, Motion

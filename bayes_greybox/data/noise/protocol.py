@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""

@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 from scipy.special import gammainc
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .protocol import RowNoise
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.protocol import WHITE_SHARE, RowNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.samples.sample_noise import sample_noise
+from bayes_greybox.running.errors import InputError
 
 from .filters import (
     GAP,

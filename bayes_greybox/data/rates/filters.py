@@ -9,7 +9,7 @@ from scipy.signal import savgol_coeffs
 from scipy.signal.windows import kaiser
 from scipy.special import ive
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0

@@ -1,7 +1,7 @@
 """Held-out data as the training data are: with the same filter."""
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories, require_measured
+from bayes_greybox.running.errors import InputError
 
 
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:

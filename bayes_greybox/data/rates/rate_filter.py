@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.signal import upfirdn
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.running.errors import InputError
 
 from .filters import STEP_TOLERANCE, filter_taps
 

@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.digits import HELD, first_lost, since_first
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .table import Layout, Table, capital
 from .units import is_number

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import is_finite
 
 from .formats.text import BLANKS
 from .listed import listed

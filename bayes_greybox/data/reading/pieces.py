@@ -9,7 +9,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .cells import numbers, stamps
 from .table import Layout, Table, capital

@@ -5,7 +5,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 
 def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], str]:

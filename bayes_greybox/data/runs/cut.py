@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Int
 
 from bayes_greybox.data.columns import split_cuts
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import is_finite
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import is_finite
 
 from .resampling import decimated, even_times, interpolated, rows_named
 from .stacked import Runs

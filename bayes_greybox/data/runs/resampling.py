@@ -7,9 +7,9 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.differentiate import uniform_step
 from bayes_greybox.data.rates.filters import GAP
+from bayes_greybox.running.errors import InputError
 
 COARSER = 1.5
 """A step this many times the usual one leaves out so much that what is faster would pass for something slower."""

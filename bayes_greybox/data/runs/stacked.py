@@ -8,10 +8,10 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.columns import derivative_label, rate_unit, summary_table
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.rates.rate_filter import RateFilter
+from bayes_greybox.running.errors import InputError
 
 
 @dataclass(frozen=True, eq=False, repr=False)

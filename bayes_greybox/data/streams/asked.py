@@ -9,10 +9,10 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayes_greybox.data.digits import first_lost
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.door import read
 from bayes_greybox.data.reading.table import Layout, Table, tidy
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 CHUNK, PART = 1 << 16, 1 << 20
 """Rows that are held at a time, and rows of a part: what one worker does before it answers."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.door import Columns, named
 from bayes_greybox.data.reading.listed import listed
+from bayes_greybox.running.errors import InputError
 
 from .asked import Asked
 from .labelled import labelled_rows

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 from .asked import CHUNK, PART, Asked
 from .whole_runs import Piece, WholeRuns

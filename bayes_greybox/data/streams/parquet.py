@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.sources import INSTALL
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 from .asked import CHUNK, PART, Asked
 from .whole_runs import Piece, WholeRuns

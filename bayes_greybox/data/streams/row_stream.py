@@ -7,9 +7,9 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, require_limits
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Count, require_limits
 
 from .whole_runs import some_runs, stacked_runs
 

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.criteria import Criteria
@@ -25,6 +24,7 @@ from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.suspects.channels import is_fault
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
+from bayes_greybox.running.errors import InputError
 
 from .amendment import Amendment
 from .checks.adequacy import Check

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.regressors.columns import Column
@@ -14,6 +13,7 @@ from bayes_greybox.discovery.regressors.regressors import evaluated
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.running.errors import InputError
 
 
 @dataclass(frozen=True)

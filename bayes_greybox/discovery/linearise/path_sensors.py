@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
@@ -33,6 +32,7 @@ from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.hidden_states import HiddenState, along
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 TOLD = 1e-3
 """Share of what an error of a sensor does that no start of the path does as well, at least; else nothing tells it."""

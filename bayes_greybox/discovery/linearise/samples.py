@@ -8,7 +8,6 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
@@ -29,6 +28,7 @@ from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.running.errors import InputError
 
 from .modelled_rate import modelled_rate
 from .near import Point, Rows

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.grid.agreement import blocks
 from bayes_greybox.discovery.grid.hypotheses import weigh
 from bayes_greybox.discovery.grid.noise_grid import NONE, NoisePoint
@@ -16,6 +15,7 @@ from bayes_greybox.discovery.grid.search import Reach
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import Regressors
+from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, Rows, as_regressor
 from .noise_shapes import noise_shapes

@@ -6,10 +6,10 @@ from numbers import Real
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Signal, Usual, band
+from bayes_greybox.running.errors import InputError
 
 
 def usual_candidates(

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.discovery.answer.explained import Explained, joined
 from bayes_greybox.discovery.refusals import check_candidate, check_ranking, check_runs
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.physics.candidate import Candidate
+from bayes_greybox.running.errors import InputError
 
 from .candidates import usual_candidates
 from .information import Information, information, together

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.suspects.channels import ChannelSuspect
 from bayes_greybox.discovery.suspects.memory import Memory
@@ -17,6 +16,7 @@ from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 from .columns import Column
 

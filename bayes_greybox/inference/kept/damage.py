@@ -15,7 +15,7 @@ from zlib import crc32
 
 import xarray as xr
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 SEALS = "bayes_greybox_seals"
 """Root attribute with a sum of each text that the package wrote: {path of the group: {attribute: CRC-32}}."""

@@ -3,9 +3,9 @@
 import numpy as np
 import xarray as xr
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
+from bayes_greybox.running.errors import InputError
 
 from .groups import DETAILS
 

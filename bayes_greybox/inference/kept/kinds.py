@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence, Set
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 
 def require_kinds(made: Any, leave_out: Collection[str] = ()) -> None:

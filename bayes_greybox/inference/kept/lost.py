@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.running.errors import InputError
 
 
 def lost_program(n_term: int) -> Any:

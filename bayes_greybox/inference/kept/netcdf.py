@@ -17,9 +17,7 @@ import pandas as pd
 import xarray as xr
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.whole import whole_file
 from bayes_greybox.inference.posterior import SLAB, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.priors import PRIORS
@@ -27,6 +25,8 @@ from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.running.compiling import keep_programs
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import whole_file
 
 from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
 from .draws import require_draws

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.streams.statistics import RowStatistics
+from bayes_greybox.running.errors import InputError
 
 STATISTICS = "row_statistics"
 """Group of a file with the triangular factors of all rows."""

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.path_starts import start_draws
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import SENSOR, ExactLikelihood
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import EquationSites
+from bayes_greybox.running.errors import InputError
 
 from .exact_paths import Along, ExactPaths
 

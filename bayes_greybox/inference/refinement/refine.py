@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.checkpoint import Checkpoint, run_facts
 from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
@@ -25,6 +24,7 @@ from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
 from bayes_greybox.model.sites import EquationSites
 from bayes_greybox.physics.simulation.code import require_traceable
+from bayes_greybox.running.errors import InputError
 
 from .accurate import ACCURATE, ESTIMATE, MOVED, PATH_ERROR, Paths, Sampled
 from .exact_paths import Course, ExactPaths

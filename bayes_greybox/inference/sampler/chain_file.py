@@ -11,9 +11,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import whole_file
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce
+from bayes_greybox.running.whole_files import whole_file
 
 log = logging.getLogger(__name__)
 

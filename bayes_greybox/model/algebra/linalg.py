@@ -8,7 +8,7 @@ import scipy.linalg
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 JITTER = 1e-12
 """Relative jitter: a matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.coefficient_priors import CoefficientPriors
@@ -19,6 +18,7 @@ from bayes_greybox.model.gp.kernels import KERNELS
 from bayes_greybox.model.gp.orthogonal import Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
+from bayes_greybox.running.errors import InputError
 
 from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
 

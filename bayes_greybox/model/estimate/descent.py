@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.running.errors import InputError
 
 DAMPING = 1e-2
 """Of the first step of a descent, over the precision of each coefficient."""

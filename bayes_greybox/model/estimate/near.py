@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.running.errors import InputError
 
 from .descent import SETTLED, STAYING, UNSETTLED, descended, frozen, likeliest_of
 from .likeliest import Likeliest, likeliest

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from operator import index
 from typing import Annotated, Any, Literal
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import Count, OneOf, Positive, Rule, Seed, require_limits
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
 from .kernels import KERNELS
 from .orthogonal import Measure, Variant

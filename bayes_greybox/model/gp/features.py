@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.running.arrays import on_device
+from bayes_greybox.running.errors import InputError
 
 DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
 """Features per variable when the user names none; 6 from four variables on."""

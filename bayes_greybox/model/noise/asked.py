@@ -22,7 +22,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
 from bayes_greybox.model.frame import held_features, scaled_position
@@ -32,6 +31,7 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.running.errors import InputError
 
 from .in_time import in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.rate_filter import RowOperator
 from bayes_greybox.data.rates.sample_spread import SampleSpread
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows, Evaluate
 from .row_kind import RowKind

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.rates.sample_spread import Columns, SampleSpread
+from bayes_greybox.running.errors import InputError
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
 """Rows of a table that need never exist as a whole, by index."""

@@ -21,7 +21,6 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
@@ -37,6 +36,7 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import with_rates
+from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows, block_name
 from .row_kind import RowKind

@@ -25,13 +25,13 @@ from jaxtyping import Float, Int
 from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, mean_diagonal, overlapping
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
 from bayes_greybox.data.weak.weak_form import EVERY, FEWEST_STEPS, Bumps
 from bayes_greybox.physics.simulation.protocol import Simulation
+from bayes_greybox.running.errors import InputError
 
 FINEST = 1e-5
 """Noise of a state over the spread of its samples, at least: rounding, and what sums for integrals leave."""

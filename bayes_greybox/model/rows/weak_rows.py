@@ -15,14 +15,14 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from annotated_types import Lt
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.limits import NotNegative, Positive, require_limits
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.weak_form import FEWEST_STEPS
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import NotNegative, Positive, require_limits
 
 from .equation_rows import Acting, EquationRows, block_name
 from .row_kind import RowKind

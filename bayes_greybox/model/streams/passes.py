@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream, Source
-from bayes_greybox.data.tasks import run_tasks
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage
+from bayes_greybox.running.tasks import run_tasks
 
 from ..algebra.stacking import BLOCK, stacked
 from ..assemble import scaled_table, with_steps

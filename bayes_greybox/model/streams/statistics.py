@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Dictionary
+from bayes_greybox.running.errors import InputError
 
 from ..algebra.linalg import require_independent
 from ..assemble import common_of, feature_design

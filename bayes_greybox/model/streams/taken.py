@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import NamedTuple
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 from ..estimate.near import nearer
 from ..noise.asked import Noise

@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from types import UnionType
 from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 _WANTED = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
 

@@ -12,13 +12,13 @@ from functools import cached_property
 
 import sympy
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
 from bayes_greybox.physics.formula.grammar import check_name, symbol
 from bayes_greybox.physics.formula.numbers import Parts, parted
 from bayes_greybox.physics.formula.printing import to_latex
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 from .inner_parameter import MOST, InnerParameter
 

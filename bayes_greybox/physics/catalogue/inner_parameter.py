@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.grammar import check_name
+from bayes_greybox.running.errors import InputError
 
 from .effect_tables import nearest
 

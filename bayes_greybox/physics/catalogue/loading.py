@@ -13,9 +13,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.running.errors import InputError
 
 from .effect_tables import effect_tables, keys_of, nearest
 from .effects import Effect

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.unit_registry import registry
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.formula.grammar import check_name, symbol
 from bayes_greybox.physics.units import parse_unit, term_unit
+from bayes_greybox.running.errors import InputError
 
 from .effect_tables import nearest
 from .effects import BoundEffect, Effect

@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .effects import Effect
 from .loading import CatalogueSpec, load_catalogue

@@ -10,7 +10,7 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .functions import FUNCTIONS, NODES
 from .grammar import REMEMBERED, check_known, check_name, check_size, function_list, read, symbol

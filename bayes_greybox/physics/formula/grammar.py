@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import sympy
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
 

@@ -10,11 +10,11 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 RightHandSide = Callable[[Array, Array, Array], Array]
 """(t, x [n_state], u [n_input]) -> dx/dt [n_state]."""

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.running.errors import InputError
 
 from .code import CallableSimulation
 from .fmu.given import FMU, fmu_from, given_again

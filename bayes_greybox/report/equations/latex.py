@@ -2,7 +2,7 @@
 
 import re
 
-from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import to_latex
 

@@ -7,7 +7,7 @@ breaks between summands at the width of a phone.
 
 from html import escape
 
-from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import GAP, to_mathml
 

@@ -7,7 +7,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.report.words.formatting import Concise, concise, exact, unit_text
 

@@ -6,10 +6,10 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.criticism.equations.learned import LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
-from bayes_greybox.data.records import plain_values
+from bayes_greybox.equations.learned import LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.running.plain_values import plain_values
 
 from .latex import left_latex, right_latex
 from .text import equation_text

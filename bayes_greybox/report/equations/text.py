@@ -5,7 +5,7 @@ from typing import Any
 
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.criticism.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.report.words.formatting import concise, formula, unit_text
 

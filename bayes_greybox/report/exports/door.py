@@ -4,9 +4,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from bayes_greybox.criticism.equations.learned import LearnedSystem
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import whole_file
+from bayes_greybox.equations.learned import LearnedSystem
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import whole_file
 
 from .fmu.archive import fmu_archive
 from .languages import c_program, modelica_program, python_program

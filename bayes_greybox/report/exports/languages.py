@@ -4,7 +4,7 @@ import builtins
 import keyword
 from collections.abc import Sequence
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 from .header import comment, header, uncertainty
 from .model import ExportedModel, Formula, rate_symbol

@@ -14,10 +14,10 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.criticism.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
+from bayes_greybox.running.errors import InputError
 
 from .names import distinct
 

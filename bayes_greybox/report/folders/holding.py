@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 RECORD, CONFIG = "summary.json", "config.toml"
 """Files that every command writes."""

@@ -10,13 +10,13 @@ import pandas as pd
 from bayes_greybox.criticism.convergence import Verdict, convergence
 from bayes_greybox.criticism.cross_validation.compare import unreliable
 from bayes_greybox.criticism.discrepancy import discrepancy_table
-from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.trial import Trial
-from bayes_greybox.data.records import plain_rows, plain_values
+from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.equations.record import equations_record
+from bayes_greybox.running.plain_values import plain_rows, plain_values
 
 
 def run_record(

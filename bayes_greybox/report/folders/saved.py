@@ -6,7 +6,6 @@ from typing import Any
 
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.kept.file import checked_of, load_checked
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.kept.study_file import holds_study, study_of
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.kept import netcdf
@@ -16,6 +15,7 @@ from bayes_greybox.report.pages.comparison_page import comparison_html
 from bayes_greybox.report.pages.fit_page import fit_html
 from bayes_greybox.report.pages.page import require_place
 from bayes_greybox.report.pages.study_page import study_html
+from bayes_greybox.running.errors import InputError
 
 from .comparison import PAGE, load_comparison
 from .copies import author_text

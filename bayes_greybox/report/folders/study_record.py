@@ -5,13 +5,13 @@ from dataclasses import asdict
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.data.records import plain_values
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.running.plain_values import plain_values
 
 from .record import verdict_record
 

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.locking import locked
-from bayes_greybox.data.whole import PART, put, remove_parts
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.locking import locked
+from bayes_greybox.running.whole_files import PART, put, remove_parts
 
 ROOM = 4_000_000
 """Bytes that a disk must have room for before hours of work, about what a fit and its figures take."""

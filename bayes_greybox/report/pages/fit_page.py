@@ -10,9 +10,9 @@ import pandas as pd
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
-from bayes_greybox.criticism.equations.of_posterior import fitted_system
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
+from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures

@@ -6,8 +6,8 @@ from functools import partial
 
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.pooling import Pooled
-from bayes_greybox.discovery.fleet import Fleet, Shared
+from bayes_greybox.discovery.fleet.pooling import Pooled
+from bayes_greybox.discovery.fleet.shared import Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled

@@ -15,9 +15,9 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import write_text
 from bayes_greybox.report.drawing.svg import drawing
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import write_text
 
 NARROW = 4.6
 """Width in inches of figures along time on a phone, where a wide one would be too small to read."""

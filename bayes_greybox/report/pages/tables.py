@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from bayes_greybox.criticism.convergence import SHORT, convergence
-from bayes_greybox.criticism.equations.learned import LearnedSystem
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml

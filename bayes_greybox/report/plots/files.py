@@ -6,8 +6,8 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.whole import whole_file
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import whole_file
 
 from .style import laid_out
 

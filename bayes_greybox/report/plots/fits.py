@@ -15,7 +15,6 @@ from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.criticism.trade_off import strongest_trade_off
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
@@ -32,6 +31,7 @@ from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over
 from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
 from bayes_greybox.report.words.formatting import formula, probability_column
+from bayes_greybox.running.errors import InputError
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:

@@ -6,8 +6,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.pooling import Pooled
 from bayes_greybox.discovery.answer.interval import REACH
+from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
 
 MOST = 60

@@ -7,7 +7,6 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import Band
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
@@ -22,6 +21,7 @@ from bayes_greybox.report.plots.style import AFTER, BEFORE
 from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.sampled import added_draws
 from bayes_greybox.report.words.study import added, answer, name_of, set_label, shown_part, tied_sets
+from bayes_greybox.running.errors import InputError
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 """Hypotheses in the ranking's figure; a table has them all."""

@@ -14,8 +14,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.mathtext import MathTextParser
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.words.formatting import unit_text
+from bayes_greybox.running.errors import InputError
 
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"

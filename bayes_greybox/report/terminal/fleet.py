@@ -5,7 +5,7 @@ import math
 from rich.table import Table
 from rich.text import Text
 
-from bayes_greybox.discovery.fleet import Fleet
+from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, not_pooled
 from bayes_greybox.report.words.formatting import share_text
 

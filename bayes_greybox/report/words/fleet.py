@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 
-from bayes_greybox.discovery.fleet import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
+from bayes_greybox.discovery.fleet.shared import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, probability_text, quantity, unit_text

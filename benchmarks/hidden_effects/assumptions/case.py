@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.systems.hosts import Host
 from benchmarks.hidden_effects.systems.ode import Acting, HostODE
 from benchmarks.hidden_effects.systems.search import Wanted

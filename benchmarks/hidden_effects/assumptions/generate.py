@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.generate import SET_UPS, CaseData, Truth, drawn_rates
 from benchmarks.hidden_effects.systems.hidden import find
 from benchmarks.hidden_effects.systems.hosts import Host, formula

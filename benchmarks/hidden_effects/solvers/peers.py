@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import Case
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.trajectories import rms

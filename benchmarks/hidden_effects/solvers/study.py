@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from bayes_greybox.data.records import plain_rows
+from bayes_greybox.running.plain_values import plain_rows
 from benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.hidden import CATALOGUE

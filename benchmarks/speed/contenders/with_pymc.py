@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.speed.drawn import BOUNDARY, FLOOR, Clock, Drawn, Settings, tensor_features
 from benchmarks.speed.problems import Data, Scaled
 

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from benchmarks.hidden_effects.assumptions.cases import assumption_cases
 from benchmarks.hidden_effects.assumptions.families import FAMILIES

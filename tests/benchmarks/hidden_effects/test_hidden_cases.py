@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hidden_cases import OBVIOUS, SILENT, made, without_effect
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import (
     FAMILIES,
     NOISE,

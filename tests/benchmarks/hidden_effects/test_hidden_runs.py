@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hidden_cases import SILENT, effect
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import Case
 from benchmarks.hidden_effects.run import RESULTS, run
 

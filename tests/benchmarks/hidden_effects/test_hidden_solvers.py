@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from hidden_cases import OBVIOUS, SILENT, effect, made, without_effect
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import ratio_density
 from benchmarks.hidden_effects.solvers import peers, study
 from benchmarks.hidden_effects.solvers.oracle import (

@@ -3,12 +3,12 @@ import pytest
 from differentiation import differentiation_matrix
 from scipy.linalg import block_diag
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import BandedNoise, fir_noise
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.rates.differentiate import differentiate
 from bayes_greybox.data.rates.filters import filter_taps
+from bayes_greybox.running.errors import InputError
 
 LENGTHS, STEPS = (40, 25), (0.1, 0.05)
 

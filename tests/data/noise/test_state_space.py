@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.spectral import SpectralNoise
@@ -14,6 +13,7 @@ from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 RNG = np.random.default_rng(0)
 EVEN = np.arange(40) * 0.1

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from differentiation import differentiation_matrix
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.rates.filters import filter_taps, savgol_window, spectral_derivative
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 H = 0.1
 T = np.arange(120) * H

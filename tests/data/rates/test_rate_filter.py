@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.rates.rate_filter import RateFilter, RowOperator, smoothing_taps
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])

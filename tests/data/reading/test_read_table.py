@@ -7,9 +7,9 @@ import pytest
 import scipy.io
 import xarray as xr
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.read_table import read_table
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.running.errors import InputError
 
 N = 12
 T = np.arange(N) * 0.5

@@ -6,8 +6,8 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.config.starting.starter import starter
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.door import layout_of
+from bayes_greybox.running.errors import InputError
 
 N = 40
 EPOCH = 1_700_000_000_000_000_001

@@ -9,8 +9,8 @@ import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.config.file import load_config
 from bayes_greybox.config.starting.starter import starter
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.door import layout_of
+from bayes_greybox.running.errors import InputError
 
 N = 40
 T = np.arange(N) * 0.1

@@ -5,9 +5,9 @@ import pytest
 from streamed import NAMES, chunk, chunks, frame, written
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams import labelled, parquet
 from bayes_greybox.data.streams.row_stream import RowStream, Source
+from bayes_greybox.running.errors import InputError
 
 
 @pytest.fixture(autouse=True)

@@ -8,9 +8,9 @@ import pytest
 from streamed import written
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams import labelled, parquet, whole_runs
 from bayes_greybox.data.streams.row_stream import RowStream, Source
+from bayes_greybox.running.errors import InputError
 
 NAMES = {"states": ["x"], "inputs": ["u"], "time": "t"}
 LENGTHS = (90, 333, 120, 50, 260, 75, 30, 99)

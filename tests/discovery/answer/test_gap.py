@@ -9,7 +9,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_model, tiny_near, tiny_regressors
 
-from bayes_greybox.data.records import plain_rows
 from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
@@ -17,6 +16,7 @@ from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.answer.gap.denials import GREW, LEFT, MISFIT, NAMED, left_over, worsened
 from bayes_greybox.discovery.answer.gap.free_runs import LEVEL, PATH_DRAWS, FreeRuns
 from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS, gap_rows
+from bayes_greybox.running.plain_values import plain_rows
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
 TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]

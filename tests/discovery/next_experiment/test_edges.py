@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer.explained import Component, Explained, joined
 from bayes_greybox.discovery.kept.features import Features
 from bayes_greybox.discovery.kept.study_file import CLASSES
@@ -16,6 +15,7 @@ from bayes_greybox.missing_effects import Study
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.physics.signals import Hold, Multisine, Noise
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 
 def law(name: str, p: float, expression: str, mean: float) -> Explained:

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.missing_effects import load
 from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Usual
+from bayes_greybox.running.errors import InputError
 
 
 def test_explanations_are_those_of_the_table_and_a_file_keeps_them(study, tmp_path):

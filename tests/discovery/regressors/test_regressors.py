@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
@@ -19,6 +18,7 @@ from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 N = 24
 WHITE = WhiteNoise((N,))

@@ -5,8 +5,8 @@ import os
 import h5py
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.inference.kept import unsummed
+from bayes_greybox.running.errors import InputError
 
 
 @pytest.fixture

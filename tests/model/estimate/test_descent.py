@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate.descent import SETTLED, STAYING, Standing, descended, likeliest_of
 from bayes_greybox.model.estimate.near import near_estimate
@@ -15,6 +14,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.path.path_segments import GROWTH
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 MODEL = Program(
     {"x": ["x"], "y": ["x"]}, simulation={"x": "u", "y": "-y"}, rows=TrajectoryRows(interpolation="cubic"),

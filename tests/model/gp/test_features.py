@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bayes_greybox.criticism.convergence import WIDEST
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.model.gp.features import HilbertBasis, default_features
 from bayes_greybox.model.gp.kernels import KERNELS, gram, log_spectral_density
+from bayes_greybox.running.errors import InputError
 
 X = jnp.asarray(np.linspace(-1, 1, 41)[:, None])
 

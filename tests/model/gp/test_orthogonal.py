@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -14,6 +13,7 @@ from bayes_greybox.model.gp.kernels import KERNELS, gram
 from bayes_greybox.model.gp.orthogonal import box_nodes, orthogonal_gram, orthonormalise
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.systems import oscillator
+from bayes_greybox.running.errors import InputError
 
 SIX_TERMS = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]
 MEASURES = ["empirical", "box", "box-monte-carlo"]

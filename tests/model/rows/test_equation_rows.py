@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
@@ -16,6 +15,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.running.errors import InputError
 
 
 def measured(n=24):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from predator_prey import by_integration, sampled
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.studied import studied_equations
 from bayes_greybox.model.estimate import near
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
+from bayes_greybox.running.errors import InputError
 
 BOTH = {"x": ["x", "x*y"], "y": ["x*y", "y"]}
 

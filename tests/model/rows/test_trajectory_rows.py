@@ -8,7 +8,6 @@ from sampled_oscillator import SIMULATION, force, sampled
 from scipy.integrate import odeint, solve_ivp
 from scipy.optimize import least_squares
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate import near as near_module
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -17,6 +16,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 CUBIC = {"hidden": lambda y, v: -0.3 * y**3}
 

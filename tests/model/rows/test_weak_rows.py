@@ -8,7 +8,6 @@ from predator_prey import COEFFICIENTS, populations
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate import near
 from bayes_greybox.model.estimate.likeliest import likeliest
@@ -18,6 +17,7 @@ from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.model.rows.weak_path import Reading, weak_path
 from bayes_greybox.model.rows.weak_rows import WeakRows
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 BOTH = {"x": ["x", "x*y"], "y": ["x*y", "y"]}
 RIGHT = tuple((Term(text), value) for text, value in zip(["x", "x*y", "x*y", "y"], COEFFICIENTS, strict=True))

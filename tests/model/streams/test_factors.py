@@ -12,12 +12,12 @@ import pytest
 from streamed import chunk, chunks, deadly_chunk, model, together
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.model.algebra.stacking import BLOCK, empty_factor, joined, stacked
 from bayes_greybox.model.streams.extent import LEVELS, Sizes
 from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.model.streams.taken import taken
+from bayes_greybox.running.errors import InputError
 
 # What issue 16 asks for: relative to one pass in extended precision.
 CLOSE = 1e-12

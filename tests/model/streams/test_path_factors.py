@@ -8,13 +8,13 @@ import pytest
 from streamed_runs import BOTH, animals, clipped, oscillations, path_of, stream_of, weak
 
 import bayes_greybox as bg
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate.near import nearer
 from bayes_greybox.model.streams import taken as taking
 from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.model.streams.taken import taken
+from bayes_greybox.running.errors import InputError
 
 # What issue 16 asks for.
 CLOSE = 1e-12

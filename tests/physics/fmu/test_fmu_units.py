@@ -2,9 +2,9 @@
 
 import pytest
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Unit, Variable
+from bayes_greybox.physics.simulation.fmu.description import Unit, Variable
 from bayes_greybox.physics.simulation.fmu.units import require_units
+from bayes_greybox.running.errors import InputError
 
 
 def compared(own, name, base, factor=1.0, offset=0.0):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import sympy
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.formula.expressions import (
     check_expression,
     evaluate,
@@ -18,6 +17,7 @@ from bayes_greybox.physics.formula.expressions import (
 )
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import to_latex, to_mathml, to_text
+from bayes_greybox.running.errors import InputError
 
 NAMES = ("y", "ydot", "F")
 # Both signs, zero, and sizes on both sides of one.

@@ -3,8 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.running.errors import InputError
 
 
 def read_netcdf(path: Path, layout: Layout) -> Table:

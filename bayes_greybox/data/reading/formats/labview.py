@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.running.errors import InputError
 
 END = "***End_of_Header***"
 STAMPS = "X_Value"

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.running.errors import InputError
 
 REMEDY = (
     'in MATLAB, save its columns as vectors, S = table2struct(T, ToScalar=true); save("run.mat", "-struct", "S"), or '

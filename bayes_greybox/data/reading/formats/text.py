@@ -11,10 +11,10 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.reading.cells import is_measured, may_have_lost, with_digits
 from bayes_greybox.data.reading.table import Layout, Table, require_distinct
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
+from bayes_greybox.running.errors import InputError
 
 REMARKS = ("#", "%")
 """Signs at the start of lines that are remarks, as NumPy and MATLAB write them."""

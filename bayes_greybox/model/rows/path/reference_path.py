@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.noise.forced_noise import Motion
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import sample_noise
@@ -18,6 +17,7 @@ from bayes_greybox.model.rows.equation_rows import Acting, Unfollowed
 from bayes_greybox.physics.sensitivity import Grid, carried
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.smoothing import Observed
+from bayes_greybox.running.errors import InputError
 
 from .common import Common, sizes_of, steps_needed, usual_step
 from .forced_rate import Force, ForcedRate

@@ -6,9 +6,9 @@ from collections.abc import Iterable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.sensitivity import Grid, hermite
 from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, log_likelihoods, smooth, steps_along
+from bayes_greybox.running.errors import InputError
 
 from .forced_rate import ForcedRate
 from .path_segments import segments_of

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Description, Variable
-from bayes_greybox.data.fmu.reading import read_fmu
+from bayes_greybox.physics.simulation.fmu.description import Description, Variable
+from bayes_greybox.physics.simulation.fmu.files import read_fmu
+from bayes_greybox.running.errors import InputError
 
 from .naming import by_column, require_number, require_once, require_real, without_states
 from .ports import Ports

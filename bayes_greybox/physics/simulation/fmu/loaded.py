@@ -6,8 +6,8 @@ from collections.abc import Callable
 from ctypes import byref
 from typing import Any
 
-from bayes_greybox.data.fmu.description import Description
-from bayes_greybox.data.fmu.reading import fmpy
+from bayes_greybox.physics.simulation.fmu.description import Description
+from bayes_greybox.physics.simulation.fmu.files import fmpy
 
 DEAD, FATAL = 3, 4
 """Status of FMI from which on an instance is of no use, and from which on nothing may be asked of it at all."""

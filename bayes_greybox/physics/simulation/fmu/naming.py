@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Description, Variable
+from bayes_greybox.physics.simulation.fmu.description import Description, Variable
+from bayes_greybox.running.errors import InputError
 
 
 def by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Description
+from bayes_greybox.physics.simulation.fmu.description import Description
+from bayes_greybox.running.errors import InputError
 
 from .exchange import Exchange
 from .ports import Key, Ports, key_of

@@ -10,11 +10,11 @@ import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.simulation.protocol import Simulation, finite
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
 from .given import FMU
 from .running import running

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Description
+from bayes_greybox.physics.simulation.fmu.description import Description
+from bayes_greybox.running.errors import InputError
 
 from .loaded import instantiated, left
 from .ports import Key, Ports

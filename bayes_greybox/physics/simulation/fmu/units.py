@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.fmu.description import Variable
 from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.physics.simulation.fmu.description import Variable
 from bayes_greybox.physics.units import parse_unit
+from bayes_greybox.running.errors import InputError
 
 
 def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[str, str]) -> None:

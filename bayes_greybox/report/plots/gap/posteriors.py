@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -23,6 +22,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.words.formatting import estimate, level_text
+from bayes_greybox.running.errors import InputError
 
 _N_BIN = 40
 

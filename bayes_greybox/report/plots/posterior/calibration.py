@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import BLUE, DARK, GREY, LIGHT, ORANGE, STYLE, new_figure, plain
 from bayes_greybox.report.words.formatting import number
+from bayes_greybox.running.errors import InputError
 
 _ACROSS = 4
 """Panels in a row."""

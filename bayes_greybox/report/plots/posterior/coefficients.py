@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -27,6 +26,7 @@ from bayes_greybox.report.plots.style import (
     with_unit,
 )
 from bayes_greybox.report.words.formatting import PROBABILITIES, estimate, formula, number, probability_text, unit_text
+from bayes_greybox.running.errors import InputError
 
 # Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
 _LINEAR_RATIO = 30.0

@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -24,6 +23,7 @@ from bayes_greybox.report.plots.style import (
     plain,
 )
 from bayes_greybox.report.words.formatting import pareto, weight_text
+from bayes_greybox.running.errors import InputError
 
 # Above this Pareto shape the importance sampling behind an elpd is not to be trusted, however many draws there are
 # (Vehtari, Simpson, Gelman, Yao & Gabry 2024); with few draws the table names a smaller one.

@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.report.plots.style import (
     BLUE,
     DARK,
@@ -29,6 +28,7 @@ from bayes_greybox.report.plots.style import (
 )
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
+from bayes_greybox.running.errors import InputError
 
 _MOST_POINTS = 2000
 

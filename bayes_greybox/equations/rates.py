@@ -11,10 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.running.errors import InputError
 
 from .learned import Features, LearnedEquation, LearnedSystem
 

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from bayes_greybox.criticism.pooling import Pooled, pooled
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
+from bayes_greybox.discovery.suspects.channels import is_fault
 from bayes_greybox.physics.units import same_unit
-
-from .decision.criteria import Criteria
-from .suspects.channels import is_fault
+from bayes_greybox.running.errors import InputError
 
 SURE = Criteria().named
 """Probability from which on an effect is named."""

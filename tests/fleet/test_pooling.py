@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayes_greybox.criticism.pooling import DIFFER, pooled
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.discovery.fleet.pooling import DIFFER, pooled
+from bayes_greybox.running.errors import InputError
 
 SCHOOLS = [28, 8, -3, 7, -1, 1, 18, 12], [15, 10, 16, 11, 9, 11, 10, 18]
 """Eight schools (Gelman et al. 2013, Table 5.2)."""

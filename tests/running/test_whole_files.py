@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.locking import LOCK, locked
-from bayes_greybox.data.whole import PART, remove_parts, whole_file, write_text
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.locking import LOCK, locked
+from bayes_greybox.running.whole_files import PART, remove_parts, whole_file, write_text
 
 ROOT = Path(__file__).parents[2]
 HOLD = """
 import pathlib, sys
-from bayes_greybox.data.locking import locked
+from bayes_greybox.running.locking import locked
 with locked(pathlib.Path(sys.argv[1])):
     print("held", flush=True)
     sys.stdin.read()

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from bayes_greybox.data.errors import InputError
-from bayes_greybox.data.tasks import LOST, Done, run_tasks
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.tasks import LOST, Done, run_tasks
 
 
 def squared(x):

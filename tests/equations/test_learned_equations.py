@@ -12,16 +12,16 @@ from fabricated import fabricate, oscillator
 from tiny_equation import DEAD_ZONE, forced, forced_model, forced_study, tiny_data, tiny_model, tiny_near
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.equations.of_posterior import fitted_system
-from bayes_greybox.criticism.equations.rates import learned_rates
-from bayes_greybox.data.errors import InputError
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.learned import amended_system
+from bayes_greybox.equations.of_posterior import fitted_system
+from bayes_greybox.equations.rates import learned_rates
 from bayes_greybox.inference.whole_rate import whole_rate
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import as_simulation, equations_text
+from bayes_greybox.running.errors import InputError
 
 CLOSE = {"rtol": 1e-8, "atol": 1e-8}
 SHAPE = (2, 6)

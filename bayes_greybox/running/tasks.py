@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 from uuid import uuid4
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 DEATHS = 3
 """Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from bayes_greybox.data.errors import InputError
+from bayes_greybox.running.errors import InputError
 
 NODES = 800
 """Values of τ that are summed over."""

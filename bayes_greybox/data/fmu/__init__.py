@@ -1,1 +1,0 @@
-"""FMU files: what their modelDescription.xml says, and where they are unpacked."""

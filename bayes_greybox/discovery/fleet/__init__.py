@@ -1,0 +1,1 @@
+"""Several machines studied at once: which effects they share, and how far their coefficients differ."""
