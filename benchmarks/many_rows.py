@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.streams.asked import CHUNK, PART
+from bayes_greybox.data.streams.asked import CHUNK_ROWS, PART_ROWS
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
@@ -50,7 +50,7 @@ class Oscillator(NamedTuple):
     @property
     def n_part(self) -> int:
         """Parts, of as many rows as those of a file."""
-        return -(-self.n_row // PART)
+        return -(-self.n_row // PART_ROWS)
 
     def whole_runs(self) -> "Oscillator":
         """The same: rows of rates have no runs."""
@@ -58,8 +58,8 @@ class Oscillator(NamedTuple):
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Rows of a part."""
-        for start in range(part * PART, min((part + 1) * PART, self.n_row), CHUNK):
-            n, rng = min(CHUNK, self.n_row - start), np.random.default_rng([start, 0])
+        for start in range(part * PART_ROWS, min((part + 1) * PART_ROWS, self.n_row), CHUNK_ROWS):
+            n, rng = min(CHUNK_ROWS, self.n_row - start), np.random.default_rng([start, 0])
             y, v = rng.uniform(-1, 1, n), rng.uniform(-0.7, 0.7, n)
             a = TRUE["y**3"] * y**3 + TRUE["ydot**3"] * v**3
             yield Trajectories.from_arrays(

@@ -25,7 +25,7 @@ import xarray as xr
 from bayes_greybox import cli
 from bayes_greybox.cli import fitting  # noqa: F401
 from bayes_greybox.data.reading.unit_registry import registry
-from bayes_greybox.running.whole_files import PART
+from bayes_greybox.running.whole_files import PART_PREFIX
 
 CONFIG = """
 [data]
@@ -108,7 +108,7 @@ def kill_at(moment: float, process: int) -> bool:
 def require_whole(folder: Path) -> None:
     """Every file that has its name can be read."""
     for file in folder.rglob("*"):
-        if file.is_dir() or file.name.startswith((PART, ".lock")) or PART in str(file.parent):
+        if file.is_dir() or file.name.startswith((PART_PREFIX, ".lock")) or PART_PREFIX in str(file.parent):
             continue
         if file.suffix == ".npz":
             with np.load(file, allow_pickle=False) as found:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-HELD = 2**53
+LARGEST_EXACT_INTEGER = 2**53
 """Every whole number up to here is a float."""
 
 
@@ -13,7 +13,11 @@ def first_lost(values: np.ndarray) -> int | None:
     Args:
         values: Numbers of any kind.
     """
-    if values.dtype.kind not in "iu" or not len(values) or max(int(values.max()), -int(values.min())) <= HELD:
+    if (
+        values.dtype.kind not in "iu"
+        or not len(values)
+        or max(int(values.max()), -int(values.min())) <= LARGEST_EXACT_INTEGER
+    ):
         return None
     with np.errstate(invalid="ignore"):
         lost = values.astype(float).astype(values.dtype) != values

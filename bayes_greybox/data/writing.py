@@ -4,12 +4,12 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_PLAIN = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅", "-0123456789.")
-_RAISED = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅"
+_TO_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_FROM_SUPERSCRIPT = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅", "-0123456789.")
+_SUPERSCRIPT_SIGNS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅"
 _TOKEN = re.compile(
-    rf"\s*(?:(?P<over>/|\bper\b)|(?P<name>(?:(?![{_RAISED}])[^\W\d]|[°%])+|1(?![\d.]))"
-    rf"|(?P<power>(?:\*\*|\^)\s*(?:-?[\d.]+|\(\s*-?[\d./]+\s*\))|[{_RAISED}]+)"
+    rf"\s*(?:(?P<over>/|\bper\b)|(?P<name>(?:(?![{_SUPERSCRIPT_SIGNS}])[^\W\d]|[°%])+|1(?![\d.]))"
+    rf"|(?P<power>(?:\*\*|\^)\s*(?:-?[\d.]+|\(\s*-?[\d./]+\s*\))|[{_SUPERSCRIPT_SIGNS}]+)"
     r"|(?P<times>[*·⋅])|(?P<open>\()|(?P<close>\)))\s*"
 )
 
@@ -46,14 +46,14 @@ def formula(expression: str) -> str:
         expression: The formula, or the name of a term, which mostly is one.
     """
     whole = r"\*\*(?:(-?\d+)(?![\d.])|\((-?\d+)\))"
-    raised = re.sub(whole, lambda found: (found[1] or found[2]).translate(_SUPERSCRIPT), expression)
+    raised = re.sub(whole, lambda found: (found[1] or found[2]).translate(_TO_SUPERSCRIPT), expression)
     return re.sub(r"\s*\*\s*", "·", raised.replace("**", "^")).replace("-", "−")
 
 
 def _power(name: str, power: Fraction) -> str:
     if power == 1:
         return name
-    return f"{name}{str(power).translate(_SUPERSCRIPT)}" if power.denominator == 1 else f"{name}^{float(power):g}"
+    return f"{name}{str(power).translate(_TO_SUPERSCRIPT)}" if power.denominator == 1 else f"{name}^{float(power):g}"
 
 
 def _factors(unit: str) -> dict[str, Fraction] | None:
@@ -75,7 +75,7 @@ def _factors(unit: str) -> dict[str, Fraction] | None:
             if text != "1":
                 found[text] = found.get(text, Fraction(0)) + signs[-1] * sign
         elif kind == "power" and last not in ("", "1"):
-            power = Fraction(text.translate(_PLAIN).strip("*^() "))
+            power = Fraction(text.translate(_FROM_SUPERSCRIPT).strip("*^() "))
             found[last] += signs[-1] * sign * (power - 1)
             last = ""
         elif kind == "open":

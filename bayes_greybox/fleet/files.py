@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_greybox.data.reading.sources import READERS
+from bayes_greybox.data.reading.sources import TABLE_READERS
 from bayes_greybox.running.errors import InputError
 
 
@@ -34,9 +34,9 @@ def data_files(folder: Path) -> list[Path]:
     Raises:
         InputError: There are none; see `files_of`.
     """
-    found = [file for file in files_of(folder) if file.suffix.lower() in READERS]
+    found = [file for file in files_of(folder) if file.suffix.lower() in TABLE_READERS]
     if not found:
-        raise InputError(f'"{folder}" has no data files ({", ".join(READERS)}); each asset of a fleet has one.')
+        raise InputError(f'"{folder}" has no data files ({", ".join(TABLE_READERS)}); each asset of a fleet has one.')
     return found
 
 

@@ -13,7 +13,7 @@ from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stages
-from bayes_greybox.running.tasks import LOST
+from bayes_greybox.running.tasks import SCHEDULER_LOST
 
 from .assets import Asset
 from .reporting import MARK, put_back, set_aside
@@ -66,7 +66,7 @@ def study_fleet(
                 known[asset.name] = Told(before)
         order = [asset.name for asset in assets]
         fleet, _ = studied_together(study_asset, tasks, order, known, failed, workers=workers, scheduler=scheduler)
-        if any(each.sentence == LOST for each in fleet.failed):
+        if any(each.sentence == SCHEDULER_LOST for each in fleet.failed):
             raise InputError("The Dask scheduler was lost. What is done is kept: give the same command again.")
         for each in fleet.failed:
             set_aside(folder / ASSETS / each.asset)

@@ -33,16 +33,16 @@ over a matrix or along the path of hidden states, takes a multiple of the time, 
 FOLDER = "BAYES_GREYBOX_CACHE"
 """Environment variable: folder for compiled programs, or "off"."""
 
-OWN = "bayes-greybox-compiled"
+CACHE_SUBFOLDER = "bayes-greybox-compiled"
 """Folder within the one that the user names: nothing else in there is ours to delete."""
 
-PROGRAM, TRACE = "-cache", "-trace"
+PROGRAM_ENDING, TRACE_ENDING = "-cache", "-trace"
 """Endings of names: those that JAX gives to what it keeps, and of traces."""
 
-SHORTEST = 0.0
+SHORTEST_COMPILATION = 0.0
 """Seconds of compilation from which on a program is kept: a hundred that each take a hundredth are a second too."""
 
-LARGEST = 500_000_000
+CACHE_LIMIT_BYTES = 500_000_000
 """Bytes of the folder; beyond them what was not used longest is deleted, when a process starts."""
 
 MAPPED = 1 / 3
@@ -108,7 +108,7 @@ def keep_programs() -> Path | None:
     said, theirs = os.environ.get(FOLDER, ""), getattr(jax.config, "jax_compilation_cache_dir", None)
     if said.lower() in ("off", "0", "no") or (theirs is not None and not said):
         return None
-    folder = (Path(said).expanduser() / OWN if said else _user_folder()) / _machine()
+    folder = (Path(said).expanduser() / CACHE_SUBFOLDER if said else _user_folder()) / _machine()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _prune(folder.parent)
@@ -117,7 +117,7 @@ def keep_programs() -> Path | None:
         return None
     if theirs is None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST)
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
     return folder
 
 
@@ -167,12 +167,12 @@ def _prune(folder: Path) -> None:
             status = file.stat()
         except OSError:
             continue
-        if not file.name.endswith((PROGRAM, TRACE)) or not file.is_file():
+        if not file.name.endswith((PROGRAM_ENDING, TRACE_ENDING)) or not file.is_file():
             continue
         found.append((max(status.st_atime, status.st_mtime), status.st_size, file))
     left = sum(size for _, size, _ in found)
     for _, size, file in sorted(found):
-        if left <= LARGEST:
+        if left <= CACHE_LIMIT_BYTES:
             return
         file.unlink(missing_ok=True)
         left -= size

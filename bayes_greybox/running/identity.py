@@ -52,7 +52,7 @@ TRUSTED = {PACKAGE, *LIBRARIES, *PLAINER, *sys.stdlib_module_names} - {"unittest
 FRESH = 2.0
 """Seconds by which clocks of files may be off."""
 
-PLAIN = (type(None), bool, int, float, complex, str, bytes)
+PLAIN_TYPES = (type(None), bool, int, float, complex, str, bytes)
 
 
 class Unkept(Exception):
@@ -102,7 +102,7 @@ def told(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
         Unkept: There is something else in it.
     """
     kind, parts = type(value), cast(Any, value)
-    if kind in PLAIN:
+    if kind in PLAIN_TYPES:
         return kind.__name__, repr(value)
     if isinstance(value, np.ndarray | np.generic) and kind.__module__ == "numpy" and value.dtype.kind in "biufcSU":
         digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()

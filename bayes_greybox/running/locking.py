@@ -22,7 +22,7 @@ except ImportError:  # Windows
 LOCK = ".lock"
 """File in the folder, while it is locked."""
 
-UNKNOWN = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
+NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
 """What file systems say that have no locks."""
 
 log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ def _held(folder: Path) -> int:
                     os.write(handle, f"{os.getpid()} on {socket.gethostname()}".encode())
                     return handle
         except OSError as error:
-            if error.errno in UNKNOWN:
+            if error.errno in NO_LOCKS:
                 log.warning("no other process must write to %s, whose file system has no locks", folder)
                 return handle
             said = _holder(path)

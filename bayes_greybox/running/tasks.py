@@ -16,7 +16,7 @@ from bayes_greybox.running.errors import InputError
 DEATHS = 3
 """Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""
 
-LOST = "The Dask scheduler was lost before this was done; start one again, and give it what is left."
+SCHEDULER_LOST = "The Dask scheduler was lost before this was done; start one again, and give it what is left."
 """Why tasks failed that were not done when the scheduler went."""
 
 WORKERS = 20
@@ -55,7 +55,8 @@ def run_tasks(
         scheduler: Address of a Dask scheduler, such as "tcp://host:8786", whose workers have this package.
 
     Yields:
-        Each task once. One that fails costs itself alone; a scheduler that is lost costs what is not done: see `LOST`.
+        Each task once. One that fails costs itself alone; a lost scheduler costs all that is not done, see
+        `SCHEDULER_LOST`.
 
     Raises:
         InputError: There is no Dask, or no scheduler answers; workers beside a scheduler; arguments that cannot be sent
@@ -126,7 +127,7 @@ def _on_workers(
     for future in as_completed(futures):
         done = _done(futures[future], future.result)
         # Nobody cancels but a client whose scheduler is gone, and what was done is as good as before.
-        yield Done(done.name, failed=LOST) if done.failed and future.cancelled() else done
+        yield Done(done.name, failed=SCHEDULER_LOST) if done.failed and future.cancelled() else done
         future.release()
 
 

@@ -21,7 +21,7 @@ from typing import Any, TypeVar, cast
 import jax
 import jax.numpy as jnp
 
-from .compiling import TRACE, compile_options, compiled, keep_programs
+from .compiling import TRACE_ENDING, compile_options, compiled, keep_programs
 from .identity import PACKAGE, Unkept, name_of, settings
 
 CHECKED = "BAYES_GREYBOX_TYPECHECK"
@@ -104,7 +104,7 @@ def _found(
     if folder is None or key is None:
         log.debug("%s: no trace is kept", name)
         return None
-    file = folder / f"{key}{TRACE}"
+    file = folder / f"{key}{TRACE_ENDING}"
     trace = _read(file, key)
     log.debug("%s: %s", name, "traced now" if trace is None else "the trace was kept")
     if trace is None:
@@ -150,7 +150,7 @@ def _write(file: Path, key: str, content: bytes) -> None:
     """Write a file that is there as a whole, or not."""
     try:
         # What a process that ends here leaves behind has an ending by which it is deleted some day.
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=TRACE, delete=False) as opened:
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=TRACE_ENDING, delete=False) as opened:
             opened.write(_digest(key, content) + content)
     except OSError as error:
         log.debug("a trace could not be written (%s)", error)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-PART = ".part-"
+PART_PREFIX = ".part-"
 """How names begin of what is not whole yet, and of nothing else."""
 
 
@@ -28,7 +28,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         OSError: The file cannot be written.
     """
     path = Path(path)
-    part = path.with_name(f"{PART}{secrets.token_hex(8)}")
+    part = path.with_name(f"{PART_PREFIX}{secrets.token_hex(8)}")
     try:
         yield part
         put(part, path)
@@ -74,7 +74,7 @@ def remove_parts(folder: Path) -> None:
     Args:
         folder: The folder.
     """
-    for pattern in (f"{PART}*", f"*/{PART}*"):
+    for pattern in (f"{PART_PREFIX}*", f"*/{PART_PREFIX}*"):
         for left in list(folder.glob(pattern)):
             if left.is_dir():
                 shutil.rmtree(left, ignore_errors=True)

@@ -14,7 +14,7 @@ from bayes_greybox.cli import main
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.run import _mark, _studied, study_fleet
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.tasks import LOST, Done
+from bayes_greybox.running.tasks import SCHEDULER_LOST, Done
 
 
 @pytest.fixture(scope="module")
@@ -286,12 +286,12 @@ def test_a_lost_scheduler_costs_python_what_was_not_done_and_the_command_its_end
 
     def lost(function, tasks, **where):
         asked.append(where)
-        yield from (Done(name, failed=LOST) for name in tasks)
+        yield from (Done(name, failed=SCHEDULER_LOST) for name in tasks)
 
     monkeypatch.setattr("bayes_greybox.fleet.together.run_tasks", lost)
     for where in ({"scheduler": "tcp://any:1"}, {"workers": 2}):
         found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, **where, progress=False)
-        assert found.failed == {"a": LOST} and where.items() <= asked[-1].items()
+        assert found.failed == {"a": SCHEDULER_LOST} and where.items() <= asked[-1].items()
     assets = assets_of(fleet / "pumps", fleet / "all.toml")
     with pytest.raises(InputError, match="What is done is kept: give the same command again"):
         study_fleet(assets, tmp_path / "out", {}, scheduler="tcp://any:1", progress=False)

@@ -58,7 +58,7 @@ PROGRAM = """
 import jax, jax.numpy as jnp
 import bayes_greybox.model  # noqa: F401 - from here on in 64 bits, whichever file comes first
 from bayes_greybox.running import compiling
-compiling.SHORTEST = 0.0
+compiling.SHORTEST_COMPILATION = 0.0
 compiling.compiled(lambda x: jnp.linalg.cholesky(x @ x.T + jnp.eye(3)))(jnp.ones((3, 3)))
 print(jax.config.jax_compilation_cache_dir)
 """
@@ -78,7 +78,7 @@ def test_programs_are_kept_in_the_users_cache(tmp_path):
 
 def test_a_folder_that_is_named_gets_one_of_ours_inside(tmp_path):
     folder, files = _kept(tmp_path, BAYES_GREYBOX_CACHE=str(tmp_path / "mine"))
-    assert folder.startswith(str(tmp_path / "mine" / compiling.OWN)) and files
+    assert folder.startswith(str(tmp_path / "mine" / compiling.CACHE_SUBFOLDER)) and files
 
 
 @pytest.fixture
@@ -103,7 +103,7 @@ def test_jax_keeps_programs_where_it_was_told(told, tmp_path, monkeypatch):
 
 
 def test_a_cache_is_bounded(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiling, "LARGEST", 250)
+    monkeypatch.setattr(compiling, "CACHE_LIMIT_BYTES", 250)
     (tmp_path / "machine").mkdir()
     for i in range(4):
         file = tmp_path / "machine" / f"{i}-{'trace' if i % 2 else 'cache'}"
@@ -114,7 +114,7 @@ def test_a_cache_is_bounded(tmp_path, monkeypatch):
 
 
 def test_what_is_not_ours_stays(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiling, "LARGEST", 0)
+    monkeypatch.setattr(compiling, "CACHE_LIMIT_BYTES", 0)
     (tmp_path / "machine" / "folder-cache").mkdir(parents=True)
     (tmp_path / "machine" / "thesis.txt").write_bytes(bytes(100))
     compiling._prune(tmp_path)

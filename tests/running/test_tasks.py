@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.tasks import LOST, Done, run_tasks
+from bayes_greybox.running.tasks import SCHEDULER_LOST, Done, run_tasks
 
 
 def squared(x):
@@ -58,7 +58,7 @@ def test_a_scheduler_that_is_lost_costs_what_is_not_done():
     first = next(tasks)
     place.close()
     assert first == Done("a")
-    assert {done.name: done.failed for done in tasks} == {"b": LOST, "c": LOST}
+    assert {done.name: done.failed for done in tasks} == {"b": SCHEDULER_LOST, "c": SCHEDULER_LOST}
 
 
 def test_bad_places_are_refused_in_a_sentence():

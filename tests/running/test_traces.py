@@ -389,7 +389,7 @@ def test_a_prior_of_the_users_own_is_never_kept(folder, monkeypatch):
 
 def test_the_folder_is_the_one_of_compiled_programs(tmp_path, monkeypatch):
     monkeypatch.setenv(compiling.FOLDER, str(tmp_path))
-    assert compiling.keep_programs.__wrapped__().parent == Path(tmp_path) / compiling.OWN
+    assert compiling.keep_programs.__wrapped__().parent == Path(tmp_path) / compiling.CACHE_SUBFOLDER
     monkeypatch.setenv(compiling.FOLDER, "off")
     assert compiling.keep_programs.__wrapped__() is None
 

@@ -9,7 +9,7 @@ import pytest
 
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.locking import LOCK, locked
-from bayes_greybox.running.whole_files import PART, remove_parts, whole_file, write_text
+from bayes_greybox.running.whole_files import PART_PREFIX, remove_parts, whole_file, write_text
 
 ROOT = Path(__file__).parents[2]
 HOLD = """
@@ -34,7 +34,7 @@ def test_a_file_gets_its_name_once_it_is_whole(tmp_path):
     file = tmp_path / "a.txt"
     file.write_text("old")
     with whole_file(file) as part:
-        assert part.parent == tmp_path and part.name.startswith(PART)
+        assert part.parent == tmp_path and part.name.startswith(PART_PREFIX)
         part.write_text("new")
         assert file.read_text() == "old"
     assert file.read_text() == "new" and os.listdir(tmp_path) == ["a.txt"]
@@ -53,10 +53,10 @@ def test_what_fails_leaves_the_old_file_and_nothing_else(tmp_path, error):
 
 
 def test_what_killed_processes_left_is_removed(tmp_path):
-    (tmp_path / f"{PART}1").write_text("half")
-    (tmp_path / f"{PART}2" / "sub").mkdir(parents=True)
+    (tmp_path / f"{PART_PREFIX}1").write_text("half")
+    (tmp_path / f"{PART_PREFIX}2" / "sub").mkdir(parents=True)
     (tmp_path / "figures").mkdir()
-    (tmp_path / "figures" / f"{PART}3").write_text("half")
+    (tmp_path / "figures" / f"{PART_PREFIX}3").write_text("half")
     (tmp_path / "figures" / "a.png").write_text("whole")
     remove_parts(tmp_path)
     assert [path.name for path in sorted(tmp_path.rglob("*"))] == ["figures", "a.png"]

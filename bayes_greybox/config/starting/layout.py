@@ -7,7 +7,7 @@ from typing import Any
 
 from bayes_greybox.data.reading.cells import COMMA
 from bayes_greybox.data.reading.formats.text import titles
-from bayes_greybox.data.reading.sources import READERS, read_source
+from bayes_greybox.data.reading.sources import TABLE_READERS, read_source
 from bayes_greybox.data.reading.table import Layout, Table
 
 GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
@@ -33,7 +33,7 @@ def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
     Raises:
         InputError: A table that cannot be read.
     """
-    if data.is_file() and READERS.get(data.suffix.lower()) is READERS[".csv"]:
+    if data.is_file() and TABLE_READERS.get(data.suffix.lower()) is TABLE_READERS[".csv"]:
         layout = _encoded(data, layout)
         if layout.skiprows == 0 and layout.columns is None:
             layout = replace(layout, skiprows=titles(data, layout))

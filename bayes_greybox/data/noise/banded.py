@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
-from .protocol import WHITE_SHARE, WHITE_SHARES, RowNoise, check_white_share
+from .protocol import FILTER_WHITE_SHARES, WHITE_SHARE, RowNoise, check_white_share
 
 
 def fir_noise(
@@ -146,7 +146,7 @@ class BandedNoise(RowNoise):
 
     def alternatives(self) -> tuple[RowNoise, ...]:
         """The same filter's noise with other white shares."""
-        return tuple(replace(self, white_share=share) for share in WHITE_SHARES if share != self.white_share)
+        return tuple(replace(self, white_share=share) for share in FILTER_WHITE_SHARES if share != self.white_share)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers and lists that `noise_from_dict` reads back."""

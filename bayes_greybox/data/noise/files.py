@@ -17,7 +17,7 @@ from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise
 from .white import WhiteNoise
 
-KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced", "overlapping")
+NOISE_KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced", "overlapping")
 """Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
 
 
@@ -25,7 +25,7 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     """Rebuild a noise from `RowNoise.to_dict`.
 
     Args:
-        record: mapping with the key "kind" (one of `KINDS`) and the fields of that kind.
+        record: mapping with the key "kind" (one of `NOISE_KINDS`) and the fields of that kind.
 
     Returns:
         The noise.
@@ -78,5 +78,5 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     if record["kind"] == "overlapping":
         bands = tuple(np.asarray(band, dtype=float) for band in fields["bands"])
         return OverlappingNoise(bands, float(fields["scale"]))
-    known = ", ".join(f'"{kind}"' for kind in KINDS)
+    known = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
     raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')

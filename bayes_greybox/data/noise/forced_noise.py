@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import COLUMNS, RowNoise
+from .protocol import PRECISION_COLUMNS, RowNoise
 
 
 class Motion(NamedTuple):
@@ -92,7 +92,7 @@ class ForcedNoise(RowNoise):
         """Entries of R⁻¹, a few of its columns at a time."""
         n, band = self.n_obs, np.zeros((self.n_obs, width))
         run = np.repeat(np.arange(len(self.run_lengths)), self.run_lengths)
-        for part in np.array_split(np.arange(n), -(-n // COLUMNS)):
+        for part in np.array_split(np.arange(n), -(-n // PRECISION_COLUMNS)):
             unit = np.zeros((n, len(part)))
             unit[part, np.arange(len(part))] = 1.0
             columns = self.whiten_transpose(self.whiten(unit))

@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cholesky_banded
 
 from .banded import triangular_solve
-from .protocol import COLUMNS, RowNoise
+from .protocol import PRECISION_COLUMNS, RowNoise
 
-TOLD = 1e-10
+LEAST_PIVOT_SHARE = 1e-10
 """A row whose variance given the rows before it is below this share of its own is told by them: it is no row."""
 
 
@@ -68,8 +68,8 @@ class OverlappingNoise(RowNoise):
         band, start = np.zeros((self.n_obs, width)), 0
         for factor in self._factors:
             n = factor.shape[1]
-            for first in range(0, n, COLUMNS):
-                count = min(COLUMNS, n - first)
+            for first in range(0, n, PRECISION_COLUMNS):
+                count = min(PRECISION_COLUMNS, n - first)
                 unit = np.zeros((n, count))
                 unit[first + np.arange(count), np.arange(count)] = 1.0
                 columns = triangular_solve(factor, triangular_solve(factor, unit, "N"), "T")
@@ -148,7 +148,7 @@ def mean_diagonal(bands: Sequence[Float[np.ndarray, "_ _"]]) -> float:
 def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
     """Which rows the rows before them do not tell: those are as many as the rank of R.
 
-    Cholesky's factorisation, row by row; a row with a pivot below `TOLD` of its variance is passed over.
+    Cholesky's factorisation, row by row, passes over a row with a pivot below `LEAST_PIVOT_SHARE` of its variance.
 
     Args:
         band: R in lower banded form.
@@ -167,7 +167,7 @@ def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
             right = lower[j, low - j + width - 1 : width - 1]
             lower[i, j - i + width - 1] = (band[i - j, j] - left @ right) / lower[j, width - 1]
         pivot = band[0, i] - float(np.sum(lower[i, : width - 1] ** 2))
-        if pivot > TOLD * band[0, i]:
+        if pivot > LEAST_PIVOT_SHARE * band[0, i]:
             kept[i] = True
             lower[i, width - 1] = math.sqrt(pivot)
         else:

@@ -24,10 +24,10 @@ from bayes_greybox.running.errors import InputError
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""
 
-WHITE_SHARES = (0.0001, 0.0005, 0.002, 0.01, 0.05, 0.15, 0.4)
+FILTER_WHITE_SHARES = (0.0001, 0.0005, 0.002, 0.01, 0.05, 0.15, 0.4)
 """White shares among which the rows themselves choose, where something weighs them."""
 
-COLUMNS = 20
+PRECISION_COLUMNS = 20
 """Columns of R⁻¹ computed at once: each is as long as the record."""
 
 
@@ -109,7 +109,7 @@ class RowNoise(ABC):
         if not self.square:
             return np.eye(len(index))
         columns = []
-        for part in np.array_split(index, -(-len(index) // COLUMNS)):
+        for part in np.array_split(index, -(-len(index) // PRECISION_COLUMNS)):
             unit = np.zeros((self.n_obs, len(part)))
             unit[part, np.arange(len(part))] = 1.0
             columns.append(self.whiten_transpose(self.whiten(unit))[index])

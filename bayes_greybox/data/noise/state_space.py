@@ -25,7 +25,7 @@ from .protocol import RowNoise
 PROCESSES = ("exponential", "matern32")
 """Correlation functions: rough as a sensor's noise is, and smooth as the motion of a system is."""
 
-SETTLED = 1e-13
+GAIN_SETTLED = 1e-13
 """Relative change of the gain below which it is constant: whitening is then a filter with fixed coefficients."""
 
 
@@ -192,7 +192,7 @@ class StateSpaceNoise(RowNoise):
         """Row of a run from which step and gain are constant."""
         g = self._gains
         gain, advance = g.gain[start : start + length], g.advance[start : start + length - 1]
-        moving = np.any(np.abs(gain - gain[-1]) > SETTLED * np.abs(gain[-1]), axis=1)
+        moving = np.any(np.abs(gain - gain[-1]) > GAIN_SETTLED * np.abs(gain[-1]), axis=1)
         if len(advance):
             uneven = np.any(np.abs(advance - advance[-1]) > 1e-9 * np.abs(advance[-1]) + 1e-300, axis=(1, 2))
             moving[:-1] |= uneven

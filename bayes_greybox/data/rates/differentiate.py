@@ -19,7 +19,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.running.errors import InputError
 
 from .filters import (
-    GAP,
+    GAP_STEPS,
     STEP_TOLERANCE,
     band_per_sample,
     check_settings,
@@ -195,7 +195,7 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
         usual = float(np.median(steps))
         # Rows that lack alone are put back where they were; jitter keeps its mean.
         even = step if np.mean(np.abs(steps - usual) <= slack) < 0.5 else usual
-        gap = np.max(steps) > GAP * usual
+        gap = np.max(steps) > GAP_STEPS * usual
         remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"
         raise InputError(
             f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} '

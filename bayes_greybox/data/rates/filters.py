@@ -14,7 +14,7 @@ from bayes_greybox.running.errors import InputError
 METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0
 """Stop-band attenuation of the band-limited filter."""
-GAP = 4.0
+GAP_STEPS = 4.0
 """A step this many times the usual one is a gap, in which interpolation would invent samples.
 
 Stamps that are to be even have no such step by chance; where they may be uneven a run goes on across it, and begins

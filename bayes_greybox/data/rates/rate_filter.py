@@ -21,10 +21,10 @@ from bayes_greybox.running.errors import InputError
 
 from .filters import STEP_TOLERANCE, filter_taps
 
-CORRELATED = float(np.exp(-1))
+NEIGHBOUR_CORRELATION = float(np.exp(-1))
 """Rows are so far apart that the noise of neighbours has at most this correlation."""
 
-STRETCH = 16_384
+STRETCH_SAMPLES = 16_384
 """Samples at which a table is evaluated at once."""
 
 BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
@@ -101,7 +101,7 @@ class RateFilter:
         """
         taps = self._taps(max(order for _, order in self.orders))
         correlation = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
-        return int(np.argmax(np.append(correlation, 0.0) <= CORRELATED * correlation[0]))
+        return int(np.argmax(np.append(correlation, 0.0) <= NEIGHBOUR_CORRELATION * correlation[0]))
 
     def smoothing(self, state: str) -> Float[np.ndarray, " window"]:
         """Weights s of the true rate's mean that the rate of a state is; they add up to one."""
@@ -267,7 +267,7 @@ class RowOperator:
             evaluate: From columns [n] to the table [n, k].
             columns: At all samples.
         """
-        at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH))
+        at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH_SAMPLES))
         return np.concatenate([self.smooth(evaluate(part)) for part in at])
 
     def smooth(self, stretch: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n_some k"]:

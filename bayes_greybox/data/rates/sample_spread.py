@@ -26,19 +26,19 @@ Columns = Mapping[str, Float[np.ndarray, " n"]]
 Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]
 """From columns to values."""
 
-POINTS = 64
+MEAN_POINTS = 64
 """Points of a mean: a jump is crossed in steps of so many parts of it."""
 
-REACH = 2.5
+NOISE_REACH = 2.5
 """Standard deviations of the noise at which a jump is looked for."""
 
 JUMP = 0.5
 """Second difference over the reach from which on it is one of a jump, of the largest value there."""
 
-PARTS = 16
+BEND_PARTS = 16
 """Parts of the reach in which what bends is told from what is smooth."""
 
-AT_ONCE = 1_000_000
+MOST_AVERAGED_AT_ONCE = 1_000_000
 """Values that are averaged at once, at most: memory."""
 
 NEXT, LAST = " to the next sample", " from the last sample"
@@ -99,9 +99,13 @@ class SampleSpread:
         with np.errstate(all="ignore"):
             own = value if jumping is None else np.asarray(jumping(x), float)
             near = np.flatnonzero(np.any(self._near(jumping or evaluate, x, columns, own), axis=1))
-            for some in np.array_split(near, -(-len(near) * POINTS * value.shape[1] // AT_ONCE) or 1):
+            for some in np.array_split(
+                near, -(-len(near) * MEAN_POINTS * value.shape[1] // MOST_AVERAGED_AT_ONCE) or 1
+            ):
                 if len(some):
-                    around = np.reshape(evaluate(self._moved(x, columns, some)), (POINTS, len(some), -1)).mean(axis=0)
+                    around = np.reshape(evaluate(self._moved(x, columns, some)), (MEAN_POINTS, len(some), -1)).mean(
+                        axis=0
+                    )
                     # A term that ends nearby has no mean.
                     value[some] = np.where(np.isfinite(around), around, value[some])
         return value
@@ -117,16 +121,16 @@ class SampleSpread:
         """
         found = np.zeros(len(next(iter(columns.values()))))
         for first, other in self._ends(columns, self.beside(columns)):
-            at = np.linspace(0.0, 1.0, 2 * PARTS + 1)
+            at = np.linspace(0.0, 1.0, 2 * BEND_PARTS + 1)
             values = [
                 evaluate({name: (1 - a) * first[name] + a * other[name] for name in first})[:, 0] for a in at.tolist()
             ]
-            whole = np.abs(values[0] + values[-1] - 2 * values[PARTS])
+            whole = np.abs(values[0] + values[-1] - 2 * values[BEND_PARTS])
             # Of a kink off the middle of both parts that have it, a quarter is seen.
             part = np.max(
                 [np.abs(a + c - 2 * b) for a, b, c in zip(values, values[1:], values[2:], strict=False)], axis=0
             )
-            found = np.fmax(found, np.where(3 * PARTS * part > whole, whole, 0.0))
+            found = np.fmax(found, np.where(3 * BEND_PARTS * part > whole, whole, 0.0))
         return found
 
     def _near(self, evaluate: Evaluate, x: Columns, columns: Columns, value: np.ndarray) -> Bool[np.ndarray, "n k"]:
@@ -144,7 +148,7 @@ class SampleSpread:
         # One state's noise after the other: noise in all at once has no effect on what depends on a difference.
         for state in self.noise or [""]:
             for side in (1.0, -1.0) if self.noise else (0.0,):
-                s = side * REACH * self.noise.get(state, 0.0)
+                s = side * NOISE_REACH * self.noise.get(state, 0.0)
                 first = {name: x[name] + columns[name + NEXT] / 2 + (s if name == state else 0.0) for name in x}
                 other = {name: x[name] - columns[name + LAST] / 2 - (s if name == state else 0.0) for name in x}
                 yield first, other
@@ -157,7 +161,7 @@ class SampleSpread:
                 x[name][at]
                 + np.where(tau > 0, tau, 0.0)[:, None] * columns[name + NEXT][at]
                 + np.where(tau < 0, tau, 0.0)[:, None] * columns[name + LAST][at]
-                + e.get(name, np.zeros(POINTS))[:, None]
+                + e.get(name, np.zeros(MEAN_POINTS))[:, None]
             )
             for name in x
         }
@@ -165,5 +169,5 @@ class SampleSpread:
     @cached_property
     def _points(self) -> tuple[Float[np.ndarray, " n_point"], dict[str, Float[np.ndarray, " n_point"]]]:
         """τ, and e by state, each in the middles of equal parts of its probability; the same for all samples."""
-        u = qmc.Sobol(1 + len(self.noise), scramble=False).random(POINTS) + 0.5 / POINTS
+        u = qmc.Sobol(1 + len(self.noise), scramble=False).random(MEAN_POINTS) + 0.5 / MEAN_POINTS
         return u[:, 0] - 0.5, {name: s * norm.ppf(u[:, 1 + k]) for k, (name, s) in enumerate(self.noise.items())}

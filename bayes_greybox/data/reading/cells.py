@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.digits import HELD, first_lost, since_first
+from bayes_greybox.data.digits import LARGEST_EXACT_INTEGER, first_lost, since_first
 from bayes_greybox.running.errors import InputError
 
 from .table import Layout, Table, capital
@@ -24,8 +24,8 @@ _DATE = re.compile(r"^(\d{1,4}[-/.]\w{1,9}[-/.]\d{1,4}(\b|T)|\d{8}T|\w*[A-Za-z]{
 _GROUPED = re.compile(r"^[+-]?\d{1,3}(\.\d{3})+(,\d+)?$")
 _NO_NUMBER = "?"
 _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
-_SHORT = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
-_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
+_SHORT_DATE = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
+_SECOND_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
 _WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
 """A time of day with seconds and no fraction of them."""
 
@@ -161,7 +161,7 @@ def may_have_lost(column: Any) -> bool:
         return False
     known = column.dropna().to_numpy(dtype=float)
     with np.errstate(invalid="ignore"):
-        return bool(len(known) and np.max(np.abs(known)) > HELD and np.all(known % 1 == 0))
+        return bool(len(known) and np.max(np.abs(known)) > LARGEST_EXACT_INTEGER and np.all(known % 1 == 0))
 
 
 def with_digits(found: Any, words: Any) -> Any:
@@ -257,11 +257,11 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
             f"{column.iloc[bare[0]]!r} in row {bare[0]}: write all of them with their zone, or none."
         )
     # Writers leave out the fraction of a second where it is zero.
-    mixed = given.str.contains(_FRACTION).any()
-    text = text.str.replace(_FRACTION, ".", regex=True)
+    mixed = given.str.contains(_SECOND_FRACTION).any()
+    text = text.str.replace(_SECOND_FRACTION, ".", regex=True)
     if mixed:
         text = text.str.replace(_WHOLE, r"\1.0", n=1, regex=True)
-    short = bool(given.str.match(_SHORT).all())
+    short = bool(given.str.match(_SHORT_DATE).all())
     read = [dates for dates in _readings(text, short, layout) if dates is not None]
     if not read:
         # The reading in which most are dates shows which one is none.
@@ -299,7 +299,7 @@ def _short_dates(text: Any, layout: Layout, **options: Any) -> list[Any]:
     def long(cell: Any, order: str) -> Any:
         if pd.isna(cell):
             return cell
-        *parts, rest = _SHORT.fullmatch(cell).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        *parts, rest = _SHORT_DATE.fullmatch(cell).groups()  # pyright: ignore[reportOptionalMemberAccess]
         part = dict(zip(order, parts, strict=True))
         # As POSIX reads them.
         year = int(part["y"]) + (2000 if int(part["y"]) < 69 else 1900)

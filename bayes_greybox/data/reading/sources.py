@@ -16,7 +16,7 @@ from .formats.matlab import read_mat
 from .formats.text import read_text
 from .table import Layout, Table, require_distinct, tidy
 
-INSTALL = 'install it with pip install ".[tables]" in the checkout'
+INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
 SAVE_AS = {
     ".xls": "save it as .xlsx",
@@ -113,15 +113,15 @@ def _file(path: Path, layout: Layout) -> Table:
     suffix = path.suffix.lower()
     if path.is_dir():
         raise InputError(f'"{path}" is a folder; name a file in it, or several by a pattern such as "{path}/*.csv".')
-    if suffix not in READERS:
+    if suffix not in TABLE_READERS:
         remedy = f"; {SAVE_AS[suffix]}" if suffix in SAVE_AS else ""
-        raise InputError(f'"{path}" has an unknown extension; readable are {", ".join(READERS)}{remedy}.')
+        raise InputError(f'"{path}" has an unknown extension; readable are {", ".join(TABLE_READERS)}{remedy}.')
     if not path.is_file():
         raise InputError(f'There is no file "{path}".')
     if path.stat().st_size == 0:
         raise InputError(f'"{path}" is empty.')
     try:
-        return READERS[suffix](path, layout)
+        return TABLE_READERS[suffix](path, layout)
     except InputError:
         raise
     except Exception as error:
@@ -134,7 +134,7 @@ def _read_parquet(path: Path, layout: Layout) -> Table:
     try:
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(f'Reading "{path}" needs pyarrow; {INSTALL}.') from error
+        raise InputError(f'Reading "{path}" needs pyarrow; {INSTALL_TABLES}.') from error
     return _frame_table(pyarrow.parquet.read_table(path).to_pandas(), f'"{path}"')
 
 
@@ -143,7 +143,7 @@ def _read_excel(path: Path, layout: Layout) -> Table:
     try:
         import openpyxl  # noqa: F401 - pandas would name it in words of its own
     except ImportError as error:
-        raise InputError(f'Reading "{path}" needs openpyxl; {INSTALL}.') from error
+        raise InputError(f'Reading "{path}" needs openpyxl; {INSTALL_TABLES}.') from error
     skipped = layout.skiprows if isinstance(layout.skiprows, int) else list(layout.skiprows)
     with pd.ExcelFile(path, engine="openpyxl") as book:
         sheets = book.sheet_names
@@ -198,7 +198,7 @@ def _only_column(book: pd.ExcelFile, sheet: Any, frame: pd.DataFrame, skipped: S
     return frame.set_axis(inside, axis=0).reindex(range(inside[-1] + 1))
 
 
-READERS: dict[str, Callable[[Path, Layout], Table]] = {
+TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
     ".csv": read_text,
     ".tsv": read_text,
     ".txt": read_text,

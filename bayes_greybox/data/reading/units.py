@@ -20,9 +20,9 @@ _WORDS = {
     "deg",
     "rpm",
 }
-_NONE = {"", "-", "--", "–", "none", "n/a"}
+_UNITLESS = {"", "-", "--", "–", "none", "n/a"}
 _BRACKETED = re.compile(r"^\[(.*)\]$|^\((.*)\)$")
-_NAMED = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.*?\S)\s+\((?P<round>[^()]*)\)$")
+_HEADER = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.*?\S)\s+\((?P<round>[^()]*)\)$")
 
 
 def known_unit(text: str) -> str | None:
@@ -51,7 +51,7 @@ def known_unit(text: str) -> str | None:
 
 def split_header(name: str) -> tuple[str, str | None]:
     """Name and unit of a column's header, such as "pos [mm]" or "pos (mm)"; no unit where the brackets hold none."""
-    found = _NAMED.match(name)
+    found = _HEADER.match(name)
     if found is None:
         return name, None
     parts = found.groupdict()
@@ -60,7 +60,7 @@ def split_header(name: str) -> tuple[str, str | None]:
         unit = parts["square"].strip()
         return (name, None) if unit.isdigit() and unit != "1" else (parts["name"], unit)
     unit = parts["round"].strip()
-    return (parts["name2"], unit) if not unit.isdigit() and (unit in _NONE or known_unit(unit)) else (name, None)
+    return (parts["name2"], unit) if not unit.isdigit() and (unit in _UNITLESS or known_unit(unit)) else (name, None)
 
 
 def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
@@ -72,7 +72,7 @@ def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
         names: Headers of one table.
     """
     split = [split_header(name) for name in names]
-    found = [_NAMED.match(name) for name in names]
+    found = [_HEADER.match(name) for name in names]
     stems = [match["name2"] if match else None for match in found]
     told = {stem for stem, (_, unit) in zip(stems, split, strict=True) if unit is None}
     return [
@@ -96,10 +96,10 @@ def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
         inside = next((part for part in bracketed.groups() if part is not None), "").strip() if bracketed else cell
         if cell and not measured:
             return None
-        if is_number(cell) or not (bracketed or cell in _NONE or known_unit(cell)):
+        if is_number(cell) or not (bracketed or cell in _UNITLESS or known_unit(cell)):
             return None
         units.append(inside)
-    return units if any(unit not in _NONE for unit in units) else None
+    return units if any(unit not in _UNITLESS for unit in units) else None
 
 
 def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
@@ -111,7 +111,7 @@ def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[s
     """
     units, unknown = {}, []
     for name, text in stated:
-        if text.strip() in _NONE:
+        if text.strip() in _UNITLESS:
             continue
         unit = known_unit(text)
         if unit is None:

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 
-ANEW = 10.0
+NEW_RUN_STEPS = 10.0
 """A step so many times as long as the usual ones of its run is a gap, after which it begins anew.
 
 It is more than the four of `filters.GAP`, from which on no sample is invented between two: that is refused, and this is
@@ -12,17 +12,17 @@ done without being asked. Samples are taken at the times that they have, which m
 away what a run says of its beginning.
 """
 
-USUAL = 0.9
+USUAL_STEPS_SHARE = 0.9
 """Share of the steps of a run that are no gaps, whatever the rest are: stamps may be uneven."""
 
-BESIDE = 5
+COMPARED_STEPS = 5
 """Steps on either side of one that it is compared with."""
 
-FEWEST = 25
+FEWEST_PART_ROWS = 25
 """Rows that a part has at least: a shorter one says little and would need a start of its own."""
 
 
-def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL) -> list[int]:
+def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL_STEPS_SHARE) -> list[int]:
     """Rows of one run that are the first after a gap.
 
     Args:
@@ -32,7 +32,7 @@ def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL) -> list[int]
     steps = np.diff(time)
     if not len(steps):
         return []
-    return (np.flatnonzero(steps > ANEW * np.quantile(steps, usual)) + 1).tolist()
+    return (np.flatnonzero(steps > NEW_RUN_STEPS * np.quantile(steps, usual)) + 1).tolist()
 
 
 def parted(
@@ -57,14 +57,14 @@ def parted(
         own = np.flatnonzero(run == r)
         t, edges = time[own], [0]
         for row in after_gaps(t):
-            if t[row] - t[row - 1] <= ANEW * _usual_beside(t, row):
+            if t[row] - t[row - 1] <= NEW_RUN_STEPS * _usual_beside(t, row):
                 continue
             gap = f'"{name}" has no rows from {t[row - 1]:.12g} to {t[row]:.12g}'
-            if row - edges[-1] >= FEWEST and len(own) - row >= FEWEST:
+            if row - edges[-1] >= FEWEST_PART_ROWS and len(own) - row >= FEWEST_PART_ROWS:
                 edges.append(row)
                 told.append(f"run {gap}: it begins anew after them")
             else:
-                told.append(f"run {gap}, and fewer than {FEWEST} beside them: its inputs are taken across")
+                told.append(f"run {gap}, and fewer than {FEWEST_PART_ROWS} beside them: its inputs are taken across")
         for k, (first, last) in enumerate(zip(edges, [*edges[1:], len(own)], strict=True)):
             number[own[first:last]] = len(parts)
             called = f"{name}, part {k + 1}" if k else name
@@ -77,5 +77,5 @@ def parted(
 def _usual_beside(time: Float[np.ndarray, " n"], row: int) -> float:
     """The larger of the usual steps on either side of one."""
     steps = np.diff(time)
-    sides = (steps[max(row - 1 - BESIDE, 0) : row - 1], steps[row : row + BESIDE])
+    sides = (steps[max(row - 1 - COMPARED_STEPS, 0) : row - 1], steps[row : row + COMPARED_STEPS])
     return max((float(np.median(side)) for side in sides if len(side)), default=np.inf)

@@ -8,13 +8,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import decimate
 
 from bayes_greybox.data.rates.differentiate import uniform_step
-from bayes_greybox.data.rates.filters import GAP
+from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.running.errors import InputError
 
 COARSER = 1.5
 """A step this many times the usual one leaves out so much that what is faster would pass for something slower."""
 
-ROUNDING = 1e-6
+STAMP_ROUNDING = 1e-6
 """Share of a step by which stamps may be off by rounding."""
 
 HALF_WINDOW = 10
@@ -30,14 +30,14 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
         name: Of the run, for messages.
 
     Raises:
-        InputError: Fewer than four samples; a gap of more than `GAP` usual steps; a step so large that it would alias,
-            or longer than the run.
+        InputError: Fewer than four samples; a gap of more than `GAP_STEPS` usual steps; a step so large that it would
+            alias, or longer than the run.
     """
     if len(time) < 4:
         raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
     steps = np.diff(time)
     usual, longest = float(np.median(steps)), int(np.argmax(steps))
-    if steps[longest] > GAP * usual:
+    if steps[longest] > GAP_STEPS * usual:
         gap = f"from {time[longest]:g} to {time[longest + 1]:g}"
         raise InputError(
             f'Run "{name}" has a gap {gap}, where its usual step is {usual:.3g}; nothing is invented there: cut the '
@@ -49,7 +49,7 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
             f"slow. Resample it at {usual:.6g} first, then data.decimate({round(step / usual)}), which filters it."
         )
     # A last sample that lies on the grid but for rounding belongs to it.
-    count = int(np.floor((time[-1] - time[0]) / step + ROUNDING)) + 1
+    count = int(np.floor((time[-1] - time[0]) / step + STAMP_ROUNDING)) + 1
     if count < 2:
         raise InputError(
             f'Run "{name}" lasts {time[-1] - time[0]:g}, less than the step {step:g}; choose a smaller one.'
@@ -66,7 +66,7 @@ def interpolated(
     if method == "linear":
         return np.interp(at, time, values)
     # A time that is a stamp's but for rounding is after it.
-    slack = ROUNDING * float(np.median(np.diff(time)))
+    slack = STAMP_ROUNDING * float(np.median(np.diff(time)))
     return values[np.searchsorted(time, at + slack, side="right") - 1]
 
 

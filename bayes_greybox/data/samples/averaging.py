@@ -22,7 +22,7 @@ SAFE = 1.5
 """Blocks are so many times shorter than the longest that lose nothing which shows: what is lost of a smooth motion goes
 with the fourth power of their length, its variance with the eighth, and is 1.5⁻⁸ = 0.04 of the noise then at most."""
 
-FEWEST_BLOCKS = 4
+FEWEST_RUN_AVERAGES = 4
 """Least number of averages of a run."""
 
 FLAT = 1e-12
@@ -75,7 +75,7 @@ def _step(data: Trajectories) -> float:
 
 def _spoiled(data: Trajectories, m: int) -> bool:
     """Return whether blocks of m samples are too long for a run, or lose something of a state that shows."""
-    if min(data.run_lengths) // m < FEWEST_BLOCKS:
+    if min(data.run_lengths) // m < FEWEST_RUN_AVERAGES:
         return True
     means = averaged(data, m)
     return any(_lost(data, means, name) for name in data.states)

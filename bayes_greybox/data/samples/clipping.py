@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .sample_noise import sample_noise
 
-CLIPPED = 3
+CLIPPED_IN_A_ROW = 3
 """So many samples in a row at the very end of a sensor's range are clipped."""
 
 MOST_CLIPPED = 0.5
@@ -38,7 +38,7 @@ def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> d
             for r in np.unique(run):
                 own = here[run == r]
                 # Where it stays there once, every sample there is clipped.
-                if np.any(np.convolve(own, np.ones(CLIPPED), "valid") >= CLIPPED):
+                if np.any(np.convolve(own, np.ones(CLIPPED_IN_A_ROW), "valid") >= CLIPPED_IN_A_ROW):
                     at_end |= here
         if 0 < np.mean(at_end) < MOST_CLIPPED:
             found[name] = at_end

@@ -11,11 +11,11 @@ from jaxtyping import Float, Int
 ORDERS = (4, 6, 8, 10, 12)
 """Orders of the differences; those of order k remove polynomials below degree k."""
 
-WHITE = 0.75
+WHITE_RATIO = 0.75
 """White noise leaves normalised differences of all orders alike; a smooth signal loses more than this from one order to
 the next unless it has fewer than about three and a half samples a period."""
 
-EXACT = 1e-6
+NOISELESS_SHARE = 1e-6
 """Noise below this share of half a column's range is none: the rounding of a file, or what a solver tolerates.
 
 A share of the range and not of the largest value: where zero lies (pressure, absolute position) says nothing of noise.
@@ -33,7 +33,7 @@ MOST_DIFFERENCES = 20_000
 OUTLYING = 5.0
 """Differences beyond this many robust standard deviations are kinks or gross errors, and left out."""
 
-NORMAL_MEDIAN = 0.4549364231195725
+MEDIAN_SQUARED_NORMAL = 0.4549364231195725
 """Median of the square of a standard normal number."""
 
 
@@ -43,7 +43,8 @@ def sample_noise(
     """Standard deviation of the white noise of each column's samples, user's units; 0 where differences show none.
 
     Divided differences over k + 1 neighbours of one run, their weights scaled to unit norm, have the variance of the
-    noise whatever the steps. Orders are gone through until one shows `WHITE` of the order before: that is the noise.
+    noise whatever the steps. Orders are gone through until one shows `WHITE_RATIO` of the order before it: that is the
+    noise.
 
     Noise that is not white, such as what a smoothing filter has left, is not seen; a state that is kicked at random
     from sample to sample looks noisy.
@@ -65,7 +66,7 @@ def sample_noise(
         weights = _difference_weights(time[rows])
         left = np.array([_typical(np.sum(weights * column[rows], axis=1)) for column in values.T])
         open_ = open_ & (left > least)
-        white = open_ & (left > WHITE * before)
+        white = open_ & (left > WHITE_RATIO * before)
         found[white], open_ = left[white], open_ & ~white
         before = left
     return found
@@ -96,7 +97,7 @@ def _least(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, " k"]:
         # What single precision holds to the last bit came so, whatever it is by now.
         single = np.all(values.astype(np.float32) == values, axis=0)
     eps = np.where(single, np.finfo(np.float32).eps, np.finfo(float).eps)
-    return np.maximum(EXACT * np.ptp(values, axis=0) / 2, ROUNDINGS * eps * largest)
+    return np.maximum(NOISELESS_SHARE * np.ptp(values, axis=0) / 2, ROUNDINGS * eps * largest)
 
 
 def _difference_weights(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarray, "n_window m"]:
@@ -110,5 +111,5 @@ def _difference_weights(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarr
 def _typical(differences: Float[np.ndarray, " n"]) -> float:
     """RMS of the differences that are no outliers; 0 where more than half of them vanish."""
     square = differences**2
-    kept = square[square <= OUTLYING**2 * np.median(square) / NORMAL_MEDIAN]
+    kept = square[square <= OUTLYING**2 * np.median(square) / MEDIAN_SQUARED_NORMAL]
     return float(np.sqrt(np.mean(kept)))

@@ -14,7 +14,7 @@ from bayes_greybox.data.reading.table import Layout, Table, tidy
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
-CHUNK, PART = 1 << 16, 1 << 20
+CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20
 """Rows that are held at a time, and rows of a part: what one worker does before it answers."""
 
 

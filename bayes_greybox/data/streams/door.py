@@ -11,9 +11,9 @@ from bayes_greybox.running.errors import InputError
 from .asked import Asked
 from .labelled import labelled_rows
 from .parquet import parquet_rows
-from .row_stream import SAMPLE, RowStream
+from .row_stream import SAMPLE_ROWS, RowStream
 
-READERS = {".parquet": parquet_rows, ".nc": labelled_rows, ".zarr": labelled_rows}
+STREAM_READERS = {".parquet": parquet_rows, ".nc": labelled_rows, ".zarr": labelled_rows}
 """What can be read in pieces, by extension."""
 
 
@@ -29,7 +29,7 @@ def stream(
     restart: Literal["error", "run"] = "error",
     units: Mapping[str, str] | None = None,
     missing: Literal["error", "drop"] = "error",
-    sample: int = SAMPLE,
+    sample: int = SAMPLE_ROWS,
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> RowStream:
@@ -73,7 +73,7 @@ def stream(
         settings={**chosen, "run": run, "restart": restart, "units": dict(units or {})},
     )
     files = _paths(source)
-    rows = READERS[files[0].suffix.lower()](files, asked)
+    rows = STREAM_READERS[files[0].suffix.lower()](files, asked)
     return RowStream(rows, sample, workers, scheduler)
 
 
@@ -88,9 +88,10 @@ def _paths(source: Any) -> Sequence[Path]:
             )
     paths = [Path(each) for each in found]
     kinds = list(dict.fromkeys(path.suffix.lower() for path in paths))
-    if len(kinds) > 1 or kinds[0] not in READERS:
+    if len(kinds) > 1 or kinds[0] not in STREAM_READERS:
         raise InputError(
-            f"A stream is of {', '.join(READERS)} files, all of one kind, and not of {', '.join(map(repr, kinds))}: "
-            "read smaller ones by bg.read, and write large ones anew, such as with pandas.DataFrame.to_parquet."
+            f"A stream is of {', '.join(STREAM_READERS)} files, all of one kind, and not of "
+            f"{', '.join(map(repr, kinds))}: read smaller ones by bg.read, and write large ones anew, such as with "
+            "pandas.DataFrame.to_parquet."
         )
     return paths

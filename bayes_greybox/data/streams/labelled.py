@@ -8,10 +8,10 @@ from typing import Any
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
-from .asked import CHUNK, PART, Asked
+from .asked import CHUNK_ROWS, PART_ROWS, Asked
 from .whole_runs import Piece, WholeRuns
 
-INSTALL = 'install it with pip install ".[distributed]" in the checkout'
+INSTALL_DISTRIBUTED = 'install it with pip install ".[distributed]" in the checkout'
 
 
 @dataclass(frozen=True)
@@ -70,8 +70,8 @@ class LabelledRows:
             if lacking:
                 raise InputError(f'"{path}" has no variable "{lacking[0]}", which other files of the stream have.')
             wanted = dataset[list(self.asked.columns)]
-            for first in range(start, stop, CHUNK):
-                yield first, wanted.isel({dimension: slice(first, min(first + CHUNK, stop))}).load()
+            for first in range(start, stop, CHUNK_ROWS):
+                yield first, wanted.isel({dimension: slice(first, min(first + CHUNK_ROWS, stop))}).load()
 
 
 def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:
@@ -98,7 +98,7 @@ def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:
             (dimension,) = dimensions
             n = int(dataset.sizes[dimension])
         asked = asked if pieces else own
-        pieces += [(str(path), dimension, start, min(start + PART, n)) for start in range(0, n, PART)]
+        pieces += [(str(path), dimension, start, min(start + PART_ROWS, n)) for start in range(0, n, PART_ROWS)]
     if not pieces:
         raise InputError(f'"{stores[0]}" has no rows.')
     return LabelledRows(tuple(pieces), asked)
@@ -116,7 +116,7 @@ def _opened(path: Path) -> Any:
             return xr.open_zarr(path, chunks=None, consolidated=False, decode_times=False)
         return xr.open_dataset(path, engine="h5netcdf", decode_times=False, cache=False)
     except ImportError as error:
-        raise InputError(f'Reading "{path}" needs zarr; {INSTALL}.') from error
+        raise InputError(f'Reading "{path}" needs zarr; {INSTALL_DISTRIBUTED}.') from error
     except Exception as error:
         line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
         kind = "zarr" if zarr else "nc"

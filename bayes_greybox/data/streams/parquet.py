@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.data.reading.sources import INSTALL
+from bayes_greybox.data.reading.sources import INSTALL_TABLES
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
-from .asked import CHUNK, PART, Asked
+from .asked import CHUNK_ROWS, PART_ROWS, Asked
 from .whole_runs import Piece, WholeRuns
 
 
@@ -60,7 +60,9 @@ class ParquetRows:
 
         path, first, groups = self.pieces[part]
         with _opened(path) as file:
-            batches = file.iter_batches(batch_size=CHUNK, row_groups=list(groups), columns=list(self.asked.columns))
+            batches = file.iter_batches(
+                batch_size=CHUNK_ROWS, row_groups=list(groups), columns=list(self.asked.columns)
+            )
             for batch in batches:
                 frame = pa.Table.from_batches([batch]).to_pandas(ignore_metadata=True)
                 yield Piece(first, frame, {})
@@ -91,7 +93,7 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
         for i, size in enumerate(sizes):
             groups.append(i)
             row += size
-            if row - start >= PART or (i == len(sizes) - 1 and row > start):
+            if row - start >= PART_ROWS or (i == len(sizes) - 1 and row > start):
                 pieces.append((str(path), start, tuple(groups)))
                 groups, start = [], row
     if own is None:
@@ -113,7 +115,7 @@ def _opened(path: str | Path) -> Any:
     try:
         import pyarrow.parquet
     except ImportError as error:
-        raise InputError(f'Reading "{path}" needs pyarrow; {INSTALL}.') from error
+        raise InputError(f'Reading "{path}" needs pyarrow; {INSTALL_TABLES}.') from error
     if not Path(path).is_file():
         raise InputError(f'There is no file "{path}".')
     try:

@@ -13,7 +13,7 @@ from bayes_greybox.running.limits import Count, require_limits
 
 from .whole_runs import some_runs, stacked_runs
 
-SAMPLE = 2000
+SAMPLE_ROWS = 2000
 """Rows of the sample by default: as many as every group of a fit is kept for."""
 
 STRETCHES = 10
@@ -63,7 +63,7 @@ class RowStream:
     """
 
     source: Source
-    sample_size: Count = SAMPLE
+    sample_size: Count = SAMPLE_ROWS
     workers: Count | None = None
     scheduler: str | None = field(default=None)
     by_run: bool = False
@@ -87,7 +87,7 @@ class RowStream:
         chunk: Callable[[int], Trajectories],
         n_chunk: int,
         *,
-        sample: int = SAMPLE,
+        sample: int = SAMPLE_ROWS,
         workers: int | None = None,
         scheduler: str | None = None,
     ) -> "RowStream":

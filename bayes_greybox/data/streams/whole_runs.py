@@ -15,10 +15,10 @@ from bayes_greybox.running.errors import InputError
 
 from .asked import Asked
 
-ROWS = 2048
+ROWS_HELD_TOGETHER = 2048
 """Rows of short runs that are held together; a longer run is held alone."""
 
-REMEMBERED = 100_000
+REMEMBERED_RUNS = 100_000
 """Runs of a file, the latest, whose names are known when another one comes that may be one of them."""
 
 
@@ -165,7 +165,7 @@ class WholeRuns:
             begun, number = np.flatnonzero(begins), n_run + np.cumsum(begins)
             before, n_run = asked.latest(frame, before), int(number[-1])
             # Few runs are cut one from another: what is asked for is a place between two.
-            while len(enough := begun[begun - start + n_held >= ROWS]):
+            while len(enough := begun[begun - start + n_held >= ROWS_HELD_TOGETHER]):
                 stop = int(enough[0])
                 held += [(frame.iloc[start:stop], number[start:stop])] if stop > start else []
                 yield together()
@@ -199,7 +199,7 @@ class WholeRuns:
                     f'of the file by "{column}".'
                 )
             seen[label] = None
-            if len(seen) > REMEMBERED:
+            if len(seen) > REMEMBERED_RUNS:
                 del seen[next(iter(seen))]
 
     def _named(self, name: str, label: str, n_run: int) -> str:

@@ -23,7 +23,7 @@ FEWEST_FITS = 8
 MOST_FITS = 2000
 """Samples, evenly thinned, at which widths are compared."""
 
-CHUNK = 200_000
+WEIGHTS_AT_ONCE = 200_000
 """Weights worked out at once."""
 
 
@@ -98,7 +98,7 @@ class LocalFits:
             neighbours[inside] = np.minimum(first[:, None] + np.arange(width), stop - 1)
             own[inside, k:] = False
         value, slope = np.zeros(neighbours.shape), np.zeros(neighbours.shape)
-        for rows in np.array_split(np.arange(len(at)), max(1, neighbours.size // CHUNK)):
+        for rows in np.array_split(np.arange(len(at)), max(1, neighbours.size // WEIGHTS_AT_ONCE)):
             value[rows], slope[rows] = _weights(time[neighbours[rows]] - time[at[rows], None], own[rows])
         itself = (neighbours == at[:, None]) & own
         return cls(neighbours, value, slope, np.sum(np.where(itself, value, 0.0), axis=1))

@@ -23,13 +23,13 @@ from .local_fits import Stretch
 POWER = 8
 """p: at the ends of a bump its first seven derivatives vanish."""
 
-EVERY = 4
+CENTRES_PER_RADIUS = 4
 """Centres are a radius over this apart: neighbours overlap by seven eighths, and whitening tells what they share."""
 
-FEWEST_STEPS = 8
+FEWEST_RADIUS_STEPS = 8
 """A radius has at least so many steps: fewer do not integrate a bump."""
 
-NODES = 6
+NODES_PER_STEP = 6
 """Nodes of Gauss and Legendre in each step where steps are uneven."""
 
 
@@ -55,7 +55,7 @@ class Bumps:
 
     @classmethod
     def along(
-        cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], radius: float, every: int = EVERY
+        cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], radius: float, every: int = CENTRES_PER_RADIUS
     ) -> "Bumps":
         """All bumps of a radius that lie within their stretch, a fraction of the radius apart.
 
@@ -103,21 +103,21 @@ def _of(
     """Bumps of one stretch: both matrices, centres, runs and nearest samples."""
     start, stop = part.rows
     t = time[start:stop]
-    if len(t) < 2 * FEWEST_STEPS + 1:
+    if len(t) < 2 * FEWEST_RADIUS_STEPS + 1:
         return None
     steps = np.diff(t)
     step, even = float(np.mean(steps)), bool(np.ptp(steps) <= 2 * STEP_TOLERANCE * np.mean(steps))
     if even:
         # Centres and ends on samples: sums of φ̇ vanish as its integral does.
         half = round(radius / step)
-        if half < FEWEST_STEPS or len(t) < 2 * half + 1:
+        if half < FEWEST_RADIUS_STEPS or len(t) < 2 * half + 1:
             return None
         at = np.arange(half, len(t) - half, max(1, half // every))
         centre, radius = t[at], half * step
         nodes, weights, places = t, np.full(len(t), step), None
     else:
         span = t[-1] - t[0]
-        if radius < FEWEST_STEPS * step or span < 2 * radius:
+        if radius < FEWEST_RADIUS_STEPS * step or span < 2 * radius:
             return None
         count = math.floor((span - 2 * radius) * every / radius) + 1
         centre = np.linspace(t[0] + radius, t[-1] - radius, count)
@@ -144,18 +144,18 @@ def _of(
 def _between(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
     """Nodes and weights of a quadrature over the steps, and the cubics between samples at the nodes."""
     n = len(t)
-    place, weight = np.polynomial.legendre.leggauss(NODES)
+    place, weight = np.polynomial.legendre.leggauss(NODES_PER_STEP)
     h = np.diff(t)
     nodes = t[:-1, None] + 0.5 * h[:, None] * (1 + place)
     four = np.clip(np.arange(n - 1) - 1, 0, n - 4)[:, None] + np.arange(4)
     known = t[four]
     # Lagrange's polynomials: ∏ (τ − t_l)/(t_j − t_l)
-    basis = np.ones((n - 1, NODES, 4))
+    basis = np.ones((n - 1, NODES_PER_STEP, 4))
     for j in range(4):
         for k in range(4):
             if k != j:
                 basis[:, :, j] *= (nodes - known[:, k, None]) / (known[:, j] - known[:, k])[:, None]
     rows = np.repeat(np.arange(nodes.size), 4)
-    columns = np.repeat(four[:, None], NODES, axis=1).ravel()
+    columns = np.repeat(four[:, None], NODES_PER_STEP, axis=1).ravel()
     cubics = csr_matrix((basis.ravel(), (rows, columns)), shape=(nodes.size, n))
     return nodes.ravel(), (0.5 * h[:, None] * weight).ravel(), cubics

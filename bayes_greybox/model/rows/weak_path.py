@@ -25,11 +25,17 @@ from jaxtyping import Float, Int
 from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
-from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, mean_diagonal, overlapping
+from bayes_greybox.data.noise.overlapping import (
+    LEAST_PIVOT_SHARE,
+    OverlappingNoise,
+    independent_rows,
+    mean_diagonal,
+    overlapping,
+)
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
-from bayes_greybox.data.weak.weak_form import EVERY, FEWEST_STEPS, Bumps
+from bayes_greybox.data.weak.weak_form import CENTRES_PER_RADIUS, FEWEST_RADIUS_STEPS, Bumps
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.running.errors import InputError
 
@@ -330,8 +336,8 @@ def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state
     steps = np.concatenate([np.diff(time[slice(*part.rows)]) for part in parts])
     step, whole = float(np.median(steps)) if len(steps) else 1.0, float(np.sum(steps))
     # On uneven steps a bump needs its fewest samples on average.
-    fewest = FEWEST_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
-    return max(half_width * step, fewest, EVERY * n_state * whole / MOST_ROWS)
+    fewest = FEWEST_RADIUS_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
+    return max(half_width * step, fewest, CENTRES_PER_RADIUS * n_state * whole / MOST_ROWS)
 
 
 def _bands(
@@ -356,7 +362,7 @@ def _told_apart(band: np.ndarray) -> bool:
         factor = cholesky_banded(band, lower=True)
     except LinAlgError:
         return False
-    return bool(np.all(factor[0] ** 2 > TOLD * band[0]))
+    return bool(np.all(factor[0] ** 2 > LEAST_PIVOT_SHARE * band[0]))
 
 
 def _banded(L: Any, share: float) -> np.ndarray:

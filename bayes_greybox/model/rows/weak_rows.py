@@ -16,7 +16,7 @@ import numpy as np
 from annotated_types import Lt
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.weak.weak_form import FEWEST_STEPS
+from bayes_greybox.data.weak.weak_form import FEWEST_RADIUS_STEPS
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.simulation.reading import named_states
@@ -144,7 +144,7 @@ class WeakRows(RowKind):
         if not len(path.measured):
             raise InputError(
                 f"No run is as long as a test function, {2 * path.reading.bumps.radius:.3g} in time and "
-                f"{2 * FEWEST_STEPS + 1} samples without a gap: give longer runs or a smaller "
+                f"{2 * FEWEST_RADIUS_STEPS + 1} samples without a gap: give longer runs or a smaller "
                 "WeakRows(radius=...), or use GreyBox(rows=bg.TrajectoryRows()), which needs no test functions."
             )
         return _rows_of(path, equations, path.sizes)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.locking import locked
-from bayes_greybox.running.whole_files import PART, put, remove_parts
+from bayes_greybox.running.whole_files import PART_PREFIX, put, remove_parts
 
 ROOM = 4_000_000
 """Bytes that a disk must have room for before hours of work, about what a fit and its figures take."""
@@ -43,7 +43,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             folder.mkdir(parents=True, exist_ok=True)
             held.enter_context(locked(folder))
             remove_parts(folder)
-            with tempfile.TemporaryFile(dir=folder, prefix=PART) as trial:
+            with tempfile.TemporaryFile(dir=folder, prefix=PART_PREFIX) as trial:
                 trial.write(bytes(ROOM))
                 trial.flush()
                 os.fsync(trial.fileno())
@@ -74,7 +74,7 @@ def staged(folder: Path) -> Iterator[Path]:
     """
     place = None
     try:
-        place = Path(tempfile.mkdtemp(prefix=PART, dir=folder))
+        place = Path(tempfile.mkdtemp(prefix=PART_PREFIX, dir=folder))
         yield place
         for file in sorted(file for file in place.rglob("*") if file.is_file()):
             target = folder / file.relative_to(place)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.noise.files import noise_from_dict
-from bayes_greybox.data.noise.overlapping import TOLD, OverlappingNoise, independent_rows, overlapping
+from bayes_greybox.data.noise.overlapping import LEAST_PIVOT_SHARE, OverlappingNoise, independent_rows, overlapping
 
 
 def banded(n, width, seed):
@@ -70,6 +70,6 @@ def test_rows_that_others_tell_do_not_count():
     width = max(k for k in range(12) if np.any(np.abs(np.diag(R, -k)) > 0)) + 1
     band = np.array([np.append(np.diag(R, -k), np.zeros(k)) for k in range(width)])
     kept = independent_rows(band)
-    assert np.sum(kept) == np.linalg.matrix_rank(R, tol=TOLD) == 10
+    assert np.sum(kept) == np.linalg.matrix_rank(R, tol=LEAST_PIVOT_SHARE) == 10
     assert not kept[4] and not kept[9]
     assert np.linalg.cond(R[np.ix_(kept, kept)]) < 1e8

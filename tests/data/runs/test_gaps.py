@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.data.runs.gaps import FEWEST, after_gaps
+from bayes_greybox.data.runs.gaps import FEWEST_PART_ROWS, after_gaps
 
 
 def test_rows_after_gaps():
@@ -42,7 +42,9 @@ def test_rows_that_stand_for_themselves_are_not_parted(measured):
     assert with_gap(slice(200, 260)).n_run == 1, "nothing drives it in the gap but what its equations say"
 
 
-@pytest.mark.parametrize("cut", [slice(FEWEST - 1, 100), slice(300, 400 - FEWEST + 1)], ids=["before", "after"])
+@pytest.mark.parametrize(
+    "cut", [slice(FEWEST_PART_ROWS - 1, 100), slice(300, 400 - FEWEST_PART_ROWS + 1)], ids=["before", "after"]
+)
 def test_a_part_of_a_few_rows_stays(cut):
     t = np.delete(np.arange(400) * 0.05, cut)
     data = with_gap(cut, inputs={"u": np.cos(3 * t)})

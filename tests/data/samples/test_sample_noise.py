@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sampled_paths import STEP, noise_of, path, paths, runs, steps
 
-from bayes_greybox.data.samples.sample_noise import EXACT, FEWEST_DIFFERENCES, sample_noise
+from bayes_greybox.data.samples.sample_noise import FEWEST_DIFFERENCES, NOISELESS_SHARE, sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
 
@@ -36,7 +36,7 @@ def test_exact_states_have_no_noise(dt, n):
 def test_rounding_is_no_noise_and_sizes_do_not_matter():
     t = steps(600, 0.05)
     for size in (1e-12, 1.0, 1e12):
-        assert noise_of(runs([t], 0.1 * EXACT, size=size))[0] == 0.0
+        assert noise_of(runs([t], 0.1 * NOISELESS_SHARE, size=size))[0] == 0.0
         assert noise_of(runs([t], 0.01, size=size))[0] == pytest.approx(0.01 * size, rel=0.15)
 
 

@@ -14,8 +14,8 @@ from bayes_greybox.running.errors import InputError
 def small_pieces(monkeypatch):
     """Chunks of 200 rows, parts of 700."""
     for module in (labelled, parquet):
-        monkeypatch.setattr(module, "CHUNK", 200)
-        monkeypatch.setattr(module, "PART", 700)
+        monkeypatch.setattr(module, "CHUNK_ROWS", 200)
+        monkeypatch.setattr(module, "PART_ROWS", 700)
 
 
 def _file(folder, kind, table):

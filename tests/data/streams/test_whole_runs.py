@@ -20,9 +20,9 @@ LENGTHS = (90, 333, 120, 50, 260, 75, 30, 99)
 def small_pieces(monkeypatch):
     """Pieces of 100 rows, runs of 150 rows together."""
     for module in (labelled, parquet):
-        monkeypatch.setattr(module, "CHUNK", 100)
-        monkeypatch.setattr(module, "PART", 400)
-    monkeypatch.setattr(whole_runs, "ROWS", 150)
+        monkeypatch.setattr(module, "CHUNK_ROWS", 100)
+        monkeypatch.setattr(module, "PART_ROWS", 400)
+    monkeypatch.setattr(whole_runs, "ROWS_HELD_TOGETHER", 150)
 
 
 def table(lengths=LENGTHS):
@@ -137,8 +137,8 @@ def test_rows_that_name_no_run_are_refused(tmp_path):
 
 @pytest.mark.parametrize("rows_held", [10, 100_000])
 def test_runs_that_lie_apart_are_refused_however_many_there_are(tmp_path, monkeypatch, rows_held):
-    monkeypatch.setattr(whole_runs, "ROWS", rows_held)
-    monkeypatch.setattr(whole_runs, "REMEMBERED", 3)
+    monkeypatch.setattr(whole_runs, "ROWS_HELD_TOGETHER", rows_held)
+    monkeypatch.setattr(whole_runs, "REMEMBERED_RUNS", 3)
     rows = table((12,) * 10)
     rows.loc[rows["id"] == 90, "id"] = 70
     with pytest.raises(InputError, match="run 70 of .* lie apart"):

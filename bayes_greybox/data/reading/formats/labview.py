@@ -11,7 +11,7 @@ import pandas as pd
 from bayes_greybox.data.reading.table import Layout, Table
 from bayes_greybox.running.errors import InputError
 
-END = "***End_of_Header***"
+END_OF_HEADER = "***End_of_Header***"
 STAMPS = "X_Value"
 
 
@@ -75,7 +75,7 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
     segment: _Segment | None = None
     for line in lines:
         cells = line.rstrip("\r\n").split(separator)
-        if cells[0].strip() == END:
+        if cells[0].strip() == END_OF_HEADER:
             # The header of the file ends like that of a segment.
             segment = _Segment(header)
         elif cells[0].strip() == STAMPS and segment is not None:

@@ -11,7 +11,7 @@ import pandas as pd
 from bayes_greybox.data.reading.table import Layout, Table
 from bayes_greybox.running.errors import InputError
 
-REMEDY = (
+MATLAB_REMEDY = (
     'in MATLAB, save its columns as vectors, S = table2struct(T, ToScalar=true); save("run.mat", "-struct", "S"), or '
     'write text, writetable(T, "run.csv")'
 )
@@ -45,7 +45,7 @@ def read_mat(path: Path, layout: Layout) -> Table:
     arrays = dict(_arrays({name: value for name, value in content.items() if not name.startswith("__")}))
     if not arrays:
         held = "tables or other objects" if objects else "no numbers in vectors or matrices"
-        raise InputError(f'"{path}" holds {held}, which cannot be read: {REMEDY}.')
+        raise InputError(f'"{path}" holds {held}, which cannot be read: {MATLAB_REMEDY}.')
     every = {n: _of_length(n, arrays, path) for n in {max(values.shape) for values in arrays.values()}}
     first, *others = sorted(every, key=lambda n: (len(every[n].frame.columns) > 1, n), reverse=True)
     sizes = {name: " by ".join(str(n) for n in values.shape if n > 1) for name, values in arrays.items()}

@@ -26,7 +26,7 @@ LOOKED_AT = 400
 """Lines at the start of a file among which the names of the columns are looked for."""
 
 
-_QUOTED = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
+_QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
 """What stands in quotation marks, which have a separator or nothing around them."""
 
 
@@ -184,7 +184,7 @@ def _separator(line: str, below: str, suffix: str, decimal: str) -> str:
     order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
     order = sorted(order, key=lambda mark: mark == decimal)
     # What stands in quotation marks separates nothing.
-    line, below = (_QUOTED.sub("x", text) for text in (line, below))
+    line, below = (_QUOTED_CELL.sub("x", text) for text in (line, below))
     # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
     found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
     return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)

@@ -9,7 +9,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayes_greybox.data.samples.clipping import seen_samples
-from bayes_greybox.data.samples.sample_noise import NORMAL_MEDIAN, sample_noise
+from bayes_greybox.data.samples.sample_noise import MEDIAN_SQUARED_NORMAL, sample_noise
 from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
@@ -92,7 +92,7 @@ def gap_rows(
 
         def misfit(left: np.ndarray, allowed=allowed) -> Any:
             # Single samples that are far off say nothing of the others.
-            return np.sqrt(over(np.median(left, axis=-1) / NORMAL_MEDIAN, allowed))
+            return np.sqrt(over(np.median(left, axis=-1) / MEDIAN_SQUARED_NORMAL, allowed))
 
         of = ("output" if measured.output else "derivative") if rates else "sample"
         metrics: dict[str, Callable] = {f"{of} NMSE": nmse, "unexplained share": share}
