@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -20,7 +20,7 @@ def fir_noise(
     steps: Sequence[float],
     white_share: float = WHITE_SHARE,
 ) -> "BandedNoise":
-    """Noise of rows computed by a finite impulse response filter, edges dropped.
+    """Return the noise of rows computed by a finite impulse response filter, edges dropped.
 
     With G the filter's rows, G Gᵀ is banded Toeplitz with entries Σ_i c_i c_{i+k}.
 
@@ -30,9 +30,6 @@ def fir_noise(
         run_lengths: filtered rows of each run.
         steps: sample spacing of each run.
         white_share: δ.
-
-    Returns:
-        The noise of the stacked rows.
     """
     autocovariance = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
     lengths = np.asarray(run_lengths, dtype=float)
@@ -61,6 +58,7 @@ class BandedNoise(RowNoise):
         white_share: δ.
     """
 
+    kind: ClassVar[str] = "banded"
     autocorrelation: Float[np.ndarray, " n_lag"]
     run_lengths: tuple[int, ...]
     run_variances: Float[np.ndarray, " n_run"]
@@ -69,11 +67,6 @@ class BandedNoise(RowNoise):
 
     def __post_init__(self) -> None:
         check_white_share(self.white_share)
-
-    @property
-    def n_white(self) -> int:
-        """Number of whitened rows, one for each row."""
-        return self.n_obs
 
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -84,28 +77,23 @@ class BandedNoise(RowNoise):
         return total
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """L⁻¹ rows."""
+        """Return L⁻¹ rows."""
         return self._solve(rows, trans="N")
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """L⁻ᵀ rows."""
+        """Return L⁻ᵀ rows."""
         return self._solve(rows, trans="T")
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of R⁻¹."""
-        return self.precision_band(1)[:, 0]
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Diagonals of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
+        """Return diagonals of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
 
         With x the first column of T⁻¹: (T⁻¹)_{i+1,j+1} = (T⁻¹)_{i,j} + (x_{i+1} x_{j+1} − x_{n−1−i} x_{n−1−j}) / x_0
         (Gohberg & Semencul 1972).
         """
         band, start = np.zeros((self.n_obs, width)), 0
         for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
-            unit = np.zeros((n, 1))
-            unit[0] = 1.0
-            x = triangular_solve(self._factors[n], triangular_solve(self._factors[n], unit, "N"), "T")[:, 0]
+            half = triangular_solve(self._factors[n], np.eye(n, 1), "N")
+            x = triangular_solve(self._factors[n], half, "T")[:, 0]
             for k in range(min(width, n)):
                 steps = (x[1 : n - k] * x[1 + k :] - x[:k:-1] * x[::-1][k : n - 1]) / x[0]
                 band[start : start + n - k, k] = np.cumsum(np.concatenate([x[k : k + 1], steps])) / variance
@@ -113,7 +101,7 @@ class BandedNoise(RowNoise):
         return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix."""
+        """Return R as a dense matrix."""
         blocks = [
             variance * toeplitz(_pad(self._column, n))
             for n, variance in zip(self.run_lengths, self.run_variances, strict=True)
@@ -121,43 +109,22 @@ class BandedNoise(RowNoise):
         return np.asarray(block_diag(*blocks))
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "BandedNoise":
-        """Noise of contiguous rows of each run; see `RowNoise.restrict`."""
+        """Return the noise of contiguous rows of each run; see `RowNoise.restrict`."""
         lengths = np.array([stop - start for start, stop in bounds])
         stay = lengths > 0
         variances = self.run_variances[stay]
         mean = float(np.sum(lengths[stay] * variances) / np.sum(lengths[stay]))
-        return BandedNoise(
-            autocorrelation=self.autocorrelation,
-            run_lengths=tuple(int(n) for n in lengths[stay]),
-            run_variances=variances / mean,
-            scale=self.scale * math.sqrt(mean),
-            white_share=self.white_share,
-        )
+        kept = tuple(int(n) for n in lengths[stay])
+        return replace(self, run_lengths=kept, run_variances=variances / mean, scale=self.scale * math.sqrt(mean))
 
     def thin(self, every: int) -> "BandedNoise":
-        """Noise of every so many rows of each run, from its first on."""
-        return BandedNoise(
-            autocorrelation=self.autocorrelation[::every],
-            run_lengths=tuple(-(-n // every) for n in self.run_lengths),
-            run_variances=self.run_variances,
-            scale=self.scale,
-            white_share=self.white_share,
-        )
+        """Return the noise of every so many rows of each run, from its first on."""
+        lengths = tuple(-(-n // every) for n in self.run_lengths)
+        return replace(self, autocorrelation=self.autocorrelation[::every], run_lengths=lengths)
 
     def alternatives(self) -> tuple[RowNoise, ...]:
-        """The same filter's noise with other white shares."""
+        """Return the same filter's noise with other white shares."""
         return tuple(replace(self, white_share=share) for share in FILTER_WHITE_SHARES if share != self.white_share)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists that `noise_from_dict` reads back."""
-        return {
-            "kind": "banded",
-            "autocorrelation": self.autocorrelation.tolist(),
-            "run_lengths": list(self.run_lengths),
-            "run_variances": self.run_variances.tolist(),
-            "scale": self.scale,
-            "white_share": self.white_share,
-        }
 
     @property
     def _column(self) -> Float[np.ndarray, " n_lag"]:
@@ -190,13 +157,7 @@ def _toeplitz_cholesky(column: np.ndarray, n: int) -> np.ndarray:
 
 
 def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.ndarray:
-    """L⁻¹ rows, or L⁻ᵀ rows.
-
-    Args:
-        factor: L in lower banded form.
-        rows: Columns to solve for.
-        trans: "N" or "T".
-    """
+    """Return L⁻¹ rows or, for trans "T", L⁻ᵀ rows, with L in lower banded form."""
     (tbtrs,) = get_lapack_funcs(("tbtrs",), (factor,))
     solution, info = tbtrs(factor, rows, uplo="L", trans=trans, diag="N")
     if info != 0:

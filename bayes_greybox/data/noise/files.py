@@ -17,8 +17,14 @@ from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise
 from .white import WhiteNoise
 
-NOISE_KINDS = ("white", "banded", "spectral", "state space", "weighted", "starts", "forced", "overlapping")
-"""Row noises that files of data and fits can hold, as `RowNoise.to_dict` calls them."""
+NOISE_KINDS: dict[str, Any] = {
+    noise.kind: noise
+    for noise in (
+        WhiteNoise, BandedNoise, SpectralNoise, StateSpaceNoise, WeightedNoise, StartsNoise, ForcedNoise,
+        OverlappingNoise,
+    )
+}  # fmt: skip
+"""Row noises that files of data and fits can hold, by the name that `RowNoise.to_dict` gives them."""
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
@@ -27,56 +33,23 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     Args:
         record: mapping with the key "kind" (one of `NOISE_KINDS`) and the fields of that kind.
 
-    Returns:
-        The noise.
-
     Raises:
         InputError: if the kind is unknown.
     """
-    fields = {key: value for key, value in record.items() if key != "kind"}
-    if record["kind"] == "white":
-        return WhiteNoise(tuple(fields["run_lengths"]))
-    if record["kind"] == "banded":
-        return BandedNoise(
-            autocorrelation=np.asarray(fields["autocorrelation"], dtype=float),
-            run_lengths=tuple(fields["run_lengths"]),
-            run_variances=np.asarray(fields["run_variances"], dtype=float),
-            scale=float(fields["scale"]),
-            white_share=float(fields["white_share"]),
-        )
-    if record["kind"] == "spectral":
-        return SpectralNoise(
-            order=int(fields["order"]),
-            run_lengths=tuple(fields["run_lengths"]),
-            steps=tuple(fields["steps"]),
-            kept=tuple(fields["kept"]),
-            white_share=float(fields["white_share"]),
-        )
-    if record["kind"] == "state space":
-        return StateSpaceNoise(
-            times=tuple(np.asarray(t, dtype=float) for t in fields["times"]),
-            process=fields["process"],
-            time_scale=float(fields["time_scale"]),
-            white=float(fields["white"]),
-            scale=float(fields["scale"]),
-        )
-    if record["kind"] == "weighted":
-        return WeightedNoise(
-            inner=noise_from_dict(fields["inner"]),
-            sd=np.asarray(fields["sd"], dtype=float),
-            scale=float(fields["scale"]),
-        )
-    if record["kind"] == "starts":
-        inner, starts = noise_from_dict(fields["inner"]), np.asarray(fields["starts"], dtype=float)
-        return StartsNoise(inner, starts, scale=float(fields["scale"]))
-    if record["kind"] == "forced":
-        about = dict(fields["motion"])
-        outputs, fresh = tuple(int(k) for k in about.pop("outputs")), np.asarray(about.pop("fresh"), bool)
-        motion = Motion(fresh=fresh, outputs=outputs, **{k: np.asarray(v, float) for k, v in about.items()})
-        sensor, starts = noise_from_dict(fields["sensor"]), np.asarray(fields["starts"], float)
-        return ForcedNoise(sensor, motion, starts, float(fields["intensity"]), float(fields["scale"]))
-    if record["kind"] == "overlapping":
-        bands = tuple(np.asarray(band, dtype=float) for band in fields["bands"])
-        return OverlappingNoise(bands, float(fields["scale"]))
-    known = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
-    raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')
+    if record["kind"] not in NOISE_KINDS:
+        known = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
+        raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')
+    return NOISE_KINDS[record["kind"]](**{name: _field(name, each) for name, each in record.items() if name != "kind"})
+
+
+def _field(name: str, value: Any) -> Any:
+    if isinstance(value, Mapping):
+        motion = "kind" not in value
+        return Motion(**{key: _field(key, each) for key, each in value.items()}) if motion else noise_from_dict(value)
+    if isinstance(value, str | int | float):
+        return value
+    if name in ("run_lengths", "steps", "kept", "outputs"):
+        return tuple(value)
+    if name in ("times", "bands"):
+        return tuple(np.asarray(each, dtype=float) for each in value)
+    return np.asarray(value, dtype=bool if name == "fresh" else float)

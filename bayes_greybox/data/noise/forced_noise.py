@@ -8,26 +8,26 @@ whitened rows, the same gains for every column (de Jong 1989, Biometrika 76:663,
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import PRECISION_COLUMNS, RowNoise
+from .protocol import RowNoise, band_by_columns
 
 
 class Motion(NamedTuple):
-    """How changes of a path go on from sample to sample, samples in order of time within their segment.
+    """Propagation of changes of a path from sample to sample, samples in order of time within their segment.
 
     Attributes:
-        M: Transition from the sample before; of the first one of a segment, from where that starts.
+        M: Transition from the sample before; for the first sample of a segment, from the segment's start.
         G: Covariance that a force of unit intensity adds on the way, over that of the rows.
-        fresh: Whether a sample is the first one of its segment.
+        fresh: True for the first sample of each segment.
         outputs: Indices of the states that have a sensor; rows are ordered by sensor, then by sample.
         start_sd: Prior standard deviation of each state at the start of a segment, in the rows' unit.
-        intensities: λ that are worth a look, from hardly anything to a force as large as the path's own.
+        intensities: λ that are worth trying, from hardly anything to a force as large as the path's own.
     """
 
     M: Float[np.ndarray, "n d d"]
@@ -44,12 +44,13 @@ class ForcedNoise(RowNoise):
 
     Attributes:
         sensor: Noise of the sensors alone, of independent rows.
-        motion: Of the path.
+        motion: Propagation of changes of the path.
         starts: Change of the rows by one prior standard deviation of each start.
         intensity: λ.
-        scale: As of any noise.
+        scale: See `RowNoise`.
     """
 
+    kind: ClassVar[str] = "forced"
     sensor: RowNoise
     motion: Motion
     starts: Float[np.ndarray, "n_obs n_start"]
@@ -61,79 +62,61 @@ class ForcedNoise(RowNoise):
         """Rows of each run."""
         return self.sensor.run_lengths
 
-    @property
-    def n_white(self) -> int:
-        """As many as there are rows."""
-        return self.n_obs
-
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R| = Σ log S, S the variances of the innovations."""
         return float(np.sum(np.log(self._gains[1])))
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """Innovations over their standard deviations."""
+        """Return the innovations over their standard deviations."""
         work, path = self._filter
         K, S = self._gains
         return self._by_row(work.innovations(path, K, self._by_sample(rows)) / np.sqrt(S)[..., None])
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """The adjoint of the filter, run backwards."""
+        """Run the adjoint of the filter backwards."""
         work, path = self._filter
         K, S = self._gains
         return self._by_row(work.adjoint(path, K, self._by_sample(rows) / np.sqrt(S)[..., None]))
 
     def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """1/S + Kᵀ N K, N the covariance of the adjoint."""
+        """Return 1/S + Kᵀ N K, N the covariance of the adjoint."""
         work, path = self._filter
         return work.precision_diagonal(path, *self._gains).T.ravel()
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Entries of R⁻¹, a few of its columns at a time."""
-        n, band = self.n_obs, np.zeros((self.n_obs, width))
+        """Return entries of R⁻¹, a few of its columns at a time."""
+        band = band_by_columns(lambda unit: self.whiten_transpose(self.whiten(unit)), self.n_obs, width)
         run = np.repeat(np.arange(len(self.run_lengths)), self.run_lengths)
-        for part in np.array_split(np.arange(n), -(-n // PRECISION_COLUMNS)):
-            unit = np.zeros((n, len(part)))
-            unit[part, np.arange(len(part))] = 1.0
-            columns = self.whiten_transpose(self.whiten(unit))
-            for j, row in enumerate(part):
-                last = min(row + width, n)
-                band[row, : last - row] = np.where(run[row:last] == run[row], columns[row:last, j], 0.0)
+        for lag in range(1, min(width, self.n_obs)):
+            band[: self.n_obs - lag, lag] *= run[: self.n_obs - lag] == run[lag:]
         return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix."""
+        """Return R as a dense matrix."""
         inverse = np.linalg.inv(self.whiten(np.eye(self.n_obs)))
         return inverse @ inverse.T
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
-        """Draws of the sensors' noise alone: where the path goes is part of what is predicted."""
+        """Return draws of the sensors' noise alone: where the path goes is part of the prediction."""
         return self.sensor.correlated(white)
 
     def without_starts(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
-        """Residuals less B Bᵀ R⁻¹ of them, the posterior mean of what starts do."""
+        """Return residuals less B Bᵀ R⁻¹ of them, the posterior mean of the effect of the starts."""
         return rows - self.starts @ (self.starts.T @ self.whiten_transpose(self.whiten(rows)))
 
     @property
     def sensors(self) -> RowNoise:
-        """That of the sensors."""
+        """Noise of the sensors alone."""
         return self.sensor
 
     def onto(self, rows: RowNoise) -> RowNoise:
-        """The same force."""
+        """Return the same force on these rows."""
         return rows.with_error(self.sensor).forced(self.intensity)
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "ForcedNoise":
-        """Not possible: what a force did before a part of a run is not known within it."""
+        """Refuse: the effect that a force had before a part of a run is not known within that part."""
         raise InputError("Rows of a path that an unknown force moves cannot be parted: leave out whole runs.")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        motion = {name: np.asarray(value).tolist() for name, value in self.motion._asdict().items()}
-        return {
-            "kind": "forced", "sensor": self.sensor.to_dict(), "motion": motion, "starts": self.starts.tolist(),
-            "intensity": self.intensity, "scale": self.scale,
-        }  # fmt: skip
 
     @property
     def _filter(self) -> tuple[Any, Any]:
@@ -145,13 +128,13 @@ class ForcedNoise(RowNoise):
 
     @cached_property
     def _gains(self) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
-        """Gains and variances of the innovations, one sensor after the other."""
+        """Gains and variances of the innovations, sensor by sensor."""
         work, path = self._filter
         return work.gains(path, self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0], self.intensity)
 
     def _by_sample(self, rows: np.ndarray) -> np.ndarray:
-        """From rows to [sample, sensor, column]."""
+        """Reshape rows to [sample, sensor, column]."""
         return rows.reshape(len(self.motion.outputs), -1, rows.shape[1]).swapaxes(0, 1)
 
-    def _by_row(self, found: np.ndarray) -> np.ndarray:
-        return found.swapaxes(0, 1).reshape(-1, found.shape[-1])
+    def _by_row(self, by_sample: np.ndarray) -> np.ndarray:
+        return by_sample.swapaxes(0, 1).reshape(-1, by_sample.shape[-1])

@@ -1,7 +1,7 @@
-"""Innovations of the Kalman filter of a path that an unknown force moves, compiled: the work behind `forced_noise`.
+"""Kalman innovations of a path that an unknown force moves, compiled for `forced_noise`.
 
-Records are filled up to a power of two in length and in columns, so that few shapes are compiled; what is filled up
-stands behind the record and is seen by nothing before it.
+Records are padded to a power of two in length and in columns, so that few shapes are compiled. The padding stands
+behind the record, and nothing before it depends on it.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 class Path(NamedTuple):
-    """How a path goes on from sample to sample; see `forced_noise.Motion`."""
+    """Propagation of a path from sample to sample; see `forced_noise.Motion`."""
 
     M: Float[np.ndarray, "n d d"]
     G: Float[np.ndarray, "n d d"]
@@ -30,69 +30,56 @@ class Path(NamedTuple):
 def gains(
     path: Path, r: Float[np.ndarray, "n n_output"], intensity: float
 ) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
-    """Gains and variances of the innovations, one sensor after the other.
+    """Return gains and variances of the innovations, sensor by sensor.
 
     Args:
-        path: Of the samples.
+        path: Propagation from sample to sample.
         r: Variances of the sensors' noise.
         intensity: λ of the force.
     """
     n = len(r)
-    filled = _filled(path, n), _longer(r, n, 1.0)
-    K, S = _gains(*filled[0], filled[1], path.start_sd, intensity, outputs=path.outputs)
+    K, S = _gains(*_padded_path(path, n), _padded(r, n, 1.0), path.start_sd, intensity, outputs=path.outputs)
     return np.asarray(K)[:n], np.asarray(S)[:n]
 
 
 def innovations(
     path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
 ) -> Float[np.ndarray, "n n_output k"]:
-    """Rows less what the samples before say of them.
-
-    Args:
-        path: Of the samples.
-        K: Gains.
-        y: Rows, a column at a time.
-    """
+    """Return rows less their prediction from earlier samples, for gains K and rows y, each column by itself."""
     return _applied(_innovations, path, K, y)
 
 
 def adjoint(
     path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
 ) -> Float[np.ndarray, "n n_output k"]:
-    """The transpose of `innovations`, run backwards; arguments as there."""
+    """Run the transpose of `innovations` backwards; arguments as there."""
     return _applied(_adjoint, path, K, y)
 
 
 def precision_diagonal(
     path: Path, K: Float[np.ndarray, "n n_output d"], S: Float[np.ndarray, "n n_output"]
 ) -> Float[np.ndarray, "n n_output"]:
-    """1/S + Kᵀ N K, N the covariance of the adjoint.
-
-    Args:
-        path: Of the samples.
-        K: Gains.
-        S: Variances of the innovations.
-    """
+    """Return 1/S + Kᵀ N K, N the covariance of the adjoint, K the gains and S the variances of the innovations."""
     n = len(S)
-    M, _, fresh = _filled(path, n)
-    return np.asarray(_precision(M, fresh, _longer(K, n), _longer(1 / S, n), outputs=path.outputs))[:n]
+    M, _, fresh = _padded_path(path, n)
+    return np.asarray(_precision(M, fresh, _padded(K, n), _padded(1 / S, n), outputs=path.outputs))[:n]
 
 
 def _applied(work: Callable[..., Array], path: Path, K: np.ndarray, y: np.ndarray) -> np.ndarray:
     n, k = len(y), y.shape[-1]
-    M, _, fresh = _filled(path, n)
+    M, _, fresh = _padded_path(path, n)
     wide = np.concatenate([y, np.zeros((*y.shape[:-1], _power_of_two(k) - k))], axis=-1)
-    found = work(M, fresh, _longer(K, n), _longer(wide, n), outputs=path.outputs)
-    return np.asarray(found)[:n, :, :k]
+    result = work(M, fresh, _padded(K, n), _padded(wide, n), outputs=path.outputs)
+    return np.asarray(result)[:n, :, :k]
 
 
-def _filled(path: Path, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return _longer(path.M, n), _longer(path.G, n), _longer(path.fresh, n)
+def _padded_path(path: Path, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return _padded(path.M, n), _padded(path.G, n), _padded(path.fresh, n)
 
 
-def _longer(values: np.ndarray, n: int, by: float = 0.0) -> np.ndarray:
-    more = np.full((_power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
-    return np.concatenate([values, more])
+def _padded(values: np.ndarray, n: int, by: float = 0.0) -> np.ndarray:
+    padding = np.full((_power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
+    return np.concatenate([values, padding])
 
 
 def _power_of_two(n: int) -> int:

@@ -4,17 +4,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import block_diag, cholesky_banded
 
 from .banded import triangular_solve
-from .protocol import PRECISION_COLUMNS, RowNoise
+from .protocol import RowNoise, band_by_columns
 
 LEAST_PIVOT_SHARE = 1e-10
-"""A row whose variance given the rows before it is below this share of its own is told by them: it is no row."""
+"""Share of a row's variance below which its variance given the earlier rows counts as zero: they determine it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +28,7 @@ class OverlappingNoise(RowNoise):
         scale: See `RowNoise`.
     """
 
+    kind: ClassVar[str] = "overlapping"
     bands: tuple[Float[np.ndarray, "_ _"], ...]
     scale: float = 1.0
 
@@ -37,13 +38,8 @@ class OverlappingNoise(RowNoise):
         return tuple(band.shape[1] for band in self.bands)
 
     @property
-    def n_white(self) -> int:
-        """Number of whitened rows, one for each row."""
-        return self.n_obs
-
-    @property
     def derived(self) -> bool:
-        """Yes: from the noise of the samples."""
+        """True: R follows from the noise of the samples."""
         return True
 
     @cached_property
@@ -52,35 +48,26 @@ class OverlappingNoise(RowNoise):
         return 2.0 * sum(float(np.sum(np.log(factor[0]))) for factor in self._factors)
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """L⁻¹ rows."""
+        """Return L⁻¹ rows."""
         return self._solve(rows, "N")
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """L⁻ᵀ rows."""
+        """Return L⁻ᵀ rows."""
         return self._solve(rows, "T")
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of R⁻¹."""
-        return self.precision_band(1)[:, 0]
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Diagonals of R⁻¹, from its columns."""
-        band, start = np.zeros((self.n_obs, width)), 0
-        for factor in self._factors:
-            n = factor.shape[1]
-            for first in range(0, n, PRECISION_COLUMNS):
-                count = min(PRECISION_COLUMNS, n - first)
-                unit = np.zeros((n, count))
-                unit[first + np.arange(count), np.arange(count)] = 1.0
-                columns = triangular_solve(factor, triangular_solve(factor, unit, "N"), "T")
-                for j in range(count):
-                    part = columns[first + j : first + j + width, j]
-                    band[start + first + j, : len(part)] = part
-            start += n
-        return band
+        """Return diagonals of R⁻¹, from its columns."""
+
+        def band(factor: np.ndarray) -> np.ndarray:
+            def inverse(unit: np.ndarray) -> np.ndarray:
+                return triangular_solve(factor, triangular_solve(factor, unit, "N"), "T")
+
+            return band_by_columns(inverse, factor.shape[1], width)
+
+        return np.concatenate([np.zeros((0, width)), *map(band, self._factors)])
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix."""
+        """Return R as a dense matrix."""
         blocks = []
         for band in self.bands:
             lower = np.zeros((band.shape[1], band.shape[1]))
@@ -90,7 +77,7 @@ class OverlappingNoise(RowNoise):
         return np.asarray(block_diag(*blocks))
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
-        """L times the draws."""
+        """Return L times the draws."""
         out, start = np.zeros_like(white), 0
         for factor in self._factors:
             n = factor.shape[1]
@@ -100,16 +87,16 @@ class OverlappingNoise(RowNoise):
         return out
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "OverlappingNoise":
-        """Noise of contiguous rows of each run; see `RowNoise.restrict`."""
+        """Return the noise of contiguous rows of each run; see `RowNoise.restrict`."""
         kept = []
         for band, (start, stop) in zip(self.bands, bounds, strict=True):
             if stop > start:
-                kept.append(_without_rest(band[: stop - start, start:stop]))
+                part = band[: stop - start, start:stop].copy()
+                # The last columns of a lower banded form have no entries of rows that are not there.
+                for k in range(1, len(part)):
+                    part[k, part.shape[1] - k :] = 0.0
+                kept.append(part)
         return overlapping(kept, self.scale)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists that `noise_from_dict` reads back."""
-        return {"kind": "overlapping", "bands": [band.tolist() for band in self.bands], "scale": self.scale}
 
     @cached_property
     def _factors(self) -> tuple[Float[np.ndarray, "_ _"], ...]:
@@ -124,29 +111,25 @@ class OverlappingNoise(RowNoise):
 def overlapping(
     bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0, mean: float | None = None
 ) -> OverlappingNoise:
-    """Noise with a mean diagonal of one.
+    """Return noise that is rescaled to a mean diagonal of one.
 
     Args:
         bands: Covariance of the rows of each run over scale², in lower banded form.
         scale: See `RowNoise`.
-        mean: Of the diagonal, where these rows are some of those over which it is to be one.
+        mean: Mean diagonal of a larger set of rows that is to be one; that of these rows by default.
     """
     mean = mean_diagonal(bands) if mean is None else mean
     return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
 
 
 def mean_diagonal(bands: Sequence[Float[np.ndarray, "_ _"]]) -> float:
-    """Mean of the diagonals of bands; one of none.
-
-    Args:
-        bands: In lower banded form.
-    """
+    """Return the mean of the diagonals of lower bands; one if there are none."""
     n = sum(band.shape[1] for band in bands)
     return sum(float(np.sum(band[0])) for band in bands) / n if n else 1.0
 
 
 def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
-    """Which rows the rows before them do not tell: those are as many as the rank of R.
+    """Mark the rows that earlier rows do not determine; they are as many as the rank of R.
 
     Cholesky's factorisation, row by row, passes over a row with a pivot below `LEAST_PIVOT_SHARE` of its variance.
 
@@ -172,13 +155,4 @@ def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
             lower[i, width - 1] = math.sqrt(pivot)
         else:
             lower[i] = 0.0
-    return kept
-
-
-def _without_rest(band: np.ndarray) -> np.ndarray:
-    """The last columns of a banded form hold entries of rows that are not there: they are zero."""
-    n = band.shape[1]
-    kept = band.copy()
-    for k in range(1, len(band)):
-        kept[k, n - k :] = 0.0
     return kept

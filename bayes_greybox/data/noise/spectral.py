@@ -2,9 +2,9 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -31,6 +31,7 @@ class SpectralNoise(RowNoise):
         white_share: δ, spread evenly over the kept coefficients of each run.
     """
 
+    kind: ClassVar[str] = "spectral"
     order: int
     run_lengths: tuple[int, ...]
     steps: tuple[float, ...]
@@ -52,13 +53,13 @@ class SpectralNoise(RowNoise):
 
     @property
     def white_lengths(self) -> tuple[int, ...]:
-        """Two for each kept frequency of a run."""
+        """Number of whitened rows of each run, two for each kept frequency."""
         return tuple(2 * kept for kept in self.kept)
 
     def sequences(
         self, white: Float[np.ndarray, "n_draw n_white"]
     ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
-        """Power at each frequency, less its mean: neighbours in time have no rows of their own.
+        """Return the power at each frequency, less its mean: neighbours in time have no rows of their own.
 
         Cosines come before sines, run by run; the power of one frequency is exponential with mean 1.
         """
@@ -74,7 +75,7 @@ class SpectralNoise(RowNoise):
         return sum(2.0 * float(np.sum(np.log(values))) for values in self._eigenvalues)
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """Orthonormal Fourier coefficients divided by their SD; cosines, then sines, run by run."""
+        """Return orthonormal Fourier coefficients divided by their SD; cosines, then sines, run by run."""
         out, start = [], 0
         for n, kept, values in zip(self.run_lengths, self.kept, self._eigenvalues, strict=True):
             spectrum = np.fft.rfft(rows[start : start + n], axis=0)[1 : kept + 1]
@@ -84,7 +85,7 @@ class SpectralNoise(RowNoise):
         return np.concatenate(out)
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """The band-limited signal whose weighted Fourier coefficients are given."""
+        """Return the band-limited signal that has these weighted Fourier coefficients."""
         out, start = [], 0
         for n, kept, values in zip(self.run_lengths, self.kept, self._eigenvalues, strict=True):
             cosines, sines = rows[start : start + kept], rows[start + kept : start + 2 * kept]
@@ -94,12 +95,8 @@ class SpectralNoise(RowNoise):
             start += 2 * kept
         return np.concatenate(out)
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of Wᵀ W, the same for all rows of a run."""
-        return self.precision_band(1)[:, 0]
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Diagonals of Wᵀ W, constant within a run: (2/n) Σ_j cos(2π j k / n) / λ_j."""
+        """Return diagonals of Wᵀ W, constant within a run: (2/n) Σ_j cos(2π j k / n) / λ_j."""
         band, start = np.zeros((self.n_obs, width)), 0
         for n, kept, values in zip(self.run_lengths, self.kept, self._eigenvalues, strict=True):
             for k in range(min(width, n)):
@@ -109,7 +106,7 @@ class SpectralNoise(RowNoise):
         return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix, singular."""
+        """Return R as a dense matrix, which is singular."""
         blocks = []
         for n, kept, values in zip(self.run_lengths, self.kept, self._eigenvalues, strict=True):
             lag = 2.0 * np.pi * np.outer(np.arange(n), np.arange(1, kept + 1)) / n
@@ -118,7 +115,7 @@ class SpectralNoise(RowNoise):
         return np.asarray(block_diag(*blocks))
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "SpectralNoise":
-        """Noise of whole runs; a part of a periodic record has no such form.
+        """Return the noise of whole runs; a part of a periodic record has no such form.
 
         Raises:
             InputError: if a run would be cut.
@@ -131,24 +128,8 @@ class SpectralNoise(RowNoise):
                     "be split by time; split the measured data first and differentiate the parts, or split "
                     "with by='trajectory'."
                 )
-        return SpectralNoise(
-            order=self.order,
-            run_lengths=tuple(self.run_lengths[i] for i in stay),
-            steps=tuple(self.steps[i] for i in stay),
-            kept=tuple(self.kept[i] for i in stay),
-            white_share=self.white_share,
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and lists that `noise_from_dict` reads back."""
-        return {
-            "kind": "spectral",
-            "order": self.order,
-            "run_lengths": list(self.run_lengths),
-            "steps": list(self.steps),
-            "kept": list(self.kept),
-            "white_share": self.white_share,
-        }
+        lengths, steps, kept = (tuple(each[i] for i in stay) for each in (self.run_lengths, self.steps, self.kept))
+        return replace(self, run_lengths=lengths, steps=steps, kept=kept)
 
     @cached_property
     def _powers(self) -> tuple[np.ndarray, ...]:

@@ -1,4 +1,4 @@
-"""Rows whose noise hangs together in time: a stationary Gaussian process plus white noise, by one Kalman filter.
+"""Rows whose noise is correlated in time: a stationary Gaussian process plus white noise, by one Kalman filter.
 
     ε(t) = n(t) + e(t),   R_ij = (1 − w) k(|t_i − t_j| / τ) + w δ_ij,   one process a run,
 
@@ -8,9 +8,9 @@ Stochastic Differential Equations, 12.3; de Jong 1989, Biometrika 76:663 for R�
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,14 +23,14 @@ from bayes_greybox.running.errors import InputError
 from .protocol import RowNoise
 
 PROCESSES = ("exponential", "matern32")
-"""Correlation functions: rough as a sensor's noise is, and smooth as the motion of a system is."""
+"""Correlation functions: rough like a sensor's noise, and smooth like the motion of a system."""
 
 GAIN_SETTLED = 1e-13
 """Relative change of the gain below which it is constant: whitening is then a filter with fixed coefficients."""
 
 
 class _Gains(NamedTuple):
-    """What the filter is made of, one row of the data each; `fresh` marks the first row of each run."""
+    """Coefficients of the filter at each row; `fresh` marks the first row of each run."""
 
     advance: Float[np.ndarray, "n d d"]
     gain: Float[np.ndarray, "n d"]
@@ -49,6 +49,7 @@ class StateSpaceNoise(RowNoise):
         white: w, the share of the variance that is white, from 0 to 1.
     """
 
+    kind: ClassVar[str] = "state space"
     times: tuple[Float[np.ndarray, " _"], ...]
     process: str
     time_scale: float
@@ -69,18 +70,13 @@ class StateSpaceNoise(RowNoise):
         """Rows of each run."""
         return tuple(len(t) for t in self.times)
 
-    @property
-    def n_white(self) -> int:
-        """One for each row."""
-        return self.n_obs
-
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R| = Σ log S_t, S_t the variance of the innovations."""
         return float(np.sum(np.log(self._gains.variance)))
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_obs k"]:
-        """Innovations over their standard deviations."""
+        """Return the innovations over their standard deviations."""
         g, white, start = self._gains, np.empty(rows.shape), 0
         for length in self.run_lengths:
             part = slice(start, start + length)
@@ -89,7 +85,7 @@ class StateSpaceNoise(RowNoise):
         return white / np.sqrt(g.variance)[:, None]
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """The adjoint of the filter, run backwards."""
+        """Run the adjoint of the filter backwards."""
         g, back = self._gains, np.empty(rows.shape)
         scaled = rows / np.sqrt(g.variance)[:, None]
         costate = np.zeros((g.gain.shape[1], rows.shape[1]))
@@ -100,12 +96,11 @@ class StateSpaceNoise(RowNoise):
             costate = np.zeros_like(through) if g.fresh[t] else through
         return back
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """1/S_t + kᵀ N_t k, k = A_t K_t."""
-        return self.precision_band(1)[:, 0]
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Entries of R⁻¹ by the recursion N_{t-1} = hhᵀ/S_t + Lᵀ N_t L, L = A(I − K hᵀ)."""
+        """Return entries of R⁻¹ by the recursion N_{t-1} = hhᵀ/S_t + Lᵀ N_t L, L = A(I − K hᵀ).
+
+        The diagonal is 1/S_t + kᵀ N_t k, k = A_t K_t.
+        """
         g = self._gains
         n, d = g.gain.shape
         k = np.einsum("nij,nj->ni", g.advance, g.gain)
@@ -134,7 +129,7 @@ class StateSpaceNoise(RowNoise):
         return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix."""
+        """Return R as a dense matrix."""
         blocks = []
         for t in self.times:
             x = np.abs(t[:, None] - t) / self.time_scale
@@ -143,7 +138,7 @@ class StateSpaceNoise(RowNoise):
         return np.asarray(block_diag(*blocks))
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
-        """Draws by the filter run forwards: each row is what the rows before it foretell, and an innovation."""
+        """Run the filter forwards: each row is its prediction from the rows before it, plus an innovation."""
         g = self._gains
         innovations = white.T * np.sqrt(g.variance)[:, None]
         drawn = np.empty(innovations.shape)
@@ -156,17 +151,9 @@ class StateSpaceNoise(RowNoise):
         return drawn.T
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StateSpaceNoise":
-        """Noise of contiguous rows of each run."""
+        """Return the noise of contiguous rows of each run."""
         kept = zip(self.times, bounds, strict=True)
-        times = tuple(t[start:stop] for t, (start, stop) in kept if stop > start)
-        return StateSpaceNoise(times, self.process, self.time_scale, self.white, self.scale)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "kind": "state space", "times": [t.tolist() for t in self.times], "process": self.process,
-            "time_scale": self.time_scale, "white": self.white, "scale": self.scale,
-        }  # fmt: skip
+        return replace(self, times=tuple(t[start:stop] for t, (start, stop) in kept if stop > start))
 
     @cached_property
     def _gains(self) -> _Gains:
@@ -189,7 +176,7 @@ class StateSpaceNoise(RowNoise):
         return _Gains(advance, gain, variance, fresh)
 
     def _settled(self, start: int, length: int) -> int:
-        """Row of a run from which step and gain are constant."""
+        """Return the row of a run from which step and gain are constant."""
         g = self._gains
         gain, advance = g.gain[start : start + length], g.advance[start : start + length - 1]
         moving = np.any(np.abs(gain - gain[-1]) > GAIN_SETTLED * np.abs(gain[-1]), axis=1)
@@ -202,7 +189,7 @@ class StateSpaceNoise(RowNoise):
 def transition(
     process: str, step: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n d d"], Float[np.ndarray, "n d d"], Float[np.ndarray, "d d"]]:
-    """A, Q and the stationary covariance of a process of unit variance over steps in units of its time scale.
+    """Return A, Q and the stationary covariance of a process of unit variance over steps in units of its time scale.
 
     Args:
         process: One of `PROCESSES`.
@@ -222,7 +209,7 @@ def transition(
 
 
 def _innovations(y: np.ndarray, advance: np.ndarray, gain: np.ndarray, settled: int) -> np.ndarray:
-    """What each row adds to what the rows before it foretell, of one run."""
+    """Return each row of one run less its prediction from the rows before it."""
     n, d = gain.shape
     e = np.empty(y.shape)
     m = np.zeros((d, y.shape[1]))
@@ -246,7 +233,7 @@ def _innovations(y: np.ndarray, advance: np.ndarray, gain: np.ndarray, settled: 
 
 
 def _polynomial(A: np.ndarray) -> list[float]:
-    """Coefficients of det(zI − A), highest power first."""
+    """Return the coefficients of det(zI − A), highest power first."""
     if len(A) == 1:
         return [1.0, -float(A[0, 0])]
     return [1.0, -float(np.trace(A)), float(A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0])]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,7 @@ class WeightedNoise(RowNoise):
         sd: Roots of the diagonal of D, over the σ of the model [n_obs].
     """
 
+    kind: ClassVar[str] = "weighted"
     inner: RowNoise
     sd: Float[np.ndarray, " n_obs"]
     scale: float = 1.0
@@ -37,17 +38,17 @@ class WeightedNoise(RowNoise):
 
     @property
     def independent(self) -> bool:
-        """Whether R₀ is diagonal."""
+        """True if R₀ is diagonal."""
         return self.inner.independent
 
     @property
     def n_white(self) -> int:
-        """As many as R₀ has."""
+        """Number of whitened rows of R₀."""
         return self.inner.n_white
 
     @property
     def white_lengths(self) -> tuple[int, ...]:
-        """Those of R₀."""
+        """Number of whitened rows of each run of R₀."""
         return self.inner.white_lengths
 
     @cached_property
@@ -56,56 +57,48 @@ class WeightedNoise(RowNoise):
         return self.inner.log_det + 2 * float(np.sum(np.log(self.sd)))
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """W₀ D^-½ rows."""
+        """Return W₀ D^-½ rows."""
         return self.inner.whiten(rows / self.sd[:, None])
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """D^-½ W₀ᵀ rows."""
+        """Return D^-½ W₀ᵀ rows."""
         return self.inner.whiten_transpose(rows) / self.sd[:, None]
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Diagonal of R₀⁻¹ over that of D."""
-        return self.inner.precision_diagonal() / self.sd**2
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Entries of R₀⁻¹ over the roots of D."""
+        """Return entries of R₀⁻¹ over the roots of D."""
         band, n = self.inner.precision_band(width), len(self.sd)
         for lag in range(min(width, n)):
             band[: n - lag, lag] /= self.sd[: n - lag] * self.sd[lag:]
         return band
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """R as a dense matrix."""
+        """Return R as a dense matrix."""
         return self.sd[:, None] * self.inner.covariance() * self.sd
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
-        """Draws from N(0, R₀) times the roots of D."""
+        """Return draws from N(0, R₀) times the roots of D."""
         return self.inner.correlated(white) * self.sd
 
     def sequences(
         self, white: Float[np.ndarray, "n_draw n_white"]
     ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
-        """Those of R₀."""
+        """Return those of R₀."""
         return self.inner.sequences(white)
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WeightedNoise":
-        """Noise of contiguous rows of each run; their standard deviations stay what they were, over the same σ."""
+        """Return the noise of contiguous rows of each run; their standard deviations over the same σ stay."""
         starts = np.concatenate([[0], np.cumsum(self.run_lengths)])[:-1].astype(int)
         kept = [self.sd[s + a : s + b] for s, (a, b) in zip(starts, bounds, strict=True)]
         inner = self.inner.restrict(bounds)
         return WeightedNoise(inner, np.concatenate([np.zeros(0), *kept]), self.scale * inner.scale / self.inner.scale)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return {"kind": "weighted", "inner": self.inner.to_dict(), "sd": self.sd.tolist(), "scale": self.scale}
-
 
 def correlation_and_sd(noise: RowNoise) -> tuple[RowNoise, Float[np.ndarray, " n_obs"]]:
-    """Noise of rows of one size, and the standard deviation that each row has of it; of the rows alone."""
+    """Split the noise of the rows alone into noise of rows of equal variance and the standard deviation of each row."""
     error = noise.error
     return (error.inner, error.sd) if isinstance(error, WeightedNoise) else (error, np.ones(error.n_obs))
 
 
 def with_sd(correlation: RowNoise, sd: Float[np.ndarray, " n_obs"]) -> RowNoise:
-    """The inverse of `correlation_and_sd`."""
+    """Join what `correlation_and_sd` splits."""
     return correlation if np.all(sd == 1.0) else WeightedNoise(correlation, sd)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -18,58 +18,45 @@ class WhiteNoise(RowNoise):
         run_lengths: rows of each run.
     """
 
+    kind: ClassVar[str] = "white"
+    unsaved: ClassVar[tuple[str, ...]] = ("scale",)
     run_lengths: tuple[int, ...]
     scale: float = 1.0
 
     @property
     def local(self) -> bool:
-        """Rows are whitened one by one."""
+        """True: each row is whitened by itself."""
         return True
 
     @property
-    def n_white(self) -> int:
-        """One for each row."""
-        return self.n_obs
-
-    @property
     def log_det(self) -> float:
-        """log|I|."""
+        """log|I| = 0."""
         return 0.0
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """The rows themselves."""
+        """Return the rows themselves."""
         return rows
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """The rows themselves."""
+        """Return the rows themselves."""
         return rows
 
-    def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
-        """Ones."""
-        return np.ones(self.n_obs)
-
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
-        """Ones on the diagonal."""
-        band = np.zeros((self.n_obs, width))
-        band[:, 0] = 1.0
-        return band
+        """Return ones on the diagonal."""
+        return np.eye(1, width).repeat(self.n_obs, axis=0)
 
     def precision_at(self, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
-        """The identity."""
+        """Return the identity."""
         return np.eye(len(index))
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
-        """The identity."""
+        """Return the identity."""
         return np.eye(self.n_obs)
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
-        """The draws themselves."""
+        """Return the draws themselves."""
         return white
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WhiteNoise":
-        """Noise of contiguous rows of each run."""
+        """Return the noise of contiguous rows of each run."""
         return WhiteNoise(tuple(stop - start for start, stop in bounds if stop > start))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        return {"kind": "white", "run_lengths": list(self.run_lengths)}
