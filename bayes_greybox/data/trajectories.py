@@ -29,7 +29,7 @@ from .columns import (
 )
 from .noise.files import noise_from_dict
 from .noise.protocol import WHITE_SHARE, RowNoise
-from .rates.differentiate import differentiate, uniform_step
+from .rates.differentiate import FilterSettings, differentiate, uniform_step
 from .rates.rate_filter import RateFilter
 
 
@@ -263,12 +263,14 @@ class Trajectories(CutRuns):
             states=self.states,
             inputs=self.inputs,
             derivatives=self.derivatives,
-            method=method or "savgol",
-            rates=rates,
-            window=window,
-            polyorder=polyorder,
-            band=band,
-            white_share=WHITE_SHARE if white_share is None else white_share,
+            settings=FilterSettings(
+                method=method or "savgol",
+                rates=dict(rates or {}),
+                window=window,
+                polyorder=polyorder,
+                band=band,
+                white_share=WHITE_SHARE if white_share is None else white_share,
+            ),
         )
         units = dict(self.units)
         for name, rate in (rates or {}).items():

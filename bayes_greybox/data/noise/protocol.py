@@ -110,7 +110,7 @@ class RowNoise(ABC):
         """Return the entries (i, i + k) of Wᵀ W for k < width, zero beyond the run of row i."""
 
     def precision_at(self, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
-        """Return the entries (i, j) of R⁻¹ for some rows; where R is singular, the identity of whitened coefficients."""
+        """Return entries (i, j) of R⁻¹ for some rows; where R is singular, the identity of whitened coefficients."""
         if not self.square:
             return np.eye(len(index))
         parts = np.array_split(index, -(-len(index) // PRECISION_COLUMNS))

@@ -1,13 +1,14 @@
 """Differentiators as linear operators: Savitzky–Golay, band-limited and spectral.
 
-Derivatives, states and inputs are filtered alike. What the filter makes of the true rate, and therefore of every term
-of the equation, is in `data.rates.rate_filter`. Rows at the edges, where a filter would invent samples, are dropped.
+Derivatives, states and inputs are filtered alike. `data.rates.rate_filter` says how the filter changes the true rate,
+and therefore every term of the equation. Rows at the edges, where a filter would invent samples, are dropped.
 
 The functions here take plain arrays; `Trajectories.differentiate` is the user's way in.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -35,17 +36,32 @@ WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""
 
 
+@dataclass(frozen=True)
+class FilterSettings:
+    """Settings of a differentiator; see `Trajectories.differentiate` for each."""
+
+    method: str = "savgol"
+    rates: Mapping[str, str] = field(default_factory=dict)
+    window: int | None = None
+    polyorder: int | None = None
+    band: float | None = None
+    white_share: float = WHITE_SHARE
+
+
+class _Filter(NamedTuple):
+    rows: Int[np.ndarray, " n_row"]
+    window: int
+    polyorder: int | None
+    apply: Callable[[np.ndarray, int], np.ndarray]
+    row_noise: Callable[[int], RowNoise]
+
+
 @dataclass(frozen=True, eq=False)
 class Differentiated:
-    """Filtered columns and the noise of the derivative rows.
+    """Filtered columns, added rates among the states, and the noise of the derivative rows by state.
 
     Attributes:
         rows: numbers of the rows that stay.
-        states: smoothed states, the added rates included.
-        inputs: smoothed inputs.
-        derivatives: derivative rows by state.
-        noise: covariance of these rows.
-        filter: what the rates were computed by.
     """
 
     rows: Int[np.ndarray, " n_row"]
@@ -64,12 +80,7 @@ def differentiate(
     states: Mapping[str, Float[np.ndarray, " n_obs"]],
     inputs: Mapping[str, Float[np.ndarray, " n_obs"]],
     derivatives: Mapping[str, Float[np.ndarray, " n_obs"]],
-    method: str = "savgol",
-    rates: Mapping[str, str] | None = None,
-    window: int | None = None,
-    polyorder: int | None = None,
-    band: float | None = None,
-    white_share: float = WHITE_SHARE,
+    settings: FilterSettings,
 ) -> Differentiated:
     """Smooth every column and add the missing derivatives; see `Trajectories.differentiate`.
 
@@ -79,107 +90,118 @@ def differentiate(
         run_names: name of each run, for messages.
         states: measured states.
         inputs: measured inputs.
-        derivatives: measured derivatives, and outputs; smoothed, not replaced.
-        method: "savgol", "bandlimited" or "spectral".
-        rates: {"y": "ydot"} adds the rate of y as a state ydot and differentiates twice.
-        window: odd number of samples.
-        polyorder: degree of the local polynomial (savgol).
-        band: edge of the pass band in cycles per unit of time (bandlimited, spectral).
-        white_share: share of the row variance that is white, see `bayes_greybox.data.noise.banded`.
-
-    Returns:
-        The filtered columns.
+        derivatives: measured derivatives and outputs, which are smoothed and not replaced.
+        settings: the differentiator.
 
     Raises:
         InputError: if the data or the settings do not fit.
     """
-    rates = dict(rates or {})
+    rates = settings.rates
     _check_request(states, inputs, derivatives, rates)
-    check_settings(method, window, polyorder, band)
+    check_settings(settings.method, settings.window, settings.polyorder, settings.band)
     blocks = [np.flatnonzero(run == i) for i in range(len(run_names))]
     steps = [uniform_step(time[rows], name) for rows, name in zip(blocks, run_names, strict=True)]
-    wanted = [name for name in states if name not in derivatives]
-    highest, given_band = (2 if rates else 1), band
-
-    if method == "spectral":
-        _check_periodic({name: states[name] for name in wanted}, blocks, run_names)
-        kept = [
-            kept_frequencies(len(rows), h, band, name) for rows, h, name in zip(blocks, steps, run_names, strict=True)
-        ]
-        rows, window = np.arange(len(time)), 0
-
-        def apply(values: np.ndarray, order: int) -> np.ndarray:
-            parts = zip(blocks, steps, kept, strict=True)
-            return np.concatenate([spectral_derivative(values[b], h, order, k) for b, h, k in parts])
-
-        def row_noise(order: int) -> RowNoise:
-            return SpectralNoise(order, tuple(len(b) for b in blocks), tuple(steps), tuple(kept), white_share)
-
+    missing = {name: values for name, values in states.items() if name not in derivatives}
+    if settings.method == "spectral":
+        _check_periodic(missing, blocks, run_names)
+        applied = _spectral_filter(settings, blocks, steps, run_names)
     else:
-        band = band_per_sample(band, steps, run_names) if method == "bandlimited" else None
-        shortest = min(len(b) for b in blocks)
-        if method == "savgol":
-            polyorder = polyorder if polyorder is not None else (4 if highest == 2 else 3)
-            if window is None:
-                series = [[states[name][b] for b in blocks] for name in wanted]
-                window = savgol_window(series, polyorder)
-        taps = {m: filter_taps(m, method, window=window, polyorder=polyorder, band=band) for m in range(highest + 1)}
-        window = len(taps[0])
-        if window > shortest:
-            short = run_names[int(np.argmin([len(b) for b in blocks]))]
-            raise InputError(
-                f'Run "{short}" has {shortest} rows, fewer than the window of {window}; leave the run out or '
-                "choose a smaller window."
-            )
-        half = window // 2
-        inner = [b[half : len(b) - half] for b in blocks]
-        rows = np.concatenate(inner)
-
-        def apply(values: np.ndarray, order: int) -> np.ndarray:
-            parts = zip(blocks, steps, strict=True)
-            return np.concatenate([np.correlate(values[b], taps[order], "valid") / h**order for b, h in parts])
-
-        def row_noise(order: int) -> RowNoise:
-            return fir_noise(taps[order], order, [len(b) for b in inner], steps, white_share)
-
-    new_states = {name: apply(values, 0) for name, values in states.items()}
-    new_derivatives = {name: apply(values, 0) for name, values in derivatives.items()}
+        applied = _window_filter(settings, blocks, steps, run_names, missing)
+    filtered = {name: applied.apply(values, 0) for name, values in states.items()}
+    rows = {name: applied.apply(values, 0) for name, values in derivatives.items()}
     orders = dict.fromkeys(derivatives, 0)
-    for name in wanted:
-        new_derivatives[name], orders[name] = apply(states[name], 1), 1
+    for name, values in missing.items():
+        rows[name], orders[name] = applied.apply(values, 1), 1
         if name in rates:
             rate = rates[name]
-            new_states[rate] = new_derivatives[name]
-            new_derivatives[rate], orders[rate] = apply(states[name], 2), 2
-    runs = np.concatenate(blocks)
-    table = np.column_stack([values[runs] for values in states.values()]) if states else np.zeros((len(runs), 0))
-    noisy = sample_noise(time[runs], table, [len(b) for b in blocks])
-    different: list[float] = []
-    for step in steps:
-        if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
-            different.append(step)
+            filtered[rate] = rows[name]
+            rows[rate], orders[rate] = applied.apply(values, 2), 2
+    in_order = np.concatenate(blocks)
+    table = np.reshape([values[in_order] for values in states.values()], (len(states), len(in_order))).T
+    noise = sample_noise(time[in_order], table, [len(b) for b in blocks])
     return Differentiated(
-        rows=rows,
-        states=new_states,
-        inputs={name: apply(values, 0) for name, values in inputs.items()},
-        derivatives=new_derivatives,
-        noise={name: row_noise(order) for name, order in orders.items()},
+        rows=applied.rows,
+        states=filtered,
+        inputs={name: applied.apply(values, 0) for name, values in inputs.items()},
+        derivatives=rows,
+        noise={name: applied.row_noise(order) for name, order in orders.items()},
         filter=RateFilter(
-            method=method,
-            window=window,
-            polyorder=polyorder,
-            band=given_band,
-            white_share=white_share,
+            method=settings.method,
+            window=applied.window,
+            polyorder=applied.polyorder,
+            band=settings.band,
+            white_share=settings.white_share,
             rates=tuple(rates.items()),
             orders=tuple(orders.items()),
-            steps=tuple(different),
-            sample_noise=tuple(zip(states, map(float, noisy), strict=True)),
+            steps=_different(steps),
+            sample_noise=tuple(zip(states, map(float, noise), strict=True)),
         ),
     )
 
 
+def _spectral_filter(
+    settings: FilterSettings, blocks: Sequence[np.ndarray], steps: Sequence[float], run_names: Sequence[str]
+) -> _Filter:
+    each = zip(blocks, steps, run_names, strict=True)
+    kept = [kept_frequencies(len(rows), step, settings.band, name) for rows, step, name in each]
+
+    def apply(values: np.ndarray, order: int) -> np.ndarray:
+        parts = zip(blocks, steps, kept, strict=True)
+        return np.concatenate([spectral_derivative(values[b], h, order, k) for b, h, k in parts])
+
+    def row_noise(order: int) -> RowNoise:
+        return SpectralNoise(order, tuple(len(b) for b in blocks), tuple(steps), tuple(kept), settings.white_share)
+
+    return _Filter(np.arange(sum(map(len, blocks))), 0, settings.polyorder, apply, row_noise)
+
+
+def _window_filter(
+    settings: FilterSettings,
+    blocks: Sequence[np.ndarray],
+    steps: Sequence[float],
+    run_names: Sequence[str],
+    missing: Mapping[str, np.ndarray],
+) -> _Filter:
+    """Build a finite differentiator, its window chosen from the states without a derivative if it is left open."""
+    highest = 2 if settings.rates else 1
+    window, polyorder, band = settings.window, settings.polyorder, None
+    if settings.method == "bandlimited":
+        band = band_per_sample(settings.band, steps, run_names)
+    else:
+        polyorder = polyorder if polyorder is not None else highest + 2
+        if window is None:
+            window = savgol_window([[values[b] for b in blocks] for values in missing.values()], polyorder)
+    options = {"window": window, "polyorder": polyorder, "band": band}
+    taps = [filter_taps(order, settings.method, **options) for order in range(highest + 1)]
+    window, lengths = len(taps[0]), [len(b) for b in blocks]
+    if window > min(lengths):
+        raise InputError(
+            f'Run "{run_names[int(np.argmin(lengths))]}" has {min(lengths)} rows, fewer than the window of {window}; '
+            "leave the run out or choose a smaller window."
+        )
+    inner = [b[window // 2 : len(b) - window // 2] for b in blocks]
+
+    def apply(values: np.ndarray, order: int) -> np.ndarray:
+        parts = zip(blocks, steps, strict=True)
+        return np.concatenate([np.correlate(values[b], taps[order], "valid") / h**order for b, h in parts])
+
+    def row_noise(order: int) -> RowNoise:
+        return fir_noise(taps[order], order, [len(b) for b in inner], steps, settings.white_share)
+
+    return _Filter(np.concatenate(inner), window, polyorder, apply, row_noise)
+
+
+def _different(steps: Sequence[float]) -> tuple[float, ...]:
+    """Drop steps that are equal to an earlier one within the tolerance."""
+    different: list[float] = []
+    for step in steps:
+        if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
+            different.append(step)
+    return tuple(different)
+
+
 def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
-    """Sample spacing of one run.
+    """Return the sample spacing of one run.
 
     Raises:
         InputError: if the spacing is not uniform.
@@ -193,7 +215,7 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     if deviation[worst] > slack:
         steps = np.diff(time)
         usual = float(np.median(steps))
-        # Rows that lack alone are put back where they were; jitter keeps its mean.
+        # Single missing rows are put back at the usual step; jittered stamps keep their mean step.
         even = step if np.mean(np.abs(steps - usual) <= slack) < 0.5 else usual
         gap = np.max(steps) > GAP_STEPS * usual
         remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"

@@ -17,19 +17,19 @@ ATTENUATION_DB = 80.0
 GAP_STEPS = 4.0
 """A step this many times the usual one is a gap, in which interpolation would invent samples.
 
-Stamps that are to be even have no such step by chance; where they may be uneven a run goes on across it, and begins
+Stamps that have to be even have no such step by chance. Where they may be uneven, a run goes on across it, and begins
 anew after one that is longer still, `gaps.ANEW`.
 """
 
 STEP_TOLERANCE = 1e-3
-"""Largest allowed relative deviation of a sample spacing from the mean spacing, beside what rounds the stamps."""
+"""Largest relative deviation of a sample spacing from the mean spacing, beside the rounding of the stamps."""
 
 UNDERSMOOTHING = 0.75
 """Factor on the window that cross-validation finds, see `savgol_window`."""
 
 
 def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
-    """How far steps between stamps may be off an even one, ε h + 2 ulp(max |t|).
+    """Return the largest deviation of steps from an even one that still counts as even, ε h + 2 ulp(max |t|).
 
     Stamps that count from far away, as seconds since 1970 do, are rounded to parts of a step that matter.
 
@@ -48,7 +48,7 @@ def filter_taps(
     polyorder: int | None = None,
     band: float | None = None,
 ) -> Float[np.ndarray, " n_tap"]:
-    """Taps c of a finite impulse response differentiator for unit sample spacing.
+    """Return taps c of a finite impulse response differentiator for unit sample spacing.
 
     The filtered row is d_n = Σ_k c_k x_{n+k}, k = −w/2 … w/2; divide by step^order for other spacings.
 
@@ -62,9 +62,6 @@ def filter_taps(
         window: odd number of taps; needed for savgol, chosen from the band for bandlimited.
         polyorder: degree of the polynomial, default 3 (order 0 and 1) or 4.
         band: edge of the pass band in cycles per sample, below 0.5.
-
-    Returns:
-        The taps, (n_tap,).
 
     Raises:
         InputError: if the settings do not fit each other.
@@ -86,16 +83,13 @@ def filter_taps(
 
 
 def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int, kept: int) -> Float[np.ndarray, " n"]:
-    """Derivative of one whole period (or several) by multiplication with (iω)^order in Fourier space.
+    """Differentiate one whole period, or several, by multiplication with (iω)^order in Fourier space.
 
     Args:
         values: evenly spaced samples of a periodic record, the repeated last point left out.
         step: sample spacing.
         order: order of the derivative; 0 limits the band only.
         kept: highest kept multiple of 1 / (n · step), below n / 2.
-
-    Returns:
-        The derivative at the samples, (n,).
     """
     n = len(values)
     spectrum = np.fft.rfft(values)
@@ -105,7 +99,7 @@ def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int
 
 
 def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder: int) -> int:
-    """Window of the Savitzky–Golay smoother by generalised cross-validation, shortened by a quarter.
+    """Choose the window of the Savitzky–Golay smoother by generalised cross-validation, shortened by a quarter.
 
     Cross-validation minimises Σ_columns log [ mean(r²) / (1 − c_0)² ], r the residual of the smoothed
     samples and c_0 the centre tap (the trace of the smoother per row), over rows that every
@@ -142,7 +136,7 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
     for candidate in candidates:
         taps = filter_taps(0, "savgol", window=candidate, polyorder=polyorder)
         trim, score = half - candidate // 2, 0.0
-        # A column of zeros says nothing of the window.
+        # A column of zeros has no information on the window.
         for runs in (runs for runs in series if any(np.any(values) for values in runs)):
             residual = np.concatenate(
                 [
@@ -174,7 +168,7 @@ def check_settings(method: str, window: int | None, polyorder: int | None, band:
 
 
 def kept_frequencies(n: int, step: float, band: float | None, name: str) -> int:
-    """Number of kept frequencies; the Nyquist frequency, whose odd derivatives vanish, is never kept."""
+    """Return the number of kept frequencies; the Nyquist frequency, whose odd derivatives vanish, is never kept."""
     below_nyquist = (n - 1) // 2
     kept = below_nyquist if band is None else min(math.floor(band * n * step * (1.0 + 1e-12)), below_nyquist)
     if kept < 1:
@@ -186,7 +180,7 @@ def kept_frequencies(n: int, step: float, band: float | None, name: str) -> int:
 
 
 def band_per_sample(band: float | None, steps: Sequence[float], run_names: Sequence[str]) -> float:
-    """Pass band in cycles per sample, the same in every run."""
+    """Return the pass band in cycles per sample, the same in every run."""
     if band is None:
         raise InputError("method='bandlimited' needs band, the edge of the pass band in cycles per unit of time.")
     for step, name in zip(steps, run_names, strict=True):
@@ -203,12 +197,12 @@ def band_per_sample(band: float | None, steps: Sequence[float], run_names: Seque
 
 
 def _transition(band: float) -> float:
-    """Width of the transition in cycles per sample: half the band, but ending below the Nyquist frequency."""
+    """Return the width of the transition, cycles per sample: half the band, but ending below the Nyquist frequency."""
     return min(0.5 * band, 0.5 - band)
 
 
 def _kaiser_length(band: float) -> int:
-    """Odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76)."""
+    """Return the odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76)."""
     return math.ceil((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * np.pi * _transition(band)) / 2.0) * 2 + 1
 
 
@@ -218,8 +212,8 @@ def _kaiser_taps(order: int, window: int, band: float) -> np.ndarray:
     half = window // 2
     k = np.arange(-half, half + 1)
     cutoff = 2.0 * np.pi * (band + 0.5 * _transition(band))
-    # Gauss's rule follows a cosine of phase p over an interval by p/2 nodes and a few more; that takes milliseconds
-    # where the window has thousands of taps and the band is narrow.
+    # Gauss's rule integrates a cosine of phase p with p/2 nodes and a few more: milliseconds, even for a narrow band
+    # with thousands of taps.
     nodes, weights = np.polynomial.legendre.leggauss(math.ceil(0.5 * cutoff * half) + 32)
     omega, weight = 0.5 * cutoff * (nodes + 1.0), 0.5 * cutoff * weights
     # The Kaiser parameter for this attenuation (Oppenheim & Schafer 2010, eq. 7.75).

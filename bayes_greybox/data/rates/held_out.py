@@ -1,11 +1,11 @@
-"""Held-out data as the training data are: with the same filter."""
+"""Held-out data with the filter of the training data."""
 
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.running.errors import InputError
 
 
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
-    """Held-out data as the training data are: differentiated by the same filter where they are not yet.
+    """Differentiate held-out data by the filter of the training data, unless their rates are known already.
 
     Args:
         test: Held-out data.

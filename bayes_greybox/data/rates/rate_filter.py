@@ -1,4 +1,4 @@
-"""The filter behind rates that were computed from samples, and what it makes of the terms of an equation.
+"""The filter behind rates that were computed from samples, and its effect on the terms of an equation.
 
 A finite differentiator of order m annihilates polynomials below degree m, so its output is a weighted mean of the m-th
 derivative over its window (Peano's kernel theorem): Σ_k c_k x_{n+k} = h^m Σ_k s_k x⁽ᵐ⁾_{n+k}. A filtered rate is
@@ -22,7 +22,7 @@ from bayes_greybox.running.errors import InputError
 from .filters import STEP_TOLERANCE, filter_taps
 
 NEIGHBOUR_CORRELATION = float(np.exp(-1))
-"""Rows are so far apart that the noise of neighbours has at most this correlation."""
+"""Largest correlation of the noise of neighbouring rows, which decides how far apart rows are."""
 
 STRETCH_SAMPLES = 16_384
 """Samples at which a table is evaluated at once."""
@@ -39,7 +39,7 @@ HAT = np.array([1.0, 10.0, 1.0]) / 12
 
 @dataclass(frozen=True)
 class RateFilter:
-    """How the rates of data were computed; equal where two data sets went through the same filter.
+    """Filter that computed the rates of data; two are equal if they treat any data set alike.
 
     Attributes:
         method: "savgol", "bandlimited" or "spectral".
@@ -48,8 +48,8 @@ class RateFilter:
         band: Edge of the pass band, cycles per unit of time (bandlimited, spectral).
         white_share: δ of the rows' noise.
         rates: As in `Trajectories.differentiate`.
-        orders: Order of the derivative that was taken of a column, by the state whose equation the row is; 0 where the
-            rate was measured and smoothed.
+        orders: Order of the derivative by the state whose equation the row is; 0 where the rate was measured and
+            smoothed.
         steps: Different sample spacings of the runs, that of the first run first.
         sample_noise: Standard deviation of the white noise on each measured state.
     """
@@ -66,15 +66,15 @@ class RateFilter:
 
     @property
     def finite(self) -> bool:
-        """Whether it has a window; a spectral derivative is band-limited by the whitening of its rows."""
+        """True if it has a window; a spectral derivative is band-limited by the whitening of its rows."""
         return self.method != "spectral"
 
     @property
     def in_words(self) -> str:
-        """What was done, such as "differentiated by savgol, window 21"."""
+        """Description for remarks, such as "differentiated by savgol, window 21"."""
         settings = {"window": self.window or None, "polyorder": self.polyorder, "band": self.band}
-        told = [f"{name} {value:g}" for name, value in settings.items() if value is not None]
-        return ", ".join([f"differentiated by {self.method}", *told])
+        words = [f"{name} {value:g}" for name, value in settings.items() if value is not None]
+        return ", ".join([f"differentiated by {self.method}", *words])
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -83,11 +83,11 @@ class RateFilter:
         return given | ({"window": self.window, "polyorder": self.polyorder} if self.finite else {})
 
     def source(self, state: str) -> str:
-        """The measured state whose samples a state is of: its own, or those of the one whose rate it is."""
+        """Return the measured state behind a state: itself, or the state whose rate it is."""
         return {rate: name for name, rate in self.rates}.get(state, state)
 
     def one_sensor(self, state: str) -> tuple[str, ...]:
-        """States from whose samples a rate was computed, the measured one first; none where it was measured."""
+        """Return the states that share the sensor of a rate, the measured one first; none if the rate was measured."""
         if not dict(self.orders).get(state, 0):
             return ()
         source = self.source(state)
@@ -97,24 +97,24 @@ class RateFilter:
     def every(self) -> int:
         """Distance of rows in samples: the first lag at which the noise's correlation is at most 1/e.
 
-        That of the highest derivative that was taken, so that all equations have their rows at the same samples.
+        The highest derivative decides it, so that all equations have their rows at the same samples.
         """
         taps = self._taps(max(order for _, order in self.orders))
         correlation = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
         return int(np.argmax(np.append(correlation, 0.0) <= NEIGHBOUR_CORRELATION * correlation[0]))
 
     def smoothing(self, state: str) -> Float[np.ndarray, " window"]:
-        """Weights s of the true rate's mean that the rate of a state is; they add up to one."""
+        """Return the weights s of the mean of the true rate that a state's rate stands for; they add up to one."""
         order = dict(self.orders)[state]
         return smoothing_taps(self._taps(order), order)
 
     def column_weights(self, name: str) -> Float[np.ndarray, " window"]:
-        """Weights of the mean that a smoothed column is; of an added rate those of a first derivative."""
+        """Return the weights of the mean that a smoothed column stands for; an added rate is a first derivative."""
         order = int(name in dict(self.rates).values())
         return smoothing_taps(self._taps(order), order)
 
     def noise_of_states(self, row_steps: Float[np.ndarray, " n_row"]) -> dict[str, float]:
-        """Standard deviation of what the filter leaves of the samples' noise in each state, RMS over rows.
+        """Return the standard deviation of the noise that the filter leaves in each state, RMS over rows.
 
         Args:
             row_steps: Sample spacing of the run of each row.
@@ -124,10 +124,10 @@ class RateFilter:
         return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
 
     def noise_of_rate(self, state: str, row_steps: Float[np.ndarray, " n_row"]) -> float:
-        """Standard deviation of a state's computed rate, RMS over rows; of a smoothed one it is not known and infinite.
+        """Return the standard deviation of a computed rate, RMS over rows; infinite for a smoothed measured rate.
 
         Args:
-            state: Whose equation the rows are.
+            state: State whose equation the rows are.
             row_steps: Sample spacing of the run of each row.
         """
         order, noise = dict(self.orders)[state], dict(self.sample_noise)
@@ -154,30 +154,18 @@ class RateFilter:
                 )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values that `from_dict` reads back."""
-        return (
-            asdict(self)
-            | {"rates": dict(self.rates), "orders": dict(self.orders), "steps": list(self.steps)}
-            | {"sample_noise": dict(self.sample_noise)}
-        )
+        """Return plain values that `from_dict` reads back."""
+        pairs = {name: dict(getattr(self, name)) for name in ("rates", "orders", "sample_noise")}
+        return asdict(self) | pairs | {"steps": list(self.steps)}
 
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
-        return cls(
-            method=record["method"],
-            window=int(record["window"]),
-            polyorder=record["polyorder"],
-            band=record["band"],
-            white_share=float(record["white_share"]),
-            rates=tuple(record["rates"].items()),
-            orders=tuple((name, int(order)) for name, order in record["orders"].items()),
-            steps=tuple(record["steps"]),
-            sample_noise=tuple(record["sample_noise"].items()),
-        )
+        pairs = {name: tuple(record[name].items()) for name in ("rates", "orders", "sample_noise")}
+        return cls(**(dict(record) | pairs | {"steps": tuple(record["steps"])}))
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
-        """RMS of 1/h^m over rows, h of each row's run; the first run's where no run has two rows."""
+        """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""
         known = row_steps[row_steps > 0]
         return float(np.sqrt(np.mean((known if len(known) else np.array(self.steps[:1])) ** (-2.0 * order))))
 
@@ -187,7 +175,7 @@ class RateFilter:
 
 
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
-    """Weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
+    """Return the weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
 
     Summation by parts: Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the
     integral of ẋ between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ
@@ -211,7 +199,7 @@ def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.nd
 
 @dataclass(frozen=True, eq=False)
 class RowOperator:
-    """V: from values at the samples to values of the rows, smoothed by s and taken every so many samples.
+    """Operator V from values at the samples to values of the rows, smoothed by s and taken every so many samples.
 
     Samples whose window reaches beyond their run have no row; a run shorter than the window has none.
 
@@ -227,7 +215,7 @@ class RowOperator:
 
     @property
     def row_lengths(self) -> tuple[int, ...]:
-        """Rows of each run."""
+        """Number of rows of each run."""
         return tuple(-(-max(0, n - len(self.weights) + 1) // self.every) for n in self.run_lengths)
 
     @property
@@ -239,11 +227,11 @@ class RowOperator:
 
     @property
     def place(self) -> Int[np.ndarray, " n_row"]:
-        """That sample: terms are evaluated at samples."""
+        """Number of the sample at which the terms of each row are evaluated: its centre."""
         return self.sample
 
     def pieces(self, most: int) -> Iterator[slice]:
-        """Stretches of samples, each with whole windows, whose rows follow each other.
+        """Yield stretches of samples, each with whole windows, whose rows follow each other.
 
         Args:
             most: Samples of a stretch, or the window if that is longer.
@@ -261,17 +249,17 @@ class RowOperator:
         evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
         columns: Mapping[str, Float[np.ndarray, " n_sample"]],
     ) -> Float[np.ndarray, "n_row k"]:
-        """Rows of a table that need never exist as a whole.
+        """Return rows of a table that never has to exist as a whole.
 
         Args:
-            evaluate: From columns [n] to the table [n, k].
-            columns: At all samples.
+            evaluate: Function from columns [n] to the table [n, k].
+            columns: Columns at all samples.
         """
         at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH_SAMPLES))
         return np.concatenate([self.smooth(evaluate(part)) for part in at])
 
     def smooth(self, stretch: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n_some k"]:
-        """Rows of one stretch of samples."""
+        """Return the rows of one stretch of samples."""
         window = len(self.weights)
         # Leading zeros shift the full convolution, so that its first whole window is among those that are kept.
         lead = -(window - 1) % self.every
@@ -281,11 +269,11 @@ class RowOperator:
         return upfirdn(taps, stretch, down=self.every, axis=0)[first : first + n_row]
 
     def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
-        """V table."""
+        """Return V table."""
         return np.concatenate([self.smooth(table[part]) for part in self.pieces(max(self.run_lengths))])
 
     def noise(self, noise: RowNoise) -> RowNoise:
-        """Noise of the rows, of the noise of a rate at every sample."""
+        """Return the noise of the rows from the noise of a rate at every sample."""
         if not isinstance(noise, BandedNoise):
             raise TypeError(f"rates of a finite filter have banded noise, not {type(noise).__name__}")
         half, window = len(self.weights) // 2, len(self.weights)

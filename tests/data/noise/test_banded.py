@@ -6,7 +6,7 @@ from scipy.linalg import block_diag
 from bayes_greybox.data.noise.banded import BandedNoise, fir_noise
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.spectral import SpectralNoise
-from bayes_greybox.data.rates.differentiate import differentiate
+from bayes_greybox.data.rates.differentiate import FilterSettings, differentiate
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.running.errors import InputError
 
@@ -94,8 +94,9 @@ def test_covariance_is_that_of_differentiated_white_noise(method):
         "spectral": {"band": 3.0},
     }
     time, run = np.arange(n) * 0.1, np.zeros(n, dtype=int)
-    base = {"inputs": {}, "derivatives": {}, "method": method, "rates": {"y": "v"}, "white_share": 1e-9}
-    unit = differentiate(time, run, ["0"], states={"y": np.sin(2 * np.pi * time / 6)}, **base, **settings[method])
+    asked = FilterSettings(method=method, rates={"y": "v"}, white_share=1e-9, **settings[method])
+    wave = {"y": np.sin(2 * np.pi * time / 6)}
+    unit = differentiate(time, run, ["0"], states=wave, inputs={}, derivatives={}, settings=asked)
     noise = unit.noise["v"]
     polyorder = {"polyorder": 4} if method == "savgol" else {}
     g = differentiation_matrix(n, 0.1, 2, method, **settings[method], **polyorder)
