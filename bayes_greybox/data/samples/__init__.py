@@ -1,1 +1,1 @@
-"""What samples say of their sensor and of the starts of their runs."""
+"""Noise, ranges and starts that samples show of their sensors and runs."""

@@ -1,8 +1,8 @@
-"""Averages of neighbouring samples, where sensors are read much more often than anything moves.
+"""Averages of neighbouring samples, for sensors that are read much more often than anything moves.
 
 The mean of m samples x_i around their mean time t̄ is x(t̄) + ½ Var(t_i) x″ + O(h⁴), h the length of the block; with x″
-by second differences of the means only the last part is left. Averages of white noise are white, and all that they lose
-is what moves within a block.
+by second differences of the means only the last part is left. Averages of white noise are white, and only motion within
+a block is lost.
 """
 
 from dataclasses import replace
@@ -16,52 +16,52 @@ from bayes_greybox.data.trajectories import Trajectories
 from .clipping import clipped_states
 
 ENOUGH = 1000
-"""Samples that are left at least."""
+"""Fewest samples that are left."""
 
 SAFE = 1.5
-"""Blocks are so many times shorter than the longest that lose nothing which shows: what is lost of a smooth motion goes
-with the fourth power of their length, its variance with the eighth, and is 1.5⁻⁸ = 0.04 of the noise then at most."""
+"""Ratio of the longest block without a visible loss to the block that is used. The loss of a smooth motion goes with
+the fourth power of a block's length and its variance with the eighth: it is at most 1.5⁻⁸ = 0.04 of the noise then."""
 
 FEWEST_RUN_AVERAGES = 4
-"""Least number of averages of a run."""
+"""Fewest averages of a run."""
 
 FLAT = 1e-12
-"""Share of a column's size below which it does not change."""
+"""Share of a column's size below which its loss is none."""
 
 UNEVEN = 2.0
-"""Largest step over the usual one: a block does not reach over a gap, nor a block of one record over the motion of a
-sparser one."""
+"""Largest step over the usual one: no block reaches over a gap, nor one of a dense record over motion that a sparser
+record shows."""
 
 TAILS = 5.0
-"""Fourth moment of noise over the square of its second from which on outliers would spoil their averages; it is 3 of
-normal noise, within 0.11 at the fewest samples that are averaged."""
+"""Fourth moment of the noise over the square of its second from which on outliers would spoil averages; it is 3 for
+normal noise, within 0.11 for the fewest samples that are averaged."""
 
 
 def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
     """Return how many neighbouring samples may be averaged without a loss; 1 for none.
 
-    What blocks lose of a smooth motion goes on from one sample to the next: samples less a spline through the averages
-    are correlated with the sample before. Noise alone is not, but for the little that each has in its own average.
-    Nothing is averaged of states without noise or with outliers, beside an input that changes, of a sensor that was at
-    its end, and across gaps.
+    The loss of a smooth motion continues from one sample to the next: samples less a spline through the averages are
+    correlated with the sample before. Noise alone is not, apart from the small share of each sample in its own average.
+    Nothing is averaged in states without noise or with outliers, beside an input that changes, from a sensor that was
+    at the end of its range, or across gaps.
 
     Args:
         data: Samples of states and inputs.
-        test: Held-out ones, which lose nothing by the same blocks.
+        test: Held-out samples, which must lose nothing by the same blocks.
     """
     most = data.n_obs // ENOUGH
     if most < 2 or not all(_able(each) for each in (data, test) if each is not None):
         return 1
     if test is not None and not 1 / UNEVEN < _step(test) / _step(data) < UNEVEN:
         return 1
-    found, m = 1, 2
+    longest, m = 1, 2
     while m <= SAFE * most and not any(_spoiled(each, m) for each in (data, test) if each is not None):
-        found, m = m, max(m + 1, int(1.2 * m))
-    return max(1, min(most, int(found / SAFE)))
+        longest, m = m, max(m + 1, int(1.2 * m))
+    return max(1, min(most, int(longest / SAFE)))
 
 
 def _able(data: Trajectories) -> bool:
-    """Return whether data are samples of states that nothing drives, evenly and within the sensors' ranges."""
+    """Return True if the data are even samples of states that nothing drives, within the ranges of their sensors."""
     measured = data.derivatives or data.noise or data.filter is not None or data.samples is not None
     if measured or data.unseen is not None or any(np.ptp(values) > 0 for values in data.inputs.values()):
         return False
@@ -74,7 +74,7 @@ def _step(data: Trajectories) -> float:
 
 
 def _spoiled(data: Trajectories, m: int) -> bool:
-    """Return whether blocks of m samples are too long for a run, or lose something of a state that shows."""
+    """Return True if blocks of m samples are too long for a run, or visibly lose something of a state."""
     if min(data.run_lengths) // m < FEWEST_RUN_AVERAGES:
         return True
     means = averaged(data, m)
@@ -82,7 +82,7 @@ def _spoiled(data: Trajectories, m: int) -> bool:
 
 
 def averaged(data: Trajectories, m: int) -> Trajectories:
-    """Return data of blocks of so many samples; those at the end of a run that fill none are left out.
+    """Average blocks of so many samples; the last samples of a run that fill no block are left out.
 
     Args:
         data: Samples of states and inputs.
@@ -96,12 +96,12 @@ def averaged(data: Trajectories, m: int) -> Trajectories:
     times = data.time[blocks]
     time, spread, run = times.mean(axis=1), times.var(axis=1), data.run[blocks[:, 0]]
 
-    def of(values: np.ndarray) -> np.ndarray:
+    def average(values: np.ndarray) -> np.ndarray:
         means = values[blocks].mean(axis=1)
         return means - 0.5 * spread * _bends(time, means, run)
 
-    states = {name: of(values) for name, values in data.states.items()}
-    inputs = {name: of(values) for name, values in data.inputs.items()}
+    states = {name: average(values) for name, values in data.states.items()}
+    inputs = {name: average(values) for name, values in data.inputs.items()}
     remark = f"neighbouring samples are averaged, {m} at a time"
     return replace(
         data, time=time, run=run, states=states, inputs=inputs, dropped=data.dropped + data.n_obs - blocks.size,
@@ -110,19 +110,19 @@ def averaged(data: Trajectories, m: int) -> Trajectories:
 
 
 def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Return second derivatives by the differences of three neighbours; at an end those of the next one."""
-    found = np.zeros(len(values))
+    """Return second derivatives by differences of three neighbours; an end has that of the next sample."""
+    bends = np.zeros(len(values))
     for r in np.unique(run):
-        own = np.flatnonzero(run == r)
-        if len(own) > 2:
-            slopes = np.diff(values[own]) / np.diff(time[own])
-            inside = 2 * np.diff(slopes) / (time[own][2:] - time[own][:-2])
-            found[own] = np.concatenate([inside[:1], inside, inside[-1:]])
-    return found
+        rows = np.flatnonzero(run == r)
+        if len(rows) > 2:
+            slopes = np.diff(values[rows]) / np.diff(time[rows])
+            inside = 2 * np.diff(slopes) / (time[rows][2:] - time[rows][:-2])
+            bends[rows] = np.concatenate([inside[:1], inside, inside[-1:]])
+    return bends
 
 
 def _lost(data: Trajectories, means: Trajectories, name: str) -> bool:
-    """Return whether averages lose something of a state that shows, or more than normal noise."""
+    """Return True if averages lose something of a state that shows, or if its noise has outliers."""
     left, before = [], []
     ends = np.cumsum(data.run_lengths)[:-1], np.cumsum(means.run_lengths)[:-1]
     columns = data.time, data.column(name), means.time, means.column(name)

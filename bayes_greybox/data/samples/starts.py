@@ -1,4 +1,4 @@
-"""Starts of runs from noisy samples: where each run started, and how surely.
+"""Starts of runs from noisy samples: the state in which each run started, and its uncertainty.
 
 A free run that starts from one noisy sample carries that sample's error along its whole path. The start is the value of
 a cubic through the first samples, as many as the curve of the path allows.
@@ -14,13 +14,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from .sample_noise import sample_noise, windows
 
 WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)
-"""Samples that a cubic is tried on; on four or fewer it passes through the first sample."""
+"""Numbers of samples to which a cubic is fitted; through four or fewer it would pass exactly."""
 
 TRUNCATION = 0.2
-"""What a cubic misses of the path at its first sample may be this share of that value's standard error."""
+"""Largest truncation error of a cubic at its first sample, as a share of that value's standard error."""
 
 PLACES = 200
-"""Windows along the record, evenly spread, on which that is measured."""
+"""Windows along the record, evenly spread, on which the truncation error is measured."""
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,21 @@ class Starts:
 
     @property
     def exact(self) -> bool:
-        """Whether no start is uncertain."""
+        """True if no start is uncertain."""
         return not np.any(self.sd > 0)
 
     def draws(self, n_draw: int, rng: np.random.Generator) -> Float[np.ndarray, "n_draw n_run n_state"]:
-        """Independent draws x₀ ~ N(mean, sd²)."""
+        """Return independent draws x₀ ~ N(mean, sd²)."""
         return self.mean + self.sd * rng.standard_normal((n_draw, *self.mean.shape))
 
 
 def estimate_starts(data: Trajectories) -> Starts:
-    """Start of each run with its uncertainty, x₀ ~ N(x̂₀, s₀²).
+    """Estimate the start of each run with its uncertainty, x₀ ~ N(x̂₀, s₀²).
 
     x̂₀ is the value at the first sample of a cubic fitted to the first m, s₀² = s² h + b²: s is the noise of a sample
     (see `sample_noise`), h the leverage of the first sample, b the path's departure from a cubic there, estimated as
     the RMS along the whole record of the quartic's share less its noise. m is the largest of `WINDOWS` up to which b is
-    below `TRUNCATION` of the error from noise and the first window's own residual is what the noise explains.
+    below `TRUNCATION` of the error from noise and the first window's own residual is explained by the noise.
 
     Args:
         data: Runs of any length, also of one row.
@@ -63,37 +63,38 @@ def estimate_starts(data: Trajectories) -> Starts:
     mean, sd = values[edges[:-1]].copy(), np.tile(noise, (data.n_run, 1))
     noisy = np.flatnonzero(noise)
     if len(noisy):
-        bent = _truncation(data, values[:, noisy], noise[noisy])
+        truncation = _truncation(data, values[:, noisy], noise[noisy])
         for run, (start, end) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
             for k, state in enumerate(noisy):
                 mean[run, state], sd[run, state] = _first_value(
-                    data.time[start:end], values[start:end, state], noise[state], bent[k]
+                    data.time[start:end], values[start:end, state], noise[state], truncation[k]
                 )
     return Starts(mean, sd)
 
 
 def _first_value(
-    time: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"], noise: float, bent: dict[int, float]
+    time: Float[np.ndarray, " n"], x: Float[np.ndarray, " n"], noise: float, truncation: dict[int, float]
 ) -> tuple[float, float]:
-    """Value at the first sample and its standard deviation, from the widest window that the noise allows."""
+    """Return the value at the first sample and its standard deviation, from the widest window the noise allows."""
     mean, sd = float(x[0]), float(noise)
-    for m, missed in bent.items():
+    for m, b in truncation.items():
         if m > len(x):
             break
         Q = _orthonormal(time[None, :m])[0, :, :4]
         score = Q.T @ x[:m]
-        rest, free = float(np.sum((x[:m] - Q @ score) ** 2)) / noise**2, m - 4
-        if rest > free + 3 * np.sqrt(2 * free):
+        chi_square, free = float(np.sum((x[:m] - Q @ score) ** 2)) / noise**2, m - 4
+        if chi_square > free + 3 * np.sqrt(2 * free):
             break
-        mean, sd = float(Q[0] @ score), float(np.sqrt(noise**2 * (Q[0] @ Q[0]) + missed**2))
+        # s₀² = s² h + b²
+        mean, sd = float(Q[0] @ score), float(np.sqrt(noise**2 * (Q[0] @ Q[0]) + b**2))
     return mean, sd
 
 
 def _truncation(
     data: Trajectories, values: Float[np.ndarray, "n_obs n_state"], noise: Float[np.ndarray, " n_state"]
 ) -> list[dict[int, float]]:
-    """What a cubic misses at its first sample, by window width, for each state; widths that miss too much left out."""
-    found: list[dict[int, float]] = [{} for _ in noise]
+    """Return the truncation error b of cubics by width, for each state; widths with too large a b are left out."""
+    errors: list[dict[int, float]] = [{} for _ in noise]
     open_ = np.ones(len(noise), bool)
     for m in WINDOWS:
         rows = windows(data.run_lengths, m, PLACES)
@@ -107,11 +108,11 @@ def _truncation(
             square = max(float(np.mean(share**2) - noise[k] ** 2 * np.mean(Q[:, 0, 4] ** 2)), 0.0)
             open_[k] = square <= TRUNCATION**2 * leverage * noise[k] ** 2
             if open_[k]:
-                found[k][m] = float(np.sqrt(square))
-    return found
+                errors[k][m] = float(np.sqrt(square))
+    return errors
 
 
 def _orthonormal(time: Float[np.ndarray, "n_window m"]) -> Float[np.ndarray, "n_window m 5"]:
-    """Orthonormal polynomials of degree 0 to 4 over the samples of each window."""
+    """Return orthonormal polynomials of degree 0 to 4 over the samples of each window."""
     inside = (time - time[:, :1]) / (time[:, -1:] - time[:, :1])
     return np.linalg.qr((2 * inside - 1)[:, :, None] ** np.arange(5))[0]

@@ -1,1 +1,1 @@
-"""Test functions, and the smoothing of samples that their integrals are evaluated at."""
+"""Test functions of the weak form, and the smoothing of samples at which their integrals are evaluated."""

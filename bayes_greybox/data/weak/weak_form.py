@@ -24,13 +24,13 @@ POWER = 8
 """p: at the ends of a bump its first seven derivatives vanish."""
 
 CENTRES_PER_RADIUS = 4
-"""Centres are a radius over this apart: neighbours overlap by seven eighths, and whitening tells what they share."""
+"""Centres within one radius: neighbours overlap by seven eighths, and whitening accounts for the samples they share."""
 
 FEWEST_RADIUS_STEPS = 8
-"""A radius has at least so many steps: fewer do not integrate a bump."""
+"""Fewest steps of a radius: fewer do not integrate a bump."""
 
 NODES_PER_STEP = 6
-"""Nodes of Gauss and Legendre in each step where steps are uneven."""
+"""Nodes of Gauss and Legendre in each step, where steps are uneven."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,10 +39,10 @@ class Bumps:
 
     Attributes:
         radius: r, units of time.
-        values: ∫ φ f dt from values of f at the samples [n_bump, n_sample].
-        slopes: ∫ φ̇ f dt.
+        values: Matrix of ∫ φ f dt from values of f at the samples [n_bump, n_sample].
+        slopes: Matrix of ∫ φ̇ f dt.
         centre: t₀.
-        run: Number of the run of each.
+        run: Number of the run of each bump.
         sample: Nearest sample to each centre.
     """
 
@@ -57,35 +57,26 @@ class Bumps:
     def along(
         cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], radius: float, every: int = CENTRES_PER_RADIUS
     ) -> "Bumps":
-        """All bumps of a radius that lie within their stretch, a fraction of the radius apart.
+        """Place all bumps of a radius that lie within their stretch, a fraction of the radius apart.
 
         Args:
             time: Times of the samples.
             parts: Stretches of samples.
             radius: r.
-            every: Centres are r over this apart.
+            every: Ratio of r to the distance of centres.
         """
-        n, pieces = len(time), [_of(time, part, radius, every) for part in parts]
-        pieces = [piece for piece in pieces if piece is not None]
-        if not pieces:
-            none, empty = np.zeros(0, int), csr_matrix((0, n))
-            return cls(radius, empty, empty, np.zeros(0), none, none)
-        centre = np.concatenate([piece[2] for piece in pieces])
-        return cls(
-            radius,
-            csr_matrix(vstack([piece[0] for piece in pieces])),
-            csr_matrix(vstack([piece[1] for piece in pieces])),
-            centre,
-            np.concatenate([piece[3] for piece in pieces]),
-            np.concatenate([piece[4] for piece in pieces]),
-        )
+        placed = [_bumps_of_stretch(time, part, radius, every) for part in parts]
+        none, empty = np.zeros(0, int), csr_matrix((0, len(time)))
+        pieces = [(empty, empty, np.zeros(0), none, none), *(piece for piece in placed if piece is not None)]
+        values, slopes, *others = zip(*pieces, strict=True)
+        return cls(radius, csr_matrix(vstack(values)), csr_matrix(vstack(slopes)), *map(np.concatenate, others))
 
     def __len__(self) -> int:
         return len(self.centre)
 
 
 def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """φ and φ̇ at places u of a bump.
+    """Return φ and φ̇ at places u of a bump.
 
     Args:
         u: (t − t₀)/r; outside −1 … 1 both are zero.
@@ -97,10 +88,10 @@ def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "
     return size * inside**POWER, -2.0 * POWER * size / radius * u * inside ** (POWER - 1)
 
 
-def _of(
+def _bumps_of_stretch(
     time: np.ndarray, part: Stretch, radius: float, every: int
 ) -> tuple[csr_matrix, csr_matrix, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Bumps of one stretch: both matrices, centres, runs and nearest samples."""
+    """Return the bumps of one stretch: both matrices, centres, runs and nearest samples; None if it is too short."""
     start, stop = part.rows
     t = time[start:stop]
     if len(t) < 2 * FEWEST_RADIUS_STEPS + 1:
@@ -122,27 +113,27 @@ def _of(
         count = math.floor((span - 2 * radius) * every / radius) + 1
         centre = np.linspace(t[0] + radius, t[-1] - radius, count)
         at = np.argmin(np.abs(t[None] - centre[:, None]), axis=1)
-        nodes, weights, places = _between(t)
+        nodes, weights, places = _quadrature(t)
     first, last = np.searchsorted(nodes, centre - radius), np.searchsorted(nodes, centre + radius)
-    # A few nodes more than there are on either side; those outside the bump weigh nothing.
+    # One node more on either side: those outside the bump weigh nothing.
     reach = int(np.max(last - first)) + 2
     columns = np.clip(first - 1, 0, None)[:, None] + np.arange(reach)
     inside = columns < len(nodes)
     columns = np.minimum(columns, len(nodes) - 1)
     phi, slope = bump((nodes[columns] - centre[:, None]) / radius, radius)
     rows = np.repeat(np.arange(len(centre)), reach)
-    found = []
+    matrices = []
     for each in (phi, slope):
         entries = np.where(inside, each * weights[columns], 0.0)
         table = csr_matrix((entries.ravel(), (rows, columns.ravel())), shape=(len(centre), len(nodes)))
         table = table if places is None else csr_matrix(table @ places)
         table.eliminate_zeros()
-        found.append(csr_matrix((table.data, table.indices + start, table.indptr), shape=(len(centre), len(time))))
-    return found[0], found[1], centre, np.full(len(centre), part.run), start + at
+        matrices.append(csr_matrix((table.data, table.indices + start, table.indptr), shape=(len(centre), len(time))))
+    return matrices[0], matrices[1], centre, np.full(len(centre), part.run), start + at
 
 
-def _between(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-    """Nodes and weights of a quadrature over the steps, and the cubics between samples at the nodes."""
+def _quadrature(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    """Return nodes and weights over the steps, and the matrix from samples to the cubics between them at the nodes."""
     n = len(t)
     place, weight = np.polynomial.legendre.leggauss(NODES_PER_STEP)
     h = np.diff(t)
