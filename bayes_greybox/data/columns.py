@@ -12,70 +12,67 @@ from .digits import first_lost, since_first
 from .given_arrays import plain_array
 
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
-"""Names that no column can have, and what has them."""
+"""Names that no column can have, and their meaning."""
 
 
 def derivative_label(state: str, time_name: str = "t") -> str:
-    """Column label of the derivative of a state, such as d(y)/dt."""
+    """Return the column label of the derivative of a state, such as d(y)/dt."""
     return f"d({state})/d{time_name}"
 
 
 def rate_unit(unit: str | None, time_unit: str | None) -> str | None:
-    """Unit of a rate, such as m/s, or None if either unit is unknown."""
+    """Return the unit of a rate, such as m/s, or None if either unit is unknown."""
     if unit is None or time_unit is None:
         return None
     return f"{unit}/{time_unit}" if time_unit.isidentifier() else f"({unit})/({time_unit})"
 
 
 def several(value: Any) -> list[Any]:
-    """One entry for each run: a list or tuple of arrays is several runs, anything else is one."""
+    """Return one entry for each run: a list or tuple of arrays is several runs, anything else is one."""
     if isinstance(value, list | tuple) and len(value) > 0 and np.ndim(value[0]) > 0:
         return list(value)
-    # As it is where it may have a mask or a unit, which an array has not.
+    # Objects with a mask or a unit stay as they are, as a plain array would lose both.
     return [value if np.ndim(value) > 0 and hasattr(value, "dtype") else np.atleast_1d(np.asarray(value))]
 
 
-def require_mappings(**given: Any) -> None:
-    """Refuse columns that were not given by name.
-
-    Args:
-        given: What was given, by argument.
+def require_mappings(**arguments: Any) -> None:
+    """Refuse arguments that do not map names to columns.
 
     Raises:
         InputError: No mapping; the message shows one.
     """
-    for what, columns in given.items():
+    for name, columns in arguments.items():
         if columns is not None and not isinstance(columns, Mapping):
             raise InputError(
-                f'{what} must map names to arrays, such as {what}={{"y": y}}, not be a {type(columns).__name__}.'
+                f'{name} must map names to arrays, such as {name}={{"y": y}}, not be a {type(columns).__name__}.'
             )
 
 
 def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
-    """Stamps of the runs, those in whole numbers of more digits than a float holds less the first of their run.
+    """Subtract the first stamp from runs whose stamps are whole numbers of more digits than a float holds.
 
     Args:
-        runs: Stamps of each run, as they were given.
+        runs: Stamps of each run, as the user gave them.
         names: Names of the runs.
 
     Returns:
-        The stamps, and what was done in words.
+        The stamps, and a remark for each such run.
 
     Raises:
         InputError: Stamps of complex numbers, or with a unit of their own.
     """
     arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
     long = [first_lost(stamps) is not None for stamps in arrays]
-    told = tuple(
+    remarks = tuple(
         f'the time of run "{name}", of more digits than a float holds, counts from its first stamp, {stamps.min()}'
         for name, stamps, counted in zip(names, arrays, long, strict=True)
         if counted
     )
-    return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], told
+    return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], remarks
 
 
 def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
-    """Distinct names of the runs; "0", "1", … if none are given."""
+    """Return distinct names of the runs; "0", "1", … if none are given."""
     if given is None:
         return tuple(str(i) for i in range(n_run))
     names = tuple(str(name) for name in given)
@@ -88,7 +85,7 @@ def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
 
 
 def number_runs(labels: Any, given: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Number of the run of each row, and the names of the runs.
+    """Return the number of the run of each row, and the names of the runs.
 
     Args:
         labels: Numbers or names of runs; rows of a run lie together.
@@ -169,7 +166,7 @@ def check_units(
 
 
 def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) -> np.ndarray:
-    """The runs of one column as one float vector."""
+    """Join the runs of one column to one float vector."""
     runs = several(value)
     if len(runs) != len(lengths):
         raise InputError(f"The {label} has {len(runs)} runs but the time has {len(lengths)}; give one array each.")
@@ -210,7 +207,7 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
 
 
 def usable_rows(columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple[str, ...], missing: str) -> np.ndarray:
-    """Mask of rows without missing values, or an error that names the first of them."""
+    """Mark the rows without missing values, or raise an error that names the first of them."""
     if missing not in ("error", "drop"):
         raise InputError(f'missing must be "error" or "drop", not {missing!r}.')
     keep = np.ones(len(run), dtype=bool)
@@ -234,22 +231,18 @@ def usable_rows(columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple
 def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> None:
     """Refuse stamps that repeat or go back within a run."""
     step = np.diff(time)
-    same_run = np.diff(run) == 0
-    for bad, what in ((same_run & (step == 0), "duplicate"), (same_run & (step < 0), "backward")):
-        if not np.any(bad):
-            continue
-        at = int(np.argmax(bad))
-        row = at + 1 - int(np.argmax(run == run[at]))
-        where = f'The time of run "{names[run[at]]}"'
-        if what == "duplicate":
-            raise InputError(
-                f"{where} has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows, or give "
-                "separate recordings as separate runs."
-            )
-        raise InputError(
-            f"{where} is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the "
-            "rows by time, or give separate recordings as separate runs."
-        )
+    bad = (np.diff(run) == 0) & (step <= 0)
+    if not np.any(bad):
+        return
+    # Stamps that occur twice are reported first.
+    at = int(np.argmax(bad & (step == 0)) or np.argmax(bad))
+    row = at + 1 - int(np.argmax(run == run[at]))
+    fault = (
+        f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
+        if step[at] == 0
+        else f"is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the rows by time"
+    )
+    raise InputError(f'The time of run "{names[run[at]]}" {fault}, or give separate recordings as separate runs.')
 
 
 def check_varying(columns: Mapping[str, np.ndarray]) -> None:
@@ -268,7 +261,7 @@ def check_varying(columns: Mapping[str, np.ndarray]) -> None:
 
 
 def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by: str) -> list[int]:
-    """Rows of each run that belong to the first part of a split."""
+    """Return the number of rows of each run that belong to the first part of a split."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction must lie between 0 and 1, not {fraction}.")
     if by == "trajectory":
@@ -285,17 +278,9 @@ def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by
 
 
 def summary_table(rows: Sequence[tuple[str, str, str | None, np.ndarray]]) -> pd.DataFrame:
-    """Range and mean of each (name, kind, unit, values), indexed by name."""
+    """Tabulate range and mean of each (name, kind, unit, values), indexed by name."""
     table = [
-        {
-            "column": name,
-            "kind": kind,
-            "unit": unit or "",
-            "min": float(np.min(values)),
-            "max": float(np.max(values)),
-            "mean": float(np.mean(values)),
-            "n": len(values),
-        }
+        (name, kind, unit or "", float(np.min(values)), float(np.max(values)), float(np.mean(values)), len(values))
         for name, kind, unit, values in rows
     ]
-    return pd.DataFrame(table).set_index("column")
+    return pd.DataFrame(table, columns=["column", "kind", "unit", "min", "max", "mean", "n"]).set_index("column")

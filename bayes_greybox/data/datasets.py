@@ -2,7 +2,6 @@
 
 import hashlib
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from io import StringIO
@@ -27,7 +26,7 @@ TANK_CLIP = 10.0
 
 @dataclass(frozen=True)
 class BallDrops:
-    """Falling balls: one run for each drop, and what is known of the balls.
+    """Falling balls: one run for each drop, and a table of the balls.
 
     Attributes:
         data: runs named "<ball>, drop <number>" with the states y (height, m) and v (velocity, m/s, derived
@@ -48,7 +47,7 @@ def load_dataset(name: str, **options: Any) -> Any:
             `load_hudson_bay`, whichever is loaded.
 
     Returns:
-        What that function returns.
+        The result of that function.
 
     Raises:
         InputError: if the name or an option is unknown, or a file is missing or not the original.
@@ -64,50 +63,36 @@ def load_dataset(name: str, **options: Any) -> Any:
 
 
 def dataset_table() -> pd.DataFrame:
-    """List the data sets: files, whether they were found and verified, hidden effect, source, terms.
+    """List the data sets: files, folder, verification, hidden effect, source, terms.
 
     Returns:
-        Table indexed by name. `found` is the folder that holds all files, or ""; `verified` says whether
+        Table indexed by name. `found` is the folder that holds all files, or ""; `verified` is True if
         their hashes are those of the originals.
     """
     rows = []
     for name, entry in _SETS.items():
         files = entry.files
-        folder = next((f for f in search_folders() if all((f / file).is_file() for file in entry.files)), None)
+        folder = next((f for f in search_folders() if all((f / file).is_file() for file in files)), None)
         verified = folder is not None and all(_sha256(folder / f) == h for f, h in files.items())
-        rows.append(
-            {
-                "name": name,
-                "files": ", ".join(files),
-                "found": str(folder) if folder is not None else "",
-                "verified": verified,
-                "hidden effect": entry.hidden_effect,
-                "source": entry.source,
-                "terms": entry.terms,
-            }
-        )
-    return pd.DataFrame(rows).set_index("name")
+        place = str(folder) if folder is not None else ""
+        rows.append((name, ", ".join(files), place, verified, entry.hidden_effect, entry.source, entry.terms))
+    columns = ["name", "files", "found", "verified", "hidden effect", "source", "terms"]
+    return pd.DataFrame(rows, columns=columns).set_index("name")
 
 
 def search_folders() -> list[Path]:
-    """Folders that may hold the data sets, in the order in which they are searched."""
-    folders = []
-    if os.environ.get(FOLDER_VARIABLE):
-        folders.append(Path(os.environ[FOLDER_VARIABLE]))
-    if sys.platform == "win32":
-        cache = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        cache = Path.home() / "Library" / "Caches"
-    else:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return [*folders, cache / "bayes_greybox"]
+    """Return the folders that may hold the data sets, in the order in which they are searched."""
+    from platformdirs import user_cache_path
+
+    named = os.environ.get(FOLDER_VARIABLE)
+    return [*([Path(named)] if named else []), user_cache_path("bayes_greybox", appauthor=False, opinion=False)]
 
 
 def load_silverbox(remove_offset: bool = False) -> dict[str, Trajectories]:
     """Silverbox: an electronic Duffing oscillator (Wigren & Schoukens 2013, ECC).
 
     Input u (V1) and output y (V2) in volts, time in seconds at 610.35 Hz. V1 carries an offset of about 6.2
-    mV that is no part of the excitation; raw values are kept unless asked, and a model of raw values needs a
+    mV that is no part of the excitation; raw values stay unless asked, and a model of raw values needs a
     constant term.
 
     Args:
@@ -146,7 +131,7 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
     """Cascaded tanks: a pump fills an upper tank that empties into a lower one (Schoukens et al. 2016).
 
     Pump voltage u and lower level y in volts, every 4 s. The level sensor saturates at 10 V: samples there
-    say only that the level was at least that high.
+    show only that the level was at least that high.
 
     Args:
         clipped: "keep" leaves saturated samples in, for free runs scored as the benchmark scores them; "drop"
@@ -179,7 +164,7 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
 
 
 IMPACT = 3
-"""Frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there."""
+"""Number of frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there."""
 
 
 def load_falling_balls(by_ball: bool = False) -> BallDrops:
@@ -188,7 +173,7 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
     Reading the workbook needs openpyxl, which comes with the extra `tables`.
 
     Args:
-        by_ball: Whether to give what one model of all drops needs: the heights alone, without the last `IMPACT` frames
+        by_ball: If true, return the data for one model of all drops: the heights alone, without the last `IMPACT` frames
             of each drop, and for each ball an input that is one in its drops and zero in all others ("tennis_ball").
 
     Returns:
@@ -214,28 +199,17 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
             heights.append(rows["Height (m)"].to_numpy(dtype=float))
             velocities.append(rows["Velocity (m/s)"].to_numpy(dtype=float))
         drops[str(ball)] = len(set(sheet["Drop #"]))
+    states, inputs, units = {"y": heights, "v": velocities}, {}, {"y": "m", "v": "m/s", "t": "s"}
     if by_ball:
-        owner = [name.partition(",")[0] for name in names]
-        shown = slice(0, -IMPACT)
-        data = Trajectories.from_arrays(
-            [time[shown] for time in times],
-            states={"y": [height[shown] for height in heights]},
-            inputs={
-                ball.lower().replace(" ", "_"): [
-                    np.full(len(time[shown]), float(ball == own)) for time, own in zip(times, owner, strict=True)
-                ]
-                for ball in drops
-            },
-            units={"y": "m", "t": "s"},
-            run_names=names,
-            constant="keep",
-        )
-        return BallDrops(data, _ball_table(drops))
+        times, heights = [time[:-IMPACT] for time in times], [height[:-IMPACT] for height in heights]
+        states, units = {"y": heights}, {"y": "m", "t": "s"}
+        for ball in drops:
+            dropped = [float(name.partition(",")[0] == ball) for name in names]
+            inputs[ball.lower().replace(" ", "_")] = [
+                np.full(len(time), each) for time, each in zip(times, dropped, strict=True)
+            ]
     data = Trajectories.from_arrays(
-        times,
-        states={"y": heights, "v": velocities},
-        units={"y": "m", "v": "m/s", "t": "s"},
-        run_names=names,
+        times, states=states, inputs=inputs, units=units, run_names=names, constant="keep" if by_ball else "error"
     )
     return BallDrops(data, _ball_table(drops))
 
@@ -332,7 +306,7 @@ def _ball_table(drops: dict[str, int]) -> pd.DataFrame:
 
 
 def _locate(name: str, file: str) -> Path:
-    """Path of a verified file."""
+    """Return the path of a verified file."""
     entry = _SETS[name]
     folders = search_folders()
     path = next((folder / file for folder in folders if (folder / file).is_file()), None)

@@ -1,23 +1,21 @@
-"""Whole numbers of more digits than a float holds, as stamps in nanoseconds are."""
+"""Whole numbers of more digits than a float holds, such as stamps in nanoseconds."""
 
 import numpy as np
 from jaxtyping import Float
 
 LARGEST_EXACT_INTEGER = 2**53
-"""Every whole number up to here is a float."""
+"""Largest number up to which every whole number is a float."""
 
 
 def first_lost(values: np.ndarray) -> int | None:
-    """Place of the first whole number that is none as a float; None where there is no such.
+    """Return the place of the first whole number that no float equals; None if there is none.
 
     Args:
         values: Numbers of any kind.
     """
-    if (
-        values.dtype.kind not in "iu"
-        or not len(values)
-        or max(int(values.max()), -int(values.min())) <= LARGEST_EXACT_INTEGER
-    ):
+    if values.dtype.kind not in "iu" or not len(values):
+        return None
+    if max(int(values.max()), -int(values.min())) <= LARGEST_EXACT_INTEGER:
         return None
     with np.errstate(invalid="ignore"):
         lost = values.astype(float).astype(values.dtype) != values
@@ -25,5 +23,5 @@ def first_lost(values: np.ndarray) -> int | None:
 
 
 def since_first(values: np.ndarray) -> Float[np.ndarray, " n"]:
-    """Whole numbers less the smallest of them, t_i − min t, subtracted before they become floats."""
+    """Return whole numbers less the smallest of them, t_i − min t, subtracted before they become floats."""
     return (values - values.min()).astype(float)

@@ -1,4 +1,4 @@
-"""Arrays as users hold them: with a mask, a unit or imaginary parts, none of which a column of floats has."""
+"""Arrays as users pass them: with a mask, a unit or imaginary parts, none of which a column of floats has."""
 
 from typing import Any
 
@@ -7,15 +7,15 @@ import numpy as np
 from bayes_greybox.running.errors import InputError
 
 NO_UNIT = ("", "dimensionless")
-"""What libraries of units call a plain number."""
+"""Units of a plain number in libraries of units."""
 
 
 def plain_array(values: Any, what: str) -> np.ndarray:
-    """Values as an array of the type that they have; where some are masked, of floats with NaN for these.
+    """Return values as an array of their own type; if some are masked, as floats with NaN for these.
 
     Args:
-        values: What was given.
-        what: Which values they are, for the message.
+        values: Values as the user passed them.
+        what: Name of the values, for the message.
 
     Raises:
         InputError: Complex numbers; a unit of the values' own.

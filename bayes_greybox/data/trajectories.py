@@ -49,12 +49,12 @@ class Trajectories(CutRuns):
         run_names: name of each run.
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
-        filter: what computed the derivatives; None if they were measured, or there are none.
-        remarks: what was done to the measurements, in order, in words; shown by repr.
-        samples: what the sensors showed, where states are a path through it and rates are that path's; None where the
+        filter: filter that computed the derivatives; None if they were measured, or there are none.
+        remarks: changes of the measurements, in order, in words; shown by repr.
+        samples: readings of the sensors, where states are a path through them and rates are that path's; None where the
             states are the samples.
-        unseen: rows at which a sensor was known to be at its end before the samples were put right; None where they
-            tell it themselves.
+        unseen: rows at which a sensor was known to be at its end before the samples were corrected; None where they
+            show it themselves.
     """
 
     samples: "Trajectories | None" = None
@@ -76,6 +76,8 @@ class Trajectories(CutRuns):
     ) -> "Trajectories":
         """Build from arrays, one for each column, or from lists of arrays, one for each run.
 
+        Masked values are missing ones.
+
         Args:
             t: time stamps, (n,), or a list of such arrays of any lengths, one for each run; numbers of the rows where
                 these have no order in time, as those of a map that was measured point by point. Whole numbers of more
@@ -94,9 +96,7 @@ class Trajectories(CutRuns):
 
         Returns:
             The checked data. Without any rate or output, a run begins anew after a gap of ten usual steps, in which its
-            inputs are not known; `remarks` says so.
-
-        Masked values are missing ones.
+            inputs are unknown; `remarks` says so.
 
         Raises:
             InputError: if lengths, names, stamps or values cannot be used; the message says which.
@@ -109,36 +109,36 @@ class Trajectories(CutRuns):
         outputs = outputs or {}
         check_names(states, inputs, derivatives, outputs)
         check_units(units, states, inputs, outputs)
-        labels = {"time": ("time", runs)}
-        labels |= {f"s:{k}": (f'state "{k}"', v) for k, v in states.items()}
-        labels |= {f"i:{k}": (f'input "{k}"', v) for k, v in inputs.items()}
-        labels |= {f"d:{k}": (f'derivative of "{k}"', v) for k, v in derivatives.items()}
-        labels |= {f"o:{k}": (f'output "{k}"', v) for k, v in outputs.items()}
+        kinds = {"state": states, "input": inputs, "derivative of": derivatives, "output": outputs}
         lengths = [len(stamps) for stamps in runs]
-        columns = {key: stack(label, value, names, lengths) for key, (label, value) in labels.items()}
+        columns = {"time": stack("time", runs, names, lengths)}
+        for kind, given in kinds.items():
+            columns |= {
+                f'{kind} "{name}"': stack(f'{kind} "{name}"', each, names, lengths) for name, each in given.items()
+            }
         run = np.repeat(np.arange(len(runs)), lengths)
 
-        keep = usable_rows({labels[k][0]: v for k, v in columns.items()}, run, names, missing)
-        dropped = int(np.sum(~keep))
-        run, columns = run[keep], {key: value[keep] for key, value in columns.items()}
+        keep = usable_rows(columns, run, names, missing)
+        run, columns = run[keep], {label: values[keep] for label, values in columns.items()}
         check_times(columns["time"], run, names)
         if inputs and not derivatives and not outputs:
             # Rates and outputs follow from their own row; all else is driven from row to row.
-            run, names, told = parted(columns["time"], run, names)
-            remarks += told
+            run, names, gaps = parted(columns["time"], run, names)
+            remarks += gaps
         if constant not in ("error", "keep"):
             raise InputError(f'constant must be "error" or "keep", not {constant!r}.')
         if constant == "error":
-            check_varying({labels[k][0]: v for k, v in columns.items() if k[:2] in ("s:", "i:")})
+            check_varying({label: v for label, v in columns.items() if label.startswith(("state", "input"))})
+        by_name = {kind: {name: columns[f'{kind} "{name}"'] for name in given} for kind, given in kinds.items()}
         return cls(
             time=columns["time"],
             run=run,
-            states={k: columns[f"s:{k}"] for k in states},
-            inputs={k: columns[f"i:{k}"] for k in inputs},
-            derivatives={**{k: columns[f"d:{k}"] for k in derivatives}, **{k: columns[f"o:{k}"] for k in outputs}},
+            states=by_name["state"],
+            inputs=by_name["input"],
+            derivatives=by_name["derivative of"] | by_name["output"],
             units=dict(units),
             run_names=names,
-            dropped=dropped,
+            dropped=int(np.sum(~keep)),
             remarks=remarks,
         )
 
@@ -160,7 +160,7 @@ class Trajectories(CutRuns):
         unseen: Sequence[int] | None = None,
         remarks: Sequence[str] = (),
     ) -> "Trajectories":
-        """Inverse of `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
+        """Rebuild from `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
 
         Args:
             frame: one row for each sample, columns named as `to_frame` names them; rows of a run lie together, and
@@ -175,8 +175,8 @@ class Trajectories(CutRuns):
             dropped: rows left out before.
             time_name: name of the time column.
             filter: plain record of the filter of the derivatives.
-            unseen: rows at which a sensor was at its end, where the samples do not tell it.
-            remarks: what was done to the measurements.
+            unseen: rows at which a sensor was at its end, where the samples do not show it.
+            remarks: changes of the measurements.
 
         Returns:
             The data, equal to the last bit.
@@ -237,7 +237,7 @@ class Trajectories(CutRuns):
                 `data.rates.filters.savgol_window`), "bandlimited" from the band.
             polyorder: degree of the local polynomial, default 4 with `rates`, else 3.
             band: edge of the pass band in cycles per unit of time.
-            white_share: share of the row variance taken as white, see `bayes_greybox.data.noise.banded`.
+            white_share: share of the row variance taken as white, see `bayes_greybox.data.noise.protocol`.
             like: differentiated data whose filter is used, with the very window; no other setting can be given then.
 
         Returns:
@@ -293,7 +293,7 @@ class Trajectories(CutRuns):
         )
 
     def metadata(self) -> dict[str, Any]:
-        """What `to_frame` leaves out, as plain values: the keyword arguments of `from_frame`."""
+        """Return the keyword arguments of `from_frame` as plain values: all that `to_frame` leaves out."""
         return {
             "states": list(self.states),
             "inputs": list(self.inputs),
@@ -310,7 +310,7 @@ class Trajectories(CutRuns):
         }
 
     def to_frame(self) -> pd.DataFrame:
-        """Table with one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt"), outputs."""
+        """Tabulate one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt"), outputs."""
         derivatives = {self.target_label(k): v for k, v in self.derivatives.items()}
         columns = {self.time_name: self.time, "run": self.run, **self.states, **self.inputs, **derivatives}
         return pd.DataFrame(columns)
@@ -323,28 +323,28 @@ class Trajectories(CutRuns):
             "outputs": self.output_names,
         }  # fmt: skip
         parts = [f"{what} {', '.join(names)}" for what, names in every.items() if names]
-        told = "".join(f"\n  {remark}" for remark in self.remarks)
-        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)}){told}"
+        remarks = "".join(f"\n  {remark}" for remark in self.remarks)
+        return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)}){remarks}"
 
     @property
     def _computed(self) -> bool:
         return super()._computed or self.samples is not None or self.unseen is not None
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
-        # Without what has other rows yet.
+        # Samples and unseen rows are cut by themselves: columns of one object must have one length at all times.
         cut = super(Trajectories, replace(self, samples=None, unseen=None))._at(rows, noise)
         samples = None if self.samples is None else self.samples._at(rows, {})
         return replace(cut, samples=samples, unseen=None if self.unseen is None else self.unseen[rows])
 
 
 def require_measured(data: object) -> None:
-    """Refuse what is not measurements, such as a table that was not read.
+    """Refuse an object that is no measurements, such as a table that was not read.
 
     Raises:
         InputError: The class of the object, and how it is read.
     """
     if not isinstance(data, Trajectories):
-        # What measures more than memory holds says itself what to give in its place.
+        # A stream of rows has its own advice.
         raise InputError(
             getattr(data, "instead", "")
             or f"Models take bg.Trajectories, not a {type(data).__name__}, which does not say what is a state or an "

@@ -1,4 +1,4 @@
-"""How units and formulas are written: one way, however a file, a user or a calculation spells them."""
+"""Notation of units and formulas: one way, however a file, a user or a calculation spells them."""
 
 import re
 from collections.abc import Iterator
@@ -15,13 +15,10 @@ _TOKEN = re.compile(
 
 
 def unit_text(unit: str | None) -> str:
-    """A unit as people write it: powers as superscripts, a product after at most one stroke.
+    """Write a unit with powers as superscripts, and a product after at most one stroke.
 
-    `m/s/s`, `m/s**2`, `m/s^2` and `m s⁻²` all become m/s²; `1/m²/s²` becomes 1/(m²·s²); `N*m` becomes N·m. What has no
-    unit, "", "1" or "dimensionless", stays empty, and text that is no product of powers stays as it is.
-
-    Args:
-        unit: The unit.
+    `m/s/s`, `m/s**2`, `m/s^2` and `m s⁻²` all become m/s²; `1/m²/s²` becomes 1/(m²·s²); `N*m` becomes N·m. The unit of a
+    plain number, "", "1" or "dimensionless", is empty, and text that is no product of powers stays as it is.
     """
     if not unit or unit.strip() in ("1", "dimensionless"):
         return ""
@@ -40,11 +37,7 @@ def unit_text(unit: str | None) -> str:
 
 
 def formula(expression: str) -> str:
-    """A formula as people write it: y**3*ydot becomes y³·ydot.
-
-    Args:
-        expression: The formula, or the name of a term, which mostly is one.
-    """
+    """Write a formula or the name of a term in mathematical notation: y**3*ydot becomes y³·ydot."""
     whole = r"\*\*(?:(-?\d+)(?![\d.])|\((-?\d+)\))"
     raised = re.sub(whole, lambda found: (found[1] or found[2]).translate(_TO_SUPERSCRIPT), expression)
     return re.sub(r"\s*\*\s*", "·", raised.replace("**", "^")).replace("-", "−")
@@ -57,12 +50,12 @@ def _power(name: str, power: Fraction) -> str:
 
 
 def _factors(unit: str) -> dict[str, Fraction] | None:
-    """Names and their powers, in the order of the text; None of what is no product of powers."""
+    """Return names and their powers, in the order of the text; None if it is no product of powers."""
     tokens = list(_tokens(unit))
     if not tokens:
         return None
-    found: dict[str, Fraction] = {}
-    # Signs that each open bracket puts on what stands in it; the last one is of where we are.
+    powers: dict[str, Fraction] = {}
+    # Sign that each open bracket puts on the powers inside; the last one is the current bracket's.
     signs, sign, last, before = [1], 1, "", ""
     for kind, text in [*tokens, ("end", "")]:
         if before in ("times", "over", "open") and kind not in ("name", "open"):
@@ -73,10 +66,10 @@ def _factors(unit: str) -> dict[str, Fraction] | None:
         if kind == "name":
             last = text
             if text != "1":
-                found[text] = found.get(text, Fraction(0)) + signs[-1] * sign
+                powers[text] = powers.get(text, Fraction(0)) + signs[-1] * sign
         elif kind == "power" and last not in ("", "1"):
             power = Fraction(text.translate(_FROM_SUPERSCRIPT).strip("*^() "))
-            found[last] += signs[-1] * sign * (power - 1)
+            powers[last] += signs[-1] * sign * (power - 1)
             last = ""
         elif kind == "open":
             signs.append(signs[-1] * sign)
@@ -88,11 +81,11 @@ def _factors(unit: str) -> dict[str, Fraction] | None:
             sign, last = (-1 if kind == "over" else 1), ""
         elif kind != "end":
             return None
-    return {name: power for name, power in found.items() if power} if len(signs) == 1 else None
+    return {name: power for name, power in powers.items() if power} if len(signs) == 1 else None
 
 
 def _tokens(unit: str) -> Iterator[tuple[str, str]]:
-    """Kinds and texts of the parts of a unit; an unknown part is of the kind "other"."""
+    """Yield kinds and texts of the parts of a unit; an unknown part is of the kind "other"."""
     at = 0
     while at < len(unit):
         match = _TOKEN.match(unit, at)

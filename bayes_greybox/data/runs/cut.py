@@ -1,4 +1,4 @@
-"""Runs cut, thinned and put on other times: some of their rows, or as many as another step has."""
+"""Cutting, thinning and resampling of runs."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,15 +17,15 @@ from .resampling import decimated, even_times, interpolated, rows_named
 from .stacked import Runs
 
 AnyRuns = TypeVar("AnyRuns", bound="CutRuns")
-"""What is cut, and comes out of it."""
+"""Class of the data that are cut, and of the result."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CutRuns(Runs):
-    """Runs of which parts can be taken; each part says in `remarks` what was done."""
+    """Runs of which parts can be taken; each part records in `remarks` what was done."""
 
     def take(self: AnyRuns, run: int | str) -> AnyRuns:
-        """One run, by number or name.
+        """Return one run, by number or name.
 
         Raises:
             InputError: if there is no such run.
@@ -39,13 +39,13 @@ class CutRuns(Runs):
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
     def keep(self: AnyRuns, rows: Any) -> AnyRuns:
-        """Some rows; a run that has none of them is left out.
+        """Keep some rows; a run that has none of them is left out.
 
         Args:
-            rows: Numbers of rows from 0, a slice, or whether each row stays.
+            rows: Numbers of rows from 0, a slice, or True for each row that stays.
 
         Raises:
-            InputError: Rows that there are not; none stays; rows of a filter, whose noise knows of their neighbours.
+            InputError: Rows that there are not; none stays; rows of a filter, whose noise depends on their neighbours.
         """
         rows = rows_named(rows, self.n_obs)
         if np.all(rows):
@@ -53,22 +53,19 @@ class CutRuns(Runs):
         if not np.any(rows):
             raise InputError("No row is left: keep at least one.")
         if any(not noise.local for noise in self.noise.values()):
-            raise InputError("Rows of filtered rates hang together: leave rows out before data.differentiate().")
+            raise InputError("Rows of filtered rates share samples: leave rows out before data.differentiate().")
         kept = self._at(np.flatnonzero(rows), {})
         white = {name: WhiteNoise(kept.run_lengths) for name in self.noise}
         return replace(kept, noise=white, dropped=self.dropped + int(np.sum(~rows)))
 
     def resample(self: AnyRuns, step: float, method: Literal["cubic", "linear", "held"] = "cubic") -> AnyRuns:
-        """The same runs at evenly spaced times, each from its first sample on.
+        """Interpolate the same runs at evenly spaced times, each from its first sample on.
 
         Noise of neighbouring rows is no longer independent: a row between two samples has part of the noise of both.
 
         Args:
             step: Distance of the times, at most 1.5 times the usual one of the samples; see `decimate` for larger ones.
             method: "cubic" (spline through the samples), "linear" or "held", for all columns.
-
-        Returns:
-            Data whose `remarks` say what was done.
 
         Raises:
             InputError: Rates that were computed before; a gap, in which nothing is invented; a step that is too large.
@@ -83,7 +80,7 @@ class CutRuns(Runs):
         return self._at_times(times, lambda i, t, x: interpolated(t, x, times[i], method), remark)
 
     def decimate(self: AnyRuns, factor: int) -> AnyRuns:
-        """Every so many rows of each run behind a low pass that keeps out what they could not show.
+        """Keep one of so many rows of each run, behind a low pass that removes faster motion than they can show.
 
         The filter is SciPy's finite one of `scipy.signal.decimate`, symmetric and therefore without delay: half the
         amplitude at the new Nyquist frequency. The 10 rows at either edge of a run, where it has no samples, are left
@@ -92,32 +89,25 @@ class CutRuns(Runs):
         Args:
             factor: Rows that become one, 2 or more.
 
-        Returns:
-            Data whose `remarks` say what was done.
-
         Raises:
             InputError: Rates that were computed before; uneven stamps; a run too short.
         """
         if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 2:
             raise InputError(f"factor must be a whole number, 2 or more, not {factor!r}.")
-        found = [decimated(self.time[rows], [], int(factor), name) for name, rows in self._blocks("decimate")]
+        factor = int(factor)
+        times = [
+            decimated(self.time[rows], self.time[rows], factor, name)[0] for name, rows in self._blocks("decimate")
+        ]
         remark = f"decimated by {factor} behind a symmetric low pass, the rows at edges left out: {self.n_obs} rows to "
-        names = self.run_names
-        edges = sum(-(-n // int(factor)) - len(t) for n, (t, _) in zip(self.run_lengths, found, strict=True))
-        data = self._at_times(
-            [t for t, _ in found], lambda i, t, x: decimated(t, [x], int(factor), names[i])[1][0], remark
-        )
-        return replace(data, dropped=self.dropped + edges)
+        data = self._at_times(times, lambda i, t, x: decimated(t, x, factor, self.run_names[i])[1], remark)
+        return replace(data, dropped=self.dropped + sum(-(-n // factor) for n in self.run_lengths) - data.n_obs)
 
     def trim(self: AnyRuns, start: float | None = None, end: float | None = None) -> AnyRuns:
-        """Rows from one time to another, both included, of every run; a run that has none is left out.
+        """Keep the rows from one time to another, both included, of every run; a run that has none is left out.
 
         Args:
             start: First time; None for that of each run.
             end: Last time; None for that of each run.
-
-        Returns:
-            Data whose `remarks` say what was done.
 
         Raises:
             InputError: No limit; no row within.
@@ -127,9 +117,7 @@ class CutRuns(Runs):
         for name, limit in (("start", start), ("end", end)):
             if limit is not None and not (is_finite(limit) or limit in (-np.inf, np.inf)):
                 raise InputError(f"{name} must be a number, in the unit of the time, not {limit!r}.")
-        inside = np.ones(self.n_obs, dtype=bool)
-        inside &= self.time >= (-np.inf if start is None else start)
-        inside &= self.time <= (np.inf if end is None else end)
+        inside = (self.time >= (-np.inf if start is None else start)) & (self.time <= (np.inf if end is None else end))
         if not np.any(inside):
             raise InputError(
                 f"No row lies between {start} and {end}: the times of the data run from {self.time.min():.12g} to "
@@ -142,30 +130,27 @@ class CutRuns(Runs):
         return kept.remarked(f"trimmed to times {where}: {self.n_obs} rows to {kept.n_obs}")
 
     def drop(self: AnyRuns, rows: Any) -> AnyRuns:
-        """The data without some rows; see `keep`.
+        """Leave out some rows; see `keep`.
 
         Args:
-            rows: Numbers of rows from 0, a slice, or whether each row is left out.
-
-        Returns:
-            Data whose `remarks` say what was done.
+            rows: Numbers of rows from 0, a slice, or True for each row that is left out.
 
         Raises:
-            InputError: Rows that there are not; all of them; rows of a filter, whose noise knows of their neighbours.
+            InputError: Rows that there are not; all of them; rows of a filter, whose noise depends on their neighbours.
         """
         named = rows_named(rows, self.n_obs)
         kept = self.keep(~named)
         return kept.remarked(f"{int(np.sum(named))} of {self.n_obs} rows dropped on request") if np.any(named) else kept
 
     def remarked(self: AnyRuns, *remarks: str) -> AnyRuns:
-        """The same data with more to say of what was done to them."""
+        """Return the same data with more remarks on what was done to them."""
         return replace(self, remarks=(*self.remarks, *remarks))
 
     def split(self: AnyRuns, fraction: float, by: Literal["time", "trajectory"] = "time") -> tuple[AnyRuns, AnyRuns]:
         """Split into a first part to fit and a second part to test.
 
         Rows that a filter of width w computed share samples with their w − 1 neighbours on either side; split
-        before `differentiate` where the parts must not share any.
+        before `differentiate` if the parts must not share any.
 
         Args:
             fraction: share of the first part, between 0 and 1.
@@ -185,11 +170,11 @@ class CutRuns(Runs):
 
     @property
     def _computed(self) -> bool:
-        """Whether rates were computed from neighbouring rows."""
+        """True if rates were computed from neighbouring rows."""
         return bool(self.noise)
 
     def _blocks(self, what: str) -> list[tuple[str, np.ndarray]]:
-        """Name and rows of each run, of data that are still as they were measured."""
+        """Return name and rows of each run, if the data are still as they were measured."""
         if self._computed:
             raise InputError(f"Rates of these data were computed from neighbouring rows: {what} before differentiate.")
         return [(name, np.flatnonzero(self.run == i)) for i, name in enumerate(self.run_names)]
@@ -200,12 +185,12 @@ class CutRuns(Runs):
         column: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
         remark: str,
     ) -> AnyRuns:
-        """Data at other times of each run.
+        """Return data at other times of each run.
 
         Args:
             times: New times of each run.
-            column: Values of a run at its new times, from its number, its stamps and its values.
-            remark: What was done, before the number of rows.
+            column: Function from a run's number, stamps and values to its values at the new times.
+            remark: Remark, to be followed by the new number of rows.
         """
         blocks = [np.flatnonzero(self.run == i) for i in range(self.n_run)]
 
@@ -225,13 +210,13 @@ class CutRuns(Runs):
         ).remarked(f"{remark}{sum(map(len, times))}")
 
     def _restrict(self: AnyRuns, bounds: Sequence[tuple[int, int]]) -> AnyRuns:
-        """Contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
+        """Return contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
         starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
         rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
         return self._at(rows, {name: noise.restrict(bounds) for name, noise in self.noise.items()})
 
     def _at(self: AnyRuns, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> AnyRuns:
-        """Some rows, in order, with the noise of their rates; a run that has none of them is left out."""
+        """Return some rows, in order, with the noise of their rates; a run that has none of them is left out."""
         run, number = np.unique(self.run[rows], return_inverse=True)
 
         def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -1,6 +1,4 @@
-"""Columns at other times: evenly spaced by interpolation, or fewer of them behind a filter that keeps aliases out."""
-
-from collections.abc import Sequence
+"""Columns at other times: interpolated evenly, or thinned behind a low-pass filter."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -12,7 +10,7 @@ from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.running.errors import InputError
 
 COARSER = 1.5
-"""A step this many times the usual one leaves out so much that what is faster would pass for something slower."""
+"""Largest ratio of a new step to the usual one: at longer steps fast motion would alias."""
 
 STAMP_ROUNDING = 1e-6
 """Share of a step by which stamps may be off by rounding."""
@@ -22,12 +20,12 @@ HALF_WINDOW = 10
 
 
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:
-    """Evenly spaced times from the first sample of a run up to the last.
+    """Return evenly spaced times from the first sample of a run up to the last.
 
     Args:
         time: Stamps of the run, increasing.
-        step: Their new distance.
-        name: Of the run, for messages.
+        step: Distance of the new times.
+        name: Name of the run, for messages.
 
     Raises:
         InputError: Fewer than four samples; a gap of more than `GAP_STEPS` usual steps; a step so large that it would
@@ -60,7 +58,7 @@ def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[n
 def interpolated(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"], method: str
 ) -> Float[np.ndarray, " m"]:
-    """A column of one run at other times within it, by a cubic spline, lines, or held from each sample to the next."""
+    """Interpolate a column of one run by a cubic spline, by lines, or hold each sample up to the next."""
     if method == "cubic":
         return CubicSpline(time, values)(at)
     if method == "linear":
@@ -71,51 +69,55 @@ def interpolated(
 
 
 def decimated(
-    time: Float[np.ndarray, " n"], columns: Sequence[Float[np.ndarray, " n"]], factor: int, name: str
-) -> tuple[Float[np.ndarray, " m"], list[Float[np.ndarray, " m"]]]:
-    """Every so many samples of a run behind a symmetric low pass (SciPy's, zero phase), its edges left out.
+    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], factor: int, name: str
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Keep one of so many samples of a run behind a symmetric low pass (SciPy's, zero phase), its edges left out.
 
     Args:
         time: Stamps of the run, evenly spaced.
-        columns: Values at them.
+        values: Column at these times.
         factor: Samples that become one.
-        name: Of the run, for messages.
+        name: Name of the run, for messages.
+
+    Returns:
+        Times and values.
 
     Raises:
         InputError: A run too short for the filter; uneven stamps.
     """
-    kept = slice(HALF_WINDOW, -(-len(time) // factor) - HALF_WINDOW)
-    # The last of them may still reach beyond the run.
+    # The filter of the last row must not reach beyond the run.
     last = (len(time) - 1 - HALF_WINDOW * factor) // factor
-    kept = slice(kept.start, min(kept.stop, last + 1))
+    kept = slice(HALF_WINDOW, min(-(-len(time) // factor) - HALF_WINDOW, last + 1))
     if kept.stop - kept.start < 2:
         raise InputError(
             f'Run "{name}" has {len(time)} rows: by {factor} fewer than two would be left beside the {HALF_WINDOW} at '
             "either edge, where the filter has no samples; choose a smaller factor, or leave the run out."
         )
     uniform_step(time, name)
-    return time[::factor][kept], [decimate(values, factor, ftype="fir", zero_phase=True)[kept] for values in columns]
+    return time[::factor][kept], decimate(values, factor, ftype="fir", zero_phase=True)[kept]
 
 
 def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
-    """Whether each row is among those that are named by number, a slice, or one truth value each.
+    """Mark the rows that are named by number, a slice, or one truth value each.
 
     Raises:
         InputError: Numbers of rows that there are not; truth values of another length.
     """
+    index = rows
+    if not isinstance(rows, slice):
+        index = np.asarray(rows)
+        if index.dtype == bool and index.shape != (n_obs,):
+            raise InputError(f"rows has {index.size} truth values, but the data have {n_obs} rows; give one for each.")
+        if index.dtype != bool:
+            if index.dtype.kind not in "iu" and index.size:
+                raise InputError("rows must be numbers of rows from 0, a slice, or a truth value for each row.")
+            index = index.astype(np.int64)
+            if index.size and not (-n_obs <= index.min() and index.max() < n_obs):
+                odd = index.max() if index.max() >= n_obs else index.min()
+                raise InputError(f"There is no row {odd}; the data have {n_obs}, from 0 to {n_obs - 1}.")
     named = np.zeros(n_obs, dtype=bool)
-    given = rows if isinstance(rows, slice) else np.asarray(rows)
-    if isinstance(given, np.ndarray):
-        if given.dtype == bool and given.shape != (n_obs,):
-            raise InputError(f"rows has {given.size} truth values, but the data have {n_obs} rows; give one for each.")
-        if given.dtype != bool and (given.dtype.kind not in "iu" and given.size):
-            raise InputError("rows must be numbers of rows from 0, a slice, or a truth value for each row.")
-        given = given if given.dtype == bool else given.astype(np.int64)
-        if given.dtype != bool and given.size and not (-n_obs <= given.min() and given.max() < n_obs):
-            odd = given.max() if given.max() >= n_obs else given.min()
-            raise InputError(f"There is no row {odd}; the data have {n_obs}, from 0 to {n_obs - 1}.")
     try:
-        named[given] = True
+        named[index] = True
     except (TypeError, ValueError):
         raise InputError(f"{rows!r} names no rows: the limits of a slice must be numbers of rows from 0.") from None
     return named

@@ -1,4 +1,4 @@
-"""Runs as they lie in memory: columns stacked row by row, and what is asked of them."""
+"""Runs as they lie in memory: columns stacked row by row, with their names, units and noise."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ from bayes_greybox.running.errors import InputError
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Runs:
-    """What `Trajectories` are made of, which describe each attribute; they build, cut and differentiate them."""
+    """Attributes of `Trajectories`, which describe each, and look-ups in them."""
 
     time: Float[np.ndarray, " n_obs"]
     run: Int[np.ndarray, " n_obs"]
@@ -37,7 +37,7 @@ class Runs:
         return len(self.time)
 
     def rate(self, state: str) -> Float[np.ndarray, " n_obs"]:
-        """The measured derivative of a state, or an output as it was measured.
+        """Return the measured derivative of a state, or an output as it was measured.
 
         Raises:
             InputError: if the data have none.
@@ -50,7 +50,7 @@ class Runs:
         return self.derivatives[state]
 
     def row_noise(self, state: str) -> RowNoise:
-        """Noise of the rows of a state's derivative: that of its differentiator, or white."""
+        """Return the noise of the rows of a state's derivative: that of its differentiator, or white."""
         return self.noise.get(state) or WhiteNoise(self.run_lengths)
 
     @property
@@ -79,21 +79,21 @@ class Runs:
         return tuple(name for name in self.derivatives if name not in self.states)
 
     def is_output(self, name: str) -> bool:
-        """Whether an equation is that of an output, and not of a state."""
+        """Return True if an equation is that of an output, and not of a state."""
         return name in self.derivatives and name not in self.states
 
     def target_label(self, name: str) -> str:
-        """What the equation of a state or an output gives, such as d(y)/dt or F."""
+        """Return the left-hand side of the equation of a state or an output, such as d(y)/dt or F."""
         return name if self.is_output(name) else derivative_label(name, self.time_name)
 
     def target_in_words(self, *names: str, article: str = "") -> str:
-        """The same in a sentence, after "measured" or an article: outputs by their names, anything else is a rate."""
+        """Name left-hand sides in a sentence, after "measured" or an article: an output by its name, all else as a rate."""
         words = [name if self.is_output(name) else f"{article}rate" for name in names] or [f"{article}rate"]
         return " and ".join(dict.fromkeys(words))
 
     @property
     def run_lengths(self) -> tuple[int, ...]:
-        """Rows of each run."""
+        """Number of rows of each run."""
         return tuple(int(n) for n in np.bincount(self.run, minlength=self.n_run))
 
     @property
@@ -110,7 +110,7 @@ class Runs:
         return {**self.states, **self.inputs}
 
     def column(self, name: str) -> Float[np.ndarray, " n_obs"]:
-        """One state or input.
+        """Return one state or input.
 
         Raises:
             InputError: if there is no such column.
@@ -121,22 +121,22 @@ class Runs:
         return columns[name]
 
     def matrix(self, names: Sequence[str]) -> Float[np.ndarray, "n_obs n_column"]:
-        """States and inputs side by side, in the order of `names`."""
+        """Return states and inputs side by side, in the order of `names`."""
         if not names:
             return np.empty((self.n_obs, 0))
         return np.column_stack([self.column(name) for name in names])
 
     def unit(self, name: str) -> str | None:
-        """Unit of a state, an input, an output or the time ("t"); None if it was not given."""
+        """Return the unit of a state, an input, an output or the time ("t"); None if it was not given."""
         return self.units.get(name)
 
     def derivative_unit(self, name: str) -> str | None:
-        """Unit of the derivative of a state: as given, else state over time, None if unknown."""
+        """Return the unit of the derivative of a state: as given, else state over time, None if unknown."""
         given = self.units.get(derivative_label(name, "t"))
         return given if given is not None else rate_unit(self.units.get(name), self.units.get("t"))
 
     def summary(self) -> pd.DataFrame:
-        """Table with kind, unit, min, max, mean and number of rows of every column."""
+        """Tabulate kind, unit, min, max, mean and number of rows of every column."""
         rows = [(self.time_name, "time", self.unit("t"), self.time)]
         rows += [(k, "state", self.unit(k), v) for k, v in self.states.items()]
         rows += [(k, "input", self.unit(k), v) for k, v in self.inputs.items()]
