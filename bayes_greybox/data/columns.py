@@ -240,7 +240,8 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
     fault = (
         f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
         if step[at] == 0
-        else f"is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the rows by time"
+        else f"is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the rows by "
+        "time"
     )
     raise InputError(f'The time of run "{names[run[at]]}" {fault}, or give separate recordings as separate runs.')
 

@@ -173,8 +173,9 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
     Reading the workbook needs openpyxl, which comes with the extra `tables`.
 
     Args:
-        by_ball: If true, return the data for one model of all drops: the heights alone, without the last `IMPACT` frames
-            of each drop, and for each ball an input that is one in its drops and zero in all others ("tennis_ball").
+        by_ball: If true, return the data for one model of all drops: the heights alone, without the last `IMPACT`
+            frames of each drop, and for each ball an input that is one in its drops and zero in all others
+            ("tennis_ball").
 
     Returns:
         The drops and the table of balls; mass and diameter of the volleyball are not known (NaN).

@@ -17,8 +17,8 @@ _TOKEN = re.compile(
 def unit_text(unit: str | None) -> str:
     """Write a unit with powers as superscripts, and a product after at most one stroke.
 
-    `m/s/s`, `m/s**2`, `m/s^2` and `m s⁻²` all become m/s²; `1/m²/s²` becomes 1/(m²·s²); `N*m` becomes N·m. The unit of a
-    plain number, "", "1" or "dimensionless", is empty, and text that is no product of powers stays as it is.
+    `m/s/s`, `m/s**2`, `m/s^2` and `m s⁻²` all become m/s²; `1/m²/s²` becomes 1/(m²·s²); `N*m` becomes N·m. The unit
+    of a plain number, "", "1" or "dimensionless", is empty; text that is no product of powers stays as it is.
     """
     if not unit or unit.strip() in ("1", "dimensionless"):
         return ""

@@ -14,7 +14,7 @@ from .formats.labelled import dataset_table, read_netcdf
 from .formats.labview import read_lvm
 from .formats.matlab import read_mat
 from .formats.text import read_text
-from .table import Layout, Table, require_distinct, tidy
+from .table import Layout, Table, first_line, require_distinct, tidy
 
 INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
@@ -126,8 +126,8 @@ def _file(path: Path, layout: Layout) -> Table:
         raise
     except Exception as error:
         # Each library has its own exceptions for a damaged file; all mean the same to the user.
-        line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
-        raise InputError(f'"{path}" cannot be read as {suffix.removeprefix(".")} ({line}); check the file.') from error
+        kind = suffix.removeprefix(".")
+        raise InputError(f'"{path}" cannot be read as {kind} ({first_line(error)}); check the file.') from error
 
 
 def _read_parquet(path: Path, layout: Layout) -> Table:

@@ -98,8 +98,13 @@ class Table:
 
 
 def capital(text: str) -> str:
-    """Text at the start of a sentence."""
+    """Return text as it stands at the start of a sentence."""
     return text[:1].upper() + text[1:]
+
+
+def first_line(error: BaseException) -> str:
+    """Return the first line of an error's message, or else its class."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
 
 
 def tidy(table: Table, layout: Layout) -> Table:

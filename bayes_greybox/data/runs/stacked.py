@@ -87,7 +87,7 @@ class Runs:
         return name if self.is_output(name) else derivative_label(name, self.time_name)
 
     def target_in_words(self, *names: str, article: str = "") -> str:
-        """Name left-hand sides in a sentence, after "measured" or an article: an output by its name, all else as a rate."""
+        """Name left-hand sides in a sentence, after "measured" or an article: outputs by name, all else as a rate."""
         words = [name if self.is_output(name) else f"{article}rate" for name in names] or [f"{article}rate"]
         return " and ".join(dict.fromkeys(words))
 

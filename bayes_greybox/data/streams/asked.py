@@ -1,4 +1,4 @@
-"""What is read of each piece of a stream: the arguments of `read`, and the columns that they name."""
+"""Columns and settings by which each piece of a stream is read."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -15,17 +15,17 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
 CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20
-"""Rows that are held at a time, and rows of a part: what one worker does before it answers."""
+"""Rows in memory at a time, and rows of a part, which one worker reads before it answers."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is read of each piece.
+    """Columns and settings by which each piece is read.
 
     Attributes:
         columns: Columns by the names that users gave, and once a source was opened by its own.
         time: Column of time stamps; rows are numbered without.
-        missing: Whether rows with missing values are an error or left out.
+        missing: "error" to refuse rows with missing values, "drop" to leave them out.
         settings: Further arguments of `read`.
         stamps: Column of time stamps, as a source names it.
         labels: Column that tells runs apart, as a source names it.
@@ -40,40 +40,40 @@ class Asked:
 
     @property
     def restarts(self) -> bool:
-        """Whether time that goes back begins another run."""
+        """True if time that goes back begins another run."""
         return self.settings.get("restart") == "run"
 
     def among(self, kinds: Mapping[str, str], where: str) -> "Asked":
-        """The same with columns as a source names them.
+        """Return the same request with columns as a source names them.
 
         Args:
-            kinds: Of NumPy's data types, by column of the source.
-            where: The source, in a sentence.
+            kinds: Kind of NumPy's data type by column of the source.
+            where: Source, in a sentence.
 
         Raises:
             InputError: A column that it lacks, or that holds no numbers.
         """
-        # Two rows of numbers, as names alone are looked at: "pos [mm]" is a column pos.
+        # Two rows of any numbers, as only the names matter: "pos [mm]" is a column pos.
         table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
-        own = dict(zip(table.frame.columns, kinds, strict=True))
-        columns = tuple(own[table.known(name)] for name in self.columns)
+        in_source = dict(zip(table.frame.columns, kinds, strict=True))
+        columns = tuple(in_source[table.known(name)] for name in self.columns)
         run = self.settings.get("run")
-        labels = None if run is None else own[table.known(run)]
+        labels = None if run is None else in_source[table.known(run)]
         for name in columns:
             if kinds[name] not in "biuf" and name != labels:
                 raise InputError(
                     f'The column "{name}" of {where} does not hold numbers. A stream knows no row before its piece: '
                     "give dates as seconds, and text as numbers."
                 )
-        stamps = None if self.time is None else own[table.known(self.time)]
+        stamps = None if self.time is None else in_source[table.known(self.time)]
         return replace(self, columns=tuple(dict.fromkeys(columns)), stamps=stamps, labels=labels)
 
     def begins(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> Bool[np.ndarray, " n_row"]:
-        """Rows that begin a run.
+        """Mark the rows that begin a run.
 
         Args:
             frame: Rows, by columns as the source has them.
-            before: What `latest` gives of the rows before them, or None.
+            before: Result of `latest` for the rows before them, or None.
         """
         begun = np.zeros(len(frame), bool)
         begun[0] = before is None
@@ -88,11 +88,11 @@ class Asked:
         return begun
 
     def latest(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> pd.DataFrame:
-        """The row that tells whether the next one begins a run: the last, or the last with a stamp where these tell.
+        """Return the row that decides if the next one begins a run: the last, or the last with a stamp if stamps decide.
 
         Args:
             frame: Rows, by columns as the source has them.
-            before: The same of the rows before them, or None.
+            before: Result of this function for the rows before them, or None.
         """
         last = frame.iloc[-1:]
         if self.labels is None and self.stamps is not None:
@@ -101,25 +101,25 @@ class Asked:
         return last
 
     def usable(self, frame: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
-        """Rows that are read: all, or those without missing values where these are left out."""
+        """Mark the rows that are read: all, or those without missing values where these are left out."""
         if self.missing == "error":
             return np.ones(len(frame), bool)
         numbers = frame.select_dtypes("number").to_numpy(float)
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
-        """Rows of a piece as data.
+        """Build data from rows of a piece.
 
         Args:
-            table: Its rows, some of them usable, a DataFrame or a Dataset.
-            where: The source, in a sentence.
+            table: DataFrame or Dataset of the rows, some of them usable.
+            where: Source, in a sentence.
             first: Number of the first row in it.
             dropped: Rows beside them that were left out.
-            whole: Whether they are whole runs.
+            whole: True if they are whole runs.
 
         Raises:
-            InputError: What `read` refuses, with the rows that it was about; stamps of more digits than a float holds
-                where rows do not have the first one of their run beside them.
+            InputError: Rows that `read` refuses, with their place; stamps of more digits than a float holds where rows do
+                not have the first one of their run beside them.
         """
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(

@@ -1,4 +1,4 @@
-"""The door for more rows than memory holds."""
+"""Reader of more rows than memory holds."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from .parquet import parquet_rows
 from .row_stream import SAMPLE_ROWS, RowStream
 
 STREAM_READERS = {".parquet": parquet_rows, ".nc": labelled_rows, ".zarr": labelled_rows}
-"""What can be read in pieces, by extension."""
+"""Readers in pieces by extension."""
 
 
 def stream(
@@ -33,10 +33,10 @@ def stream(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> RowStream:
-    """Measured rates or outputs, or samples of paths, that stay in their file: `GreyBox.fit` reads them in chunks.
+    """Open measured rates or outputs, or samples of paths, that stay in their file: `GreyBox.fit` reads them in chunks.
 
     Memory is that of a few chunks, whatever the number of rows, and of the longest run where rows are of paths.
-    The order of rows that are measured one by one matters to nothing but the sample; those of a run of a path lie
+    The order of rows that are measured one by one matters only to the sample; those of a run of a path lie
     together in one file, in order of time.
 
     Args:
@@ -46,13 +46,13 @@ def stream(
         inputs: as in `read`.
         derivatives: as in `read`.
         outputs: as in `read`.
-        time: column of time stamps, numbers; rows are numbered without, and no rows of paths.
+        time: column of time stamps, numbers; without it rows are numbered and cannot be samples of paths.
         run: as in `read`.
         restart: as in `read`.
         units: as in `read`.
         missing: "error" refuses missing values, "drop" leaves out their rows and counts them.
-        sample: rows that are kept in memory, about, for all that looks at single rows: ten stretches, evenly spaced, or
-            whole runs, on which it is also found what the paths of all runs have in common.
+        sample: rows that stay in memory, about, for all that looks at single rows: ten stretches, evenly spaced, or
+            whole runs, which also determine the properties that the paths of all runs share.
         workers: processes of this machine that read (extra "distributed"), files of runs each by one; one if left out.
         scheduler: address of a Dask scheduler, such as `tcp://host:8786`, whose workers read and see the same files.
 
@@ -78,15 +78,15 @@ def stream(
 
 
 def _paths(source: Any) -> Sequence[Path]:
-    """Files of one kind that can be read in pieces."""
-    found = [each for _, each in listed(source)]
-    for each in found:
+    """Return the files, which must be of one kind that can be read in pieces."""
+    sources = [each for _, each in listed(source)]
+    for each in sources:
         if not isinstance(each, str | Path):
             raise InputError(
                 f"bg.stream reads files and not a {type(each).__name__}: what is in memory is read by bg.read, and "
                 "what a function makes is streamed by bg.RowStream.from_chunks."
             )
-    paths = [Path(each) for each in found]
+    paths = [Path(each) for each in sources]
     kinds = list(dict.fromkeys(path.suffix.lower() for path in paths))
     if len(kinds) > 1 or kinds[0] not in STREAM_READERS:
         raise InputError(

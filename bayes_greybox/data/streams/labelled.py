@@ -5,81 +5,44 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.reading.table import first_line
 from bayes_greybox.running.errors import InputError
 
 from .asked import CHUNK_ROWS, PART_ROWS, Asked
-from .whole_runs import Piece, WholeRuns
+from .whole_runs import FileRows, Piece
 
 INSTALL_DISTRIBUTED = 'install it with pip install ".[distributed]" in the checkout'
 
 
 @dataclass(frozen=True)
-class LabelledRows:
+class LabelledRows(FileRows):
     """Variables over one dimension; a part is a range of it.
 
     Attributes:
         pieces: Store, dimension, first row and row behind the last of each part.
-        asked: What is read of them.
+        asked: Columns and settings to read.
     """
 
     pieces: tuple[tuple[str, str, int, int], ...]
     asked: Asked
 
-    @property
-    def where(self) -> str:
-        """The stores."""
-        stores = list(dict.fromkeys(piece[0] for piece in self.pieces))
-        return f'"{stores[0]}"' + (f" and {len(stores) - 1} more" if len(stores) > 1 else "")
-
-    @property
-    def n_part(self) -> int:
-        """Parts."""
-        return len(self.pieces)
-
-    @property
-    def paths(self) -> list[str]:
-        """The store of each part."""
-        return [piece[0] for piece in self.pieces]
-
-    def whole_runs(self) -> WholeRuns:
-        """The stores with whole runs in each chunk."""
-        return WholeRuns(self)
-
-    def chunks(self, part: int) -> Iterator[Trajectories]:
-        """The rows of a part, some at a time."""
-        dimension = self.pieces[part][1]
-        for first, piece in self._slices(part):
-            kept = self.asked.usable(piece.reset_coords().to_dataframe())
-            if not kept.all():
-                piece = piece.isel({dimension: kept})
-            if kept.any():
-                yield from self.asked.formed(piece, f'"{self.paths[part]}"', first, int((~kept).sum()))
-
     def tables(self, part: int) -> Iterator[Piece]:
-        """The rows of a part as they lie in the store, some at a time."""
-        for first, piece in self._slices(part):
-            # Stamps may be the dimension's own coordinate.
-            frame = piece.reset_coords().to_dataframe().reset_index()[list(self.asked.columns)]
-            yield Piece(first, frame, {str(name): dict(piece[name].attrs) for name in frame})
-
-    def _slices(self, part: int) -> Iterator[tuple[int, Any]]:
+        """Yield the rows of a part as they lie in the store, some at a time."""
         path, dimension, start, stop = self.pieces[part]
+        columns = list(self.asked.columns)
         with _opened(Path(path)) as dataset:
-            lacking = [name for name in self.asked.columns if name not in dataset.variables]
+            lacking = [name for name in columns if name not in dataset.variables]
             if lacking:
                 raise InputError(f'"{path}" has no variable "{lacking[0]}", which other files of the stream have.')
-            wanted = dataset[list(self.asked.columns)]
             for first in range(start, stop, CHUNK_ROWS):
-                yield first, wanted.isel({dimension: slice(first, min(first + CHUNK_ROWS, stop))}).load()
+                some = dataset[columns].isel({dimension: slice(first, min(first + CHUNK_ROWS, stop))}).load()
+                # Stamps may be the dimension's own coordinate.
+                frame = some.reset_coords().to_dataframe().reset_index()[columns]
+                yield Piece(first, frame, {str(name): dict(some[name].attrs) for name in frame})
 
 
 def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:
-    """The parts of some stores.
-
-    Args:
-        stores: Their paths.
-        asked: What is to be read, still by the names that were given.
+    """Divide stores into parts; `asked` still has the names that the user gave.
 
     Raises:
         InputError: A store that cannot be read, or has no such variable over one dimension.
@@ -87,9 +50,9 @@ def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:
     pieces: list[tuple[str, str, int, int]] = []
     for path in stores:
         with _opened(path) as dataset:
-            held = {str(name): array for name, array in dataset.variables.items() if array.ndim == 1}
-            own = asked.among({name: array.dtype.kind for name, array in held.items()}, f'"{path}"')
-            dimensions = {str(held[name].dims[0]) for name in own.columns}
+            variables = {str(name): array for name, array in dataset.variables.items() if array.ndim == 1}
+            here = asked.among({name: array.dtype.kind for name, array in variables.items()}, f'"{path}"')
+            dimensions = {str(variables[name].dims[0]) for name in here.columns}
             if len(dimensions) != 1:
                 raise InputError(
                     f'The columns that are asked for lie along different dimensions of "{path}" '
@@ -97,7 +60,7 @@ def labelled_rows(stores: Sequence[Path], asked: Asked) -> LabelledRows:
                 )
             (dimension,) = dimensions
             n = int(dataset.sizes[dimension])
-        asked = asked if pieces else own
+        asked = asked if pieces else here
         pieces += [(str(path), dimension, start, min(start + PART_ROWS, n)) for start in range(0, n, PART_ROWS)]
     if not pieces:
         raise InputError(f'"{stores[0]}" has no rows.')
@@ -118,6 +81,5 @@ def _opened(path: Path) -> Any:
     except ImportError as error:
         raise InputError(f'Reading "{path}" needs zarr; {INSTALL_DISTRIBUTED}.') from error
     except Exception as error:
-        line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
         kind = "zarr" if zarr else "nc"
-        raise InputError(f'"{path}" cannot be read as {kind} ({line}); check the file.') from error
+        raise InputError(f'"{path}" cannot be read as {kind} ({first_line(error)}); check the file.') from error

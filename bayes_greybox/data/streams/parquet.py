@@ -5,88 +5,52 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bayes_greybox.data.reading.sources import INSTALL_TABLES
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
 from .asked import CHUNK_ROWS, PART_ROWS, Asked
-from .whole_runs import Piece, WholeRuns
+from .whole_runs import FileRows, Piece
 
 
 @dataclass(frozen=True)
-class ParquetRows:
+class ParquetRows(FileRows):
     """Rows of one or several Parquet files; a part is some row groups of one file.
 
     Attributes:
         pieces: File, number of its first row, and row groups of each part.
-        asked: What is read of them.
+        asked: Columns and settings to read.
     """
 
     pieces: tuple[tuple[str, int, tuple[int, ...]], ...]
     asked: Asked
 
-    @property
-    def where(self) -> str:
-        """The files."""
-        files = list(dict.fromkeys(file for file, _, _ in self.pieces))
-        return f'"{files[0]}"' + (f" and {len(files) - 1} more" if len(files) > 1 else "")
-
-    @property
-    def n_part(self) -> int:
-        """Parts."""
-        return len(self.pieces)
-
-    @property
-    def paths(self) -> list[str]:
-        """The file of each part."""
-        return [path for path, _, _ in self.pieces]
-
-    def whole_runs(self) -> WholeRuns:
-        """The files with whole runs in each chunk."""
-        return WholeRuns(self)
-
-    def chunks(self, part: int) -> Iterator[Trajectories]:
-        """The rows of a part, some at a time."""
-        for first, frame, _ in self.tables(part):
-            kept = self.asked.usable(frame)
-            if kept.any():
-                yield from self.asked.formed(frame[kept], f'"{self.paths[part]}"', first, int(np.sum(~kept)))
-
     def tables(self, part: int) -> Iterator[Piece]:
-        """The rows of a part as they lie in the file, some at a time."""
+        """Yield the rows of a part as they lie in the file, some at a time."""
         import pyarrow as pa
 
         path, first, groups = self.pieces[part]
         with _opened(path) as file:
-            batches = file.iter_batches(
-                batch_size=CHUNK_ROWS, row_groups=list(groups), columns=list(self.asked.columns)
-            )
-            for batch in batches:
+            columns = list(self.asked.columns)
+            for batch in file.iter_batches(batch_size=CHUNK_ROWS, row_groups=list(groups), columns=columns):
                 frame = pa.Table.from_batches([batch]).to_pandas(ignore_metadata=True)
                 yield Piece(first, frame, {})
                 first += len(frame)
 
 
 def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
-    """The parts of some files.
-
-    Args:
-        files: Their paths.
-        asked: What is to be read, still by the names that were given.
+    """Divide files into parts; `asked` still has the names that the user gave.
 
     Raises:
         InputError: pyarrow is not there; a file that cannot be read or has no such column.
     """
     pieces: list[tuple[str, int, tuple[int, ...]]] = []
-    own: Asked | None = None
+    common: Asked | None = None
     for path in files:
         with _opened(path) as file:
             if file.metadata.num_rows:
                 here = asked.among(_kinds(file), f'"{path}"')
-                own = here if own is None else own
-                _require_same(own, here, pieces[0][0] if pieces else "", str(path))
+                common = here if common is None else common
+                _require_same(common, here, pieces[0][0] if pieces else "", str(path))
             sizes = [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)]
         row = start = 0
         groups: list[int] = []
@@ -96,17 +60,17 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
             if row - start >= PART_ROWS or (i == len(sizes) - 1 and row > start):
                 pieces.append((str(path), start, tuple(groups)))
                 groups, start = [], row
-    if own is None:
+    if common is None:
         raise InputError(f'"{files[0]}" has no rows.')
-    return ParquetRows(tuple(pieces), own)
+    return ParquetRows(tuple(pieces), common)
 
 
 def _require_same(first: Asked, other: Asked, one: str, another: str) -> None:
     """Refuse a file whose headers differ, such as in a unit."""
-    for own, theirs in zip(first.columns, other.columns, strict=True):
-        if own != theirs:
+    for column, its in zip(first.columns, other.columns, strict=True):
+        if column != its:
             raise InputError(
-                f'The column "{own}" of "{one}" is "{theirs}" in "{another}": write one of them anew, with the same '
+                f'The column "{column}" of "{one}" is "{its}" in "{another}": write one of them anew, with the same '
                 "header and in the same unit."
             )
 
@@ -126,6 +90,6 @@ def _opened(path: str | Path) -> Any:
 
 
 def _kinds(file: Any) -> dict[str, str]:
-    """Kind of NumPy's data type by column."""
+    """Return the kind of NumPy's data type of each column."""
     empty = file.schema_arrow.empty_table().to_pandas(ignore_metadata=True)
     return {str(name): empty[name].dtype.kind for name in empty.columns}

@@ -14,10 +14,10 @@ from bayes_greybox.running.limits import Count, require_limits
 from .whole_runs import some_runs, stacked_runs
 
 SAMPLE_ROWS = 2000
-"""Rows of the sample by default: as many as every group of a fit is kept for."""
+"""Rows of the sample by default."""
 
 STRETCHES = 10
-"""Pieces that the sample is made of: rows that follow each other, for what is seen between neighbours only."""
+"""Stretches of the sample; their rows follow each other, as some checks compare neighbours."""
 
 
 @runtime_checkable
@@ -26,24 +26,20 @@ class Source(Protocol):
 
     @property
     def where(self) -> str:
-        """What is read, in a sentence."""
+        """Description of the source, within a sentence."""
         ...
 
     @property
     def n_part(self) -> int:
-        """Parts."""
+        """Number of parts."""
         ...
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
-        """The rows of a part in order, as many at a time as memory holds; no chunk is empty.
-
-        Args:
-            part: Number of the part.
-        """
+        """Yield the rows of a part in order, as many at a time as memory holds; no chunk is empty."""
         ...
 
     def whole_runs(self) -> "Source":
-        """The same rows in parts whose chunks hold whole runs, as paths need them."""
+        """Return the same rows in parts whose chunks hold whole runs, as paths need them."""
         ...
 
 
@@ -51,15 +47,15 @@ class Source(Protocol):
 class RowStream:
     """Measured rates or outputs of any number of rows, or samples of paths: `GreyBox.fit` reads them a chunk at a time.
 
-    All rows decide the posterior. What looks at single rows (predictions of the training data, checks, leave-one-out
+    All rows decide the posterior. Whatever looks at single rows (predictions of the training data, checks, leave-one-out
     densities, figures) looks at those of `sample`.
 
     Attributes:
-        source: Where they come from; see `stream`.
+        source: Source of the rows; see `stream`.
         sample_size: Rows of the sample, about.
         workers: Processes of this machine that read parts; one if left out.
         scheduler: Address of a Dask scheduler, whose workers read parts and see the same files.
-        by_run: Whether chunks, and the sample, are of whole runs.
+        by_run: If true, chunks and the sample hold whole runs.
     """
 
     source: Source
@@ -75,7 +71,7 @@ class RowStream:
 
     @property
     def instead(self) -> str:
-        """What to give where rows are needed all at once."""
+        """Advice where rows are needed all at once."""
         return (
             "GreyBox.fit alone reads a bg.stream in chunks; everything else needs its rows at once: give it "
             "stream.sample, some of them, or as many as memory holds, read by bg.read."
@@ -91,24 +87,24 @@ class RowStream:
         workers: int | None = None,
         scheduler: str | None = None,
     ) -> "RowStream":
-        """Rows that a function gives, from a source that `stream` does not read.
+        """Stream rows that a function returns, from a source that `stream` does not read.
 
         Args:
-            chunk: From 0, 1, … to rows, the same ones each time that it is asked; where a state or an input may stay
-                the same all over a chunk, made with `constant="keep"`. For workers a function of a module. Runs of a
-                chunk end with it: where rows are samples of paths give whole runs, as what is cut has a start of its
-                own in each part.
-            n_chunk: How many there are.
+            chunk: Function from 0, 1, … to rows, the same ones at each call; where a state or an input may be constant
+                over a chunk, made with `constant="keep"`. For workers it must be a function of a module. Runs of a
+                chunk end with it: where rows are samples of paths give whole runs, as each part of a divided run has a
+                start of its own.
+            n_chunk: Number of chunks.
             sample: Rows that are looked at one by one.
             workers: Processes of this machine that ask for chunks; one if left out.
             scheduler: Address of a Dask scheduler.
         """
         if not callable(chunk) or n_chunk < 1:
             raise InputError("RowStream.from_chunks takes a function of a chunk's number, and how many there are.")
-        return cls(_Given(chunk, n_chunk), sample, workers, scheduler)
+        return cls(_FunctionRows(chunk, n_chunk), sample, workers, scheduler)
 
     def whole_runs(self) -> "RowStream":
-        """The same rows in chunks of whole runs, of which a sample is made too.
+        """Return the same rows in chunks of whole runs, of which a sample is made too.
 
         Raises:
             InputError: Rows without stamps.
@@ -122,20 +118,16 @@ class RowStream:
         Raises:
             InputError: No rows, or rows that cannot be used.
         """
+        pieces: list[tuple[int, Trajectories]] = []
         if self.by_run:
-            return self._some_runs()
-        size = max(self.sample_size // STRETCHES, 1)
-        # Stretches are in the middle of equal shares of the parts.
-        place = (np.arange(STRETCHES) + 0.5) / STRETCHES * self.source.n_part
-        pieces: list[Trajectories] = []
-        for part in np.unique(place.astype(int)):
-            pieces += _stretches(self.source, int(part), place[place.astype(int) == part] - part, size)
-        if not pieces:
-            raise InputError(f"There are no rows in {self.source.where}.")
-        return _together(pieces)
-
-    def _some_runs(self) -> Trajectories:
-        pieces = some_runs(self.source, self.sample_size, STRETCHES)
+            pieces = some_runs(self.source, self.sample_size, STRETCHES)
+        else:
+            # Stretches are in the middle of equal shares of the parts.
+            place = (np.arange(STRETCHES) + 0.5) / STRETCHES * self.source.n_part
+            size = max(self.sample_size // STRETCHES, 1)
+            for part in np.unique(place.astype(int)).tolist():
+                stretches = _stretches(self.source, part, place[place.astype(int) == part] - part, size)
+                pieces += [(part, stretch) for stretch in stretches]
         if not pieces:
             raise InputError(f"There are no rows in {self.source.where}.")
         _require_alike([piece for _, piece in pieces])
@@ -147,8 +139,8 @@ class RowStream:
 
 
 @dataclass(frozen=True)
-class _Given:
-    """What a user's function gives."""
+class _FunctionRows:
+    """Chunks that a function of the user returns."""
 
     chunk: Callable[[int], Trajectories]
     n_part: int
@@ -157,7 +149,7 @@ class _Given:
     def where(self) -> str:
         return "chunks of a function"
 
-    def whole_runs(self) -> "_Given":
+    def whole_runs(self) -> "_FunctionRows":
         return self
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
@@ -187,7 +179,7 @@ class _Given:
 
 
 def _stretches(source: Source, part: int, places: np.ndarray, size: int) -> list[Trajectories]:
-    """Rows of one part that follow each other, at places given as shares of the part."""
+    """Return rows of one part that follow each other, at places given as shares of the part."""
     # Counted first, as a part may be too large to be held.
     ends = np.cumsum([chunk.n_obs for chunk in source.chunks(part)])
     total = int(ends[-1]) if len(ends) else 0
@@ -201,38 +193,14 @@ def _stretches(source: Source, part: int, places: np.ndarray, size: int) -> list
         at = int(np.searchsorted(ends, first, side="right"))
         begun = min(first + size, int(ends[at]))
         wanted.setdefault(at, []).append((first, begun))
-    found = []
+    stretches = []
     for number, chunk in enumerate(source.chunks(part) if wanted else ()):
         start = int(ends[number]) - chunk.n_obs
-        found += [_cut(chunk, a - start, b - start, f"part {part} from row {a}") for a, b in wanted.get(number, ())]
-    return found
-
-
-def _cut(chunk: Trajectories, start: int, stop: int, name: str) -> Trajectories:
-    row = np.arange(chunk.n_obs)
-    cut = chunk.keep((row >= start) & (row < stop))
-    names = (name,) if cut.n_run == 1 else tuple(f"{name}, {own}" for own in cut.run_names)
-    return replace(cut, run_names=names)
-
-
-def _together(pieces: list[Trajectories]) -> Trajectories:
-    """Pieces as runs of one set of data."""
-    first = pieces[0]
-    _require_alike(pieces)
-
-    def runs(pick: Callable[[Trajectories], np.ndarray]) -> list[np.ndarray]:
-        return [part for piece in pieces for part in np.split(pick(piece), np.cumsum(piece.run_lengths)[:-1])]
-
-    return Trajectories.from_arrays(
-        runs(lambda piece: piece.time),
-        states={name: runs(lambda piece: piece.states[name]) for name in first.states},  # noqa: B023
-        inputs={name: runs(lambda piece: piece.inputs[name]) for name in first.inputs},  # noqa: B023
-        derivatives={n: runs(lambda piece: piece.derivatives[n]) for n in first.derivative_names},  # noqa: B023
-        outputs={n: runs(lambda piece: piece.derivatives[n]) for n in first.output_names},  # noqa: B023
-        units=first.units,
-        run_names=[name for piece in pieces for name in piece.run_names],
-        constant="keep",
-    )
+        for first, stop in wanted.get(number, ()):
+            cut, name = chunk.keep(slice(first - start, stop - start)), f"part {part} from row {first}"
+            names = (name,) if cut.n_run == 1 else tuple(f"{name}, {run}" for run in cut.run_names)
+            stretches.append(replace(cut, run_names=names))
+    return stretches
 
 
 def _require_alike(pieces: list[Trajectories]) -> None:

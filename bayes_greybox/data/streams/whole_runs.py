@@ -1,10 +1,11 @@
-"""Whole runs, however their rows lie in pieces of files: a path is that of a run, and knows of all its rows."""
+"""Whole runs, however their rows lie in pieces of files: a path depends on all rows of its run."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -16,19 +17,19 @@ from bayes_greybox.running.errors import InputError
 from .asked import Asked
 
 ROWS_HELD_TOGETHER = 2048
-"""Rows of short runs that are held together; a longer run is held alone."""
+"""Rows of short runs that are read together; a longer run is read alone."""
 
 REMEMBERED_RUNS = 100_000
-"""Runs of a file, the latest, whose names are known when another one comes that may be one of them."""
+"""Latest runs of a file whose names are remembered, to refuse rows of the same run elsewhere."""
 
 
 class Piece(NamedTuple):
     """Rows of a file.
 
     Attributes:
-        first: Number of the first one in it.
-        frame: The rows, by columns as the file has them.
-        attributes: Of each column, where the file states any.
+        first: Number of the first row in the file.
+        frame: Rows, by columns as the file has them.
+        attributes: Attributes of each column, where the file states any.
     """
 
     first: int
@@ -37,7 +38,7 @@ class Piece(NamedTuple):
 
     @property
     def table(self) -> Any:
-        """What `read` takes."""
+        """Table that `read` takes."""
         if not self.attributes:
             return self.frame
         import xarray as xr
@@ -46,32 +47,49 @@ class Piece(NamedTuple):
         return xr.Dataset({name: ("row", values, self.attributes.get(name, {})) for name, values in columns.items()})
 
 
-@runtime_checkable
-class Tables(Protocol):
-    """Files that are read in pieces."""
+@dataclass(frozen=True)
+class FileRows(ABC):
+    """Rows of files that are read in pieces; a part lies in one file.
+
+    Attributes:
+        pieces: File of each part, and the place of the part in it.
+        asked: Columns and settings to read.
+    """
+
+    pieces: tuple[tuple[Any, ...], ...]
+    asked: Asked
 
     @property
     def where(self) -> str:
-        """The files, in a sentence."""
-        ...
+        """Description of the files, within a sentence."""
+        files = list(dict.fromkeys(self.paths))
+        return f'"{files[0]}"' + (f" and {len(files) - 1} more" if len(files) > 1 else "")
 
     @property
-    def asked(self) -> Asked:
-        """What is read of them."""
-        ...
+    def n_part(self) -> int:
+        """Number of parts."""
+        return len(self.pieces)
 
     @property
     def paths(self) -> list[str]:
-        """The file of each part."""
-        ...
+        """File of each part."""
+        return [piece[0] for piece in self.pieces]
 
+    def whole_runs(self) -> "WholeRuns":
+        """Return the files with whole runs in each chunk."""
+        return WholeRuns(self)
+
+    def chunks(self, part: int) -> Iterator[Trajectories]:
+        """Yield the rows of a part, some at a time."""
+        for piece in self.tables(part):
+            kept = self.asked.usable(piece.frame)
+            if kept.any():
+                table, dropped = piece._replace(frame=piece.frame[kept]).table, int((~kept).sum())
+                yield from self.asked.formed(table, f'"{self.paths[part]}"', piece.first, dropped)
+
+    @abstractmethod
     def tables(self, part: int) -> Iterator[Piece]:
-        """Rows of a part as they lie in the file, some at a time.
-
-        Args:
-            part: Number of the part.
-        """
-        ...
+        """Yield rows of a part as they lie in the file, some at a time."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +100,10 @@ class WholeRuns:
     another run; else a file is one run. Memory is that of the longest run, and of a few chunks.
 
     Attributes:
-        rows: The files in pieces.
+        rows: Files in pieces.
     """
 
-    rows: Tables
+    rows: FileRows
 
     def __post_init__(self) -> None:
         if self.rows.asked.time is None:
@@ -96,20 +114,20 @@ class WholeRuns:
 
     @property
     def where(self) -> str:
-        """The files."""
+        """Description of the files, within a sentence."""
         return self.rows.where
 
     @property
     def n_part(self) -> int:
-        """Files."""
+        """Number of files."""
         return len(self._files)
 
     def whole_runs(self) -> "WholeRuns":
-        """The same."""
+        """Return itself."""
         return self
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
-        """Whole runs of a file in order, one or more at a time."""
+        """Yield whole runs of a file in order, one or more at a time."""
         path, label = self._files[part]
         n_run = 0
         for piece, dropped in self._runs(path):
@@ -119,32 +137,32 @@ class WholeRuns:
 
     @cached_property
     def _files(self) -> list[tuple[str, str]]:
-        """Each file, with what its runs are called after; nothing where it is the only one."""
+        """Each file, with the name that its runs take from it; empty if it is the only one."""
         paths = list(dict.fromkeys(self.rows.paths))
         stems = [Path(path).stem for path in paths]
         labels = [""] if len(paths) == 1 else stems if len(set(stems)) == len(stems) else paths
         return list(zip(paths, labels, strict=True))
 
     def _runs(self, path: str) -> Iterator[tuple[Piece, int]]:
-        """Rows of whole runs of a file, and how many beside them were left out with runs that have no others.
+        """Yield rows of whole runs of a file, and the number of rows left out before them with runs that have no others.
 
         Rows with missing values are among them: `read` cuts runs before it leaves out any, and their stamps may tell
         where one ends.
         """
         asked, dropped = self.rows.asked, 0
         for piece, number in self._whole(path):
-            said = np.isin(number, number[asked.usable(piece.frame)])
+            stays = np.isin(number, number[asked.usable(piece.frame)])
             # On either side of a run that is left out rows are read by themselves, as nothing else may part them.
-            for rows in np.split(np.arange(len(said)), np.flatnonzero(np.diff(said)) + 1):
-                if said[rows[0]]:
-                    own = piece.frame.iloc[rows].reset_index(drop=True)
-                    yield Piece(piece.first + int(rows[0]), own, piece.attributes), dropped
+            for rows in np.split(np.arange(len(stays)), np.flatnonzero(np.diff(stays)) + 1):
+                if stays[rows[0]]:
+                    frame = piece.frame.iloc[rows].reset_index(drop=True)
+                    yield Piece(piece.first + int(rows[0]), frame, piece.attributes), dropped
                     dropped = 0
                 else:
                     dropped += len(rows)
 
     def _whole(self, path: str) -> Iterator[tuple[Piece, Int[np.ndarray, " n_row"]]]:
-        """All rows of whole runs of a file, and the number of each row's run."""
+        """Yield all rows of whole runs of a file, and the number of each row's run."""
         asked, held = self.rows.asked, list[tuple[pd.DataFrame, np.ndarray]]()
         first = n_held = n_run = 0
         before: pd.DataFrame | None = None
@@ -164,7 +182,7 @@ class WholeRuns:
             self._require_together(piece, begins, path, seen)
             begun, number = np.flatnonzero(begins), n_run + np.cumsum(begins)
             before, n_run = asked.latest(frame, before), int(number[-1])
-            # Few runs are cut one from another: what is asked for is a place between two.
+            # Short runs stay together: the cut is at the first begin of a run behind enough rows.
             while len(enough := begun[begun - start + n_held >= ROWS_HELD_TOGETHER]):
                 stop = int(enough[0])
                 held += [(frame.iloc[start:stop], number[start:stop])] if stop > start else []
@@ -177,8 +195,8 @@ class WholeRuns:
             yield together()
 
     def _pieces(self, path: str) -> Iterator[Piece]:
-        for part, own in enumerate(self.rows.paths):
-            if own == path:
+        for part, its in enumerate(self.rows.paths):
+            if its == path:
                 yield from self.rows.tables(part)
 
     def _require_together(self, piece: Piece, begins: np.ndarray, path: str, seen: dict[Any, None]) -> None:
@@ -186,7 +204,7 @@ class WholeRuns:
         column = self.rows.asked.labels
         if column is None:
             return
-        # A missing label is none of those beside it, so that it seems to begin a run.
+        # A missing label differs from its neighbours, so that it seems to begin a run.
         for row, label in zip(np.flatnonzero(begins), piece.frame[column][begins], strict=True):
             if pd.isna(label):
                 raise InputError(
@@ -203,7 +221,7 @@ class WholeRuns:
                 del seen[next(iter(seen))]
 
     def _named(self, name: str, label: str, n_run: int) -> str:
-        """A run's name as `read` would have it of all files at once."""
+        """Return a run's name as `read` would form it from all files at once."""
         if self.rows.asked.labels is not None:
             return f"{label}/{name}" if label else name
         number, comma, part = name.partition(",")
@@ -214,44 +232,40 @@ class WholeRuns:
 
 
 def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectories]]:
-    """Whole runs of about so many rows together, spread over parts and within them; all where there are no more rows.
+    """Choose whole runs of about so many rows, spread over parts and within them; all if there are no more rows.
 
     Args:
         source: Whole runs in parts.
         size: Rows, about.
-        places: How many places they are taken at, more where parts hold too few.
+        places: Number of places at which they are taken, more where parts hold too few.
 
     Returns:
         Runs with the number of their part, in order.
     """
-    n_part, found, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
+    n_part, chosen, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
     rows = 0
     # Places in the middle of equal shares of the parts, then all other parts.
     first = ((np.arange(places) + 0.5) / places * n_part).astype(int)
     for part in dict.fromkeys([*first[_evenly(places)].tolist(), *_evenly(n_part).tolist()]):
         if rows >= size:
             break
-        own = int(np.sum(first == part))
-        wanted = size * own // places if own else size - rows
-        found[part], total = _of_part(source, part, max(wanted, 1), max(own, 1))
-        taken = sum(each.n_obs for each in found[part])
+        n_place = int(np.sum(first == part))
+        wanted = size * n_place // places if n_place else size - rows
+        chosen[part], total = _runs_of_part(source, part, max(wanted, 1), max(n_place, 1))
+        taken = sum(each.n_obs for each in chosen[part])
         rows += taken
         more += [(part, taken)] if taken < total else []
-    # What some parts have too few rows for is taken from those that have more.
+    # Parts that have more rows make up for those that have too few.
     for part, taken in more:
         if rows >= size:
             break
-        found[part], _ = _of_part(source, part, taken + size - rows, max(int(np.sum(first == part)), 1))
-        rows += sum(each.n_obs for each in found[part]) - taken
-    return [(part, runs) for part in sorted(found) for runs in found[part]]
+        chosen[part], _ = _runs_of_part(source, part, taken + size - rows, max(int(np.sum(first == part)), 1))
+        rows += sum(each.n_obs for each in chosen[part]) - taken
+    return [(part, runs) for part in sorted(chosen) for runs in chosen[part]]
 
 
 def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
-    """Whole runs as one set of data.
-
-    Args:
-        pieces: Runs with the number of their part, alike in columns and units.
-    """
+    """Join pieces, with the number of their part and alike in columns and units, to one set of data."""
     _, first = pieces[0]
     names = [(part, name) for part, piece in pieces for name in piece.run_names]
     alone = len({name for _, name in names}) == len(names)
@@ -277,8 +291,8 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
     )
 
 
-def _of_part(source: Any, part: int, wanted: int, places: int) -> tuple[list[Trajectories], int]:
-    """Whole runs of one part, at places evenly spaced over its rows, and how many rows it has."""
+def _runs_of_part(source: Any, part: int, wanted: int, places: int) -> tuple[list[Trajectories], int]:
+    """Return whole runs of one part, at places evenly spaced over its rows, and the number of its rows."""
     lengths = [n for chunk in source.chunks(part) for n in chunk.run_lengths]
     ends, chosen, each = np.cumsum(lengths), set[int](), max(wanted // places, 1)
     if not len(ends):
@@ -291,15 +305,15 @@ def _of_part(source: Any, part: int, wanted: int, places: int) -> tuple[list[Tra
             run += 1
     if ends[-1] <= wanted:
         chosen = set(range(len(lengths)))
-    found, start = [], 0
+    pieces, start = [], 0
     for chunk in source.chunks(part):
-        own = [run - start for run in sorted(chosen) if start <= run < start + chunk.n_run]
+        runs = [run - start for run in sorted(chosen) if start <= run < start + chunk.n_run]
         start += chunk.n_run
-        if own:
-            found.append(chunk if len(own) == chunk.n_run else chunk.keep(np.isin(chunk.run, own)))
-    return found, int(ends[-1])
+        if runs:
+            pieces.append(chunk if len(runs) == chunk.n_run else chunk.keep(np.isin(chunk.run, runs)))
+    return pieces, int(ends[-1])
 
 
 def _evenly(n: int) -> np.ndarray:
-    """0 … n − 1 in an order whose beginnings are spread evenly."""
+    """Return 0 … n − 1 in an order whose beginnings are spread evenly."""
     return np.argsort(np.arange(n) * 0.6180339887498949 % 1.0)

@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.data.reading.cells import is_measured, may_have_lost, with_digits
-from bayes_greybox.data.reading.table import Layout, Table, require_distinct
+from bayes_greybox.data.reading.table import Layout, Table, first_line, require_distinct
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 from bayes_greybox.running.errors import InputError
 
@@ -83,7 +83,7 @@ def read_text(path: Path, layout: Layout) -> Table:
     except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
         if not elsewhere:
             raise
-        raise InputError(f'"{path}" is no table from its first line on ({_first_line(error)}).{hint}') from error
+        raise InputError(f'"{path}" is no table from its first line on ({first_line(error)}).{hint}') from error
     frame = frame.rename(columns=lambda name: str(name).strip())
     if head.sep == BLANKS and frame.iloc[:, -1].isna().any():
         _check_lengths(path, head, len(frame.columns), layout)
@@ -262,7 +262,3 @@ def _is_header(lines: list[str], mark: str) -> bool:
         for row in (below, next_)
     ]
     return names and numbers[1] and (numbers[0] or unit_row(below, [True] * len(below)) is not None)
-
-
-def _first_line(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
