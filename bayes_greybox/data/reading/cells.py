@@ -1,4 +1,4 @@
-"""Cells as numbers: decimal marks, dates as seconds, and what is said of a cell that is neither."""
+"""Cells as numbers: decimal marks, dates as seconds, and messages on cells that are neither."""
 
 import datetime
 import re
@@ -16,7 +16,7 @@ from .table import Layout, Table, capital
 from .units import is_number
 
 COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
-"""A number with a comma for its decimal mark."""
+"""Pattern of a number with a comma for its decimal mark."""
 
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
@@ -27,10 +27,10 @@ _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT_DATE = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _SECOND_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
 _WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
-"""A time of day with seconds and no fraction of them."""
+"""Pattern of a time of day with seconds and no fraction of them."""
 
 _ZONE = re.compile(r"[T:]\d{2,6}(?:[.,]\d+)?\s*(?:Z|z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)$")
-"""A time of day with its zone."""
+"""Pattern of a time of day with its zone."""
 
 
 class Stamps(NamedTuple):
@@ -38,9 +38,9 @@ class Stamps(NamedTuple):
 
     Attributes:
         time: Numbers, NaN where a cell is missing; dates and clock times as seconds since the earliest one.
-        dated: Whether they were dates or clock times.
-        first: The smallest of whole numbers that floats would not tell apart, which was subtracted; else None.
-        zoned: Whether they were dates with their time zone.
+        dated: True for dates or clock times.
+        first: Smallest of whole numbers that floats would not distinguish, which was subtracted; else None.
+        zoned: True for dates with their time zone.
     """
 
     time: Float[np.ndarray, " n_row"]
@@ -50,11 +50,11 @@ class Stamps(NamedTuple):
 
 
 class AmbiguousDates(InputError):
-    """Dates of which nobody can tell what is day, month and year."""
+    """Dates whose day, month and year cannot be distinguished."""
 
 
 def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_row"]:
-    """A column as numbers, missing cells as NaN.
+    """Return a column as numbers, missing cells as NaN.
 
     Raises:
         InputError: No such column; dates; a cell that is no number, with its row.
@@ -65,33 +65,33 @@ def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_ro
             f'Column "{name}" of {table.where} holds dates, which only the time may; choose another column, or convert '
             "it to numbers."
         )
-    found, bad = _as_numbers(column, layout)
+    values, bad = _as_numbers(column, layout)
     if len(bad):
         cell = column.iloc[bad[0]]
         raise InputError(
             f'Column "{name}" of {table.where} is not numeric: row {bad[0]} holds {cell!r}; {_remedy(cell, layout)}.'
         )
-    known, whole = _whole(found)
+    present, whole = _whole(values)
     lost = first_lost(whole)
     if lost is not None:
         raise InputError(
             f'Column "{name}" of {table.where} holds whole numbers of more digits than a float does, such as '
-            f"{whole[lost]} in row {np.flatnonzero(known)[lost]}: subtract a number from all of them first."
+            f"{whole[lost]} in row {np.flatnonzero(present)[lost]}: subtract a number from all of them first."
         )
-    return found.to_numpy(dtype=float, na_value=np.nan)
+    return values.to_numpy(dtype=float, na_value=np.nan)
 
 
 def stamps(table: Table, name: str, layout: Layout) -> Stamps:
-    """The column of time as numbers.
+    """Return the column of time as numbers.
 
     Raises:
         InputError: No such column; no date at all; cells that are neither; dates whose day may be their month.
     """
     column: Any = table.column(name)
     if column.dtype.kind not in "mM":
-        found, bad = _as_numbers(column, layout)
+        values, bad = _as_numbers(column, layout)
         if not len(bad):
-            return _numbered(found)
+            return _number_stamps(values)
         if _is_grouped(column.iloc[bad[0]], layout):
             raise _neither(column, table, name, layout, int(bad[0]))
         column = _dates(column, table, name, layout, int(bad[0]))
@@ -99,64 +99,59 @@ def stamps(table: Table, name: str, layout: Layout) -> Stamps:
         raise InputError(f'Column "{name}" of {table.where} has no time in any row; choose another, or pass dt=.')
     start = column.min() if column.dtype.kind == "M" else pd.Timedelta(0)
     seconds = ((column - start) / pd.Timedelta(seconds=1)).to_numpy(dtype=float, na_value=np.nan)
-    given = table.column(name)
-    words = given.dtype.kind not in "mM"
-    # What was read from words has the zone of all of them, UTC.
-    zoned = given.astype(str).str.contains(_ZONE).any() if words else getattr(given.dtype, "tz", None) is not None
+    raw = table.column(name)
+    words = raw.dtype.kind not in "mM"
+    # Dates that were read from words are all in UTC by now.
+    zoned = raw.astype(str).str.contains(_ZONE).any() if words else getattr(raw.dtype, "tz", None) is not None
     return Stamps(seconds, True, zoned=bool(zoned))
 
 
-def _numbered(found: Any) -> Stamps:
-    """Stamps that are numbers."""
-    values = found.to_numpy(dtype=float, na_value=np.nan)
-    known, whole = _whole(found)
+def _number_stamps(column: Any) -> Stamps:
+    values = column.to_numpy(dtype=float, na_value=np.nan)
+    present, whole = _whole(column)
     if first_lost(whole) is not None:
-        values[known] = since_first(whole)
+        values[present] = since_first(whole)
         return Stamps(values, False, int(whole.min()))
     packed = _packed_stamps(values)
     return Stamps(values, False) if packed is None else Stamps(packed, True)
 
 
-def _whole(found: Any) -> tuple[Bool[np.ndarray, " n_row"], np.ndarray]:
-    """Which cells of a column of numbers are there, and these as integers; no numbers where it has others."""
-    known = found.notna().to_numpy()
-    kind = found.dtype.kind
-    return known, found[known].to_numpy(dtype=f"{kind}8") if kind in "iu" else np.array([])
+def _whole(column: Any) -> tuple[Bool[np.ndarray, " n_row"], np.ndarray]:
+    """Mark the cells with a value, and return these as integers; none if the column has other numbers."""
+    present, kind = column.notna().to_numpy(), column.dtype.kind
+    return present, column[present].to_numpy(dtype=f"{kind}8") if kind in "iu" else np.array([])
 
 
 def is_packed_dates(values: np.ndarray) -> bool:
-    """Whether numbers are dates such as 20240305: in no other column would every value be the date of a day."""
+    """Return True for dates such as 20240305: in no other column would every number be the date of a day."""
     return _packed_stamps(values) is not None
 
 
 def _packed_stamps(values: np.ndarray) -> np.ndarray | None:
-    """Seconds since the earliest of stamps such as 20240305 or 20240305081500; None if the numbers are no such."""
-    known = np.isfinite(values)
-    if not known.any() or np.any(values[known] % 1 != 0):
+    """Return seconds since the earliest of stamps such as 20240305 or 20240305081500; None for other numbers."""
+    present = np.isfinite(values)
+    if not present.any() or np.any(values[present] % 1 != 0):
         return None
-    first = f"{values[known][0]:.0f}"
-    form = _PACKED.get(len(first))
-    if form is None or not first.startswith(("19", "20")):
+    text = pd.Series([f"{value:.0f}" for value in values[present]])
+    digits = len(text[0])
+    if digits not in _PACKED or not text.str.fullmatch(rf"(19|20)\d{{{digits - 2}}}").all():
         return None
-    text = pd.Series([f"{value:.0f}" for value in values[known]])
-    if not text.str.fullmatch(rf"(19|20)\d{{{len(first) - 2}}}").all():
-        return None
-    dates: Any = pd.to_datetime(text, format=form, errors="coerce")
+    dates: Any = pd.to_datetime(text, format=_PACKED[digits], errors="coerce")
     if dates.isna().any():
         return None
     seconds = np.full(len(values), np.nan)
-    seconds[known] = ((dates - dates.min()) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
+    seconds[present] = ((dates - dates.min()) / pd.Timedelta(seconds=1)).to_numpy(dtype=float)
     return seconds
 
 
 def is_measured(cell: str, layout: Layout) -> bool:
-    """Whether a cell of text is a number, a date or a clock time, and hence no name."""
+    """Return True if a cell of text is a number, a date or a clock time, and hence no name."""
     plain = cell.replace(layout.thousands, "") if layout.thousands else cell
     return is_number(plain, layout.decimal) or bool(_CLOCK.match(cell) or (cell[:1].isdigit() and _DATE.match(cell)))
 
 
 def may_have_lost(column: Any) -> bool:
-    """Whether digits may have been lost to a missing cell, for which pandas makes floats of whole numbers."""
+    """Return True if digits may have been lost: pandas makes floats of whole numbers beside a missing cell."""
     if column.dtype.kind != "f" or not column.isna().any():
         return False
     known = column.dropna().to_numpy(dtype=float)
@@ -165,21 +160,21 @@ def may_have_lost(column: Any) -> bool:
 
 
 def with_digits(found: Any, words: Any) -> Any:
-    """Numbers with missing cells among them with all their digits.
+    """Read numbers with missing cells among them with all their digits.
 
     Args:
-        found: The numbers as floats.
-        words: What they were read from.
+        found: Numbers as floats.
+        words: Text from which they were read.
 
     Returns:
-        Whole numbers, missing where those are; floats where they were not written as whole numbers.
+        Whole numbers, missing where those are; the floats if they were not written as whole numbers.
     """
     whole: Any = pd.to_numeric(words.where(found.notna()), errors="coerce", dtype_backend="numpy_nullable")
     return whole if whole.dtype.kind in "iu" and whole.isna().equals(found.isna()) else found
 
 
 def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
-    """A column of numbers, and the rows whose cells are none, where there are such."""
+    """Return a column of numbers, and the rows whose cells are no numbers."""
     if column.dtype.kind == "c":
         return column, np.array([0])
     if pd.api.types.is_numeric_dtype(column):
@@ -189,7 +184,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
     found = with_digits(found, text) if may_have_lost(found) else found
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
     bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
-    # As they are written: a decimal comma is a point by now.
+    # Grouped digits are sought in the original cells: in `text` a decimal comma is a point already.
     grouped = np.flatnonzero(column.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
     bad = grouped if len(grouped) else bad
     if not len(bad) and (not pd.api.types.is_numeric_dtype(found) or found.dtype.kind == "c"):
@@ -198,7 +193,7 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
 
 
 def _plain(cell: Any, layout: Layout) -> Any:
-    """A number in words as Python writes it; a date in words, which pandas would count in ticks."""
+    """Return a number in words as Python writes it; a date in words, which pandas would count in ticks."""
     if isinstance(cell, _DATES):
         missing: Any = pd.isna(cell)
         return cell if missing else str(cell)
@@ -214,13 +209,13 @@ def _plain(cell: Any, layout: Layout) -> Any:
 
 
 def _is_grouped(cell: Any, layout: Layout) -> bool:
-    """Whether points of a cell probably group its digits, the comma being the decimal mark."""
+    """Return True if points of a cell probably group its digits, as the comma is the decimal mark."""
     alone = layout.decimal == "," and layout.thousands is None and isinstance(cell, str)
     return alone and bool(re.fullmatch(r"[+-]?[1-9]\d{0,2}(\.\d{3})+", cell.strip()))
 
 
 def _remedy(cell: Any, layout: Layout) -> str:
-    """What to do about a cell that is no number."""
+    """Advise on a cell that is no number."""
     text = str(cell).strip()
     if re.fullmatch(COMMA, text) and layout.decimal == ".":
         return 'if the comma is its decimal mark, pass decimal=","'
@@ -236,15 +231,15 @@ def _remedy(cell: Any, layout: Layout) -> str:
 
 
 def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> Any:
-    """A column of dates or clock times in words, as dates or durations."""
+    """Return a column of dates or clock times in words as dates or durations."""
     text = column.map(lambda cell: cell if pd.isna(cell) else str(cell).strip())
-    given = text.dropna()
-    if given.str.match(_CLOCK).all():
+    filled = text.dropna()
+    if filled.str.match(_CLOCK).all():
         return pd.to_timedelta(text.str.replace(",", "."))
     # pandas would read many a number with marks in it as a date.
     dates = text.isna() | (text.str.match(_DATE, na=False) & ~text.str.match(_GROUPED, na=False))
     if not dates.all():
-        # The cell that is of no kind, before one that is only of another kind than the rest.
+        # A cell of no kind is reported before one of another kind than the others.
         number: Any = pd.to_numeric(text, errors="coerce")
         some = dates | text.str.match(_CLOCK, na=False) | number.notna()
         odd = np.flatnonzero(~(dates if some.all() else some).to_numpy(dtype=bool))
@@ -257,11 +252,11 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
             f"{column.iloc[bare[0]]!r} in row {bare[0]}: write all of them with their zone, or none."
         )
     # Writers leave out the fraction of a second where it is zero.
-    mixed = given.str.contains(_SECOND_FRACTION).any()
+    mixed = filled.str.contains(_SECOND_FRACTION).any()
     text = text.str.replace(_SECOND_FRACTION, ".", regex=True)
     if mixed:
         text = text.str.replace(_WHOLE, r"\1.0", n=1, regex=True)
-    short = bool(given.str.match(_SHORT_DATE).all())
+    short = bool(filled.str.match(_SHORT_DATE).all())
     read = [dates for dates in _readings(text, short, layout) if dates is not None]
     if not read:
         # The reading in which most are dates shows which one is none.
@@ -269,7 +264,7 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
         odd = min((np.flatnonzero((lost & text.notna()).to_numpy(dtype=bool)) for lost in tried), key=len, default=[])
         raise _neither(column, table, name, layout, int(odd[0]) if len(odd) else bad)
     if any(not (read[0] - read[0].min()).equals(other - other.min()) for other in read[1:]):
-        such = f'{capital(table.where)} has dates such as {given.iloc[0]!r} in column "{name}", in which the '
+        such = f'{capital(table.where)} has dates such as {filled.iloc[0]!r} in column "{name}", in which the '
         asked = "pass dayfirst=True or dayfirst=False"
         raise AmbiguousDates(
             f"{such}year may be first or last: write it with four digits, or {asked} where it is last."
@@ -280,7 +275,7 @@ def _dates(column: Any, table: Table, name: str, layout: Layout, bad: int) -> An
 
 
 def _readings(text: Any, short: bool, layout: Layout, **options: Any) -> list[Any]:
-    """What dates in words may be; None for a reading that they do not have."""
+    """Parse dates in words in every order they may have; None for an order that does not fit."""
     if short:
         return _short_dates(text, layout, **options)
     # Years first need no guess.
@@ -293,7 +288,7 @@ def _readings(text: Any, short: bool, layout: Layout, **options: Any) -> list[An
 
 
 def _short_dates(text: Any, layout: Layout, **options: Any) -> list[Any]:
-    """Dates with years of two digits, in each order of day, month and year that they may have."""
+    """Parse dates with years of two digits in each order of day, month and year that they may have."""
     orders = {None: ("dmy", "mdy", "ymd"), True: ("dmy",), False: ("mdy",)}[layout.dayfirst]
 
     def long(cell: Any, order: str) -> Any:
@@ -318,9 +313,9 @@ def _neither(column: Any, table: Table, name: str, layout: Layout, row: int) -> 
 
 
 def _parsed(text: Any, **options: Any) -> Any:
-    """Dates, without their time zone; None if they are of another form."""
+    """Parse dates, without their time zone; None if they are of another form."""
     with warnings.catch_warnings():
-        # It warns where the day can only be the other number; then both readings agree.
+        # pandas warns if only one of the numbers can be the day; then both orders agree.
         warnings.simplefilter("ignore", UserWarning)
         try:
             return pd.to_datetime(text, utc=True, **options)

@@ -1,4 +1,4 @@
-"""The door for measurements: any table that an engineer has, read into Trajectories."""
+"""Reader of measurements: any table that an engineer has becomes Trajectories."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from bayes_greybox.running.limits import is_finite
 
 from .formats.text import BLANKS
 from .listed import listed
-from .pieces import Asked, cut, stated_units
+from .pieces import Asked, Pieces, cut, stated_units
 from .sources import read_source
 from .table import Layout, Table
 
@@ -47,7 +47,7 @@ def read(
 ) -> Trajectories:
     """Read measurements from a table: a file, several files, a DataFrame or a Dataset.
 
-    What was done that the table does not say itself stands in `remarks` of the data, which their repr shows.
+    Any change that the table does not state itself stands in `remarks` of the data, which their repr shows.
 
     Args:
         source: pandas DataFrame, xarray Dataset, mapping of name to column, or path of a file: .csv, .tsv, .txt and
@@ -67,16 +67,16 @@ def read(
             `Trajectories.differentiate(rates=...)`, with its defaults.
         missing: as in `Trajectories.from_arrays`.
         constant: as in `Trajectories.from_arrays`.
-        restart: "run" begins a new run wherever the time goes back, named 0, 1, …, or a/0, a/1, … where what is cut
-            has the name a; "error" refuses that.
-        sep: what separates the values of text; found from the text by default.
+        restart: "run" begins a new run wherever the time goes back, named 0, 1, …, or a/0, a/1, … where the run that
+            is cut has the name a; "error" refuses that.
+        sep: separator of the values of text; found from the text by default.
         decimal: decimal mark.
         thousands: mark between groups of digits.
         skiprows: lines, or rows of a sheet, before the names; or the numbers of those to leave out, from 0.
         encoding: encoding of text.
         sheet: name or number of a sheet; the first by default.
         columns: names of all columns, where the table has none or others.
-        dayfirst: whether 03.04.2024 is in April; needed where it cannot be told.
+        dayfirst: true if 03.04.2024 is in April; needed where the dates do not show it.
 
     Returns:
         The data.
@@ -84,26 +84,11 @@ def read(
     Raises:
         InputError: if the source or a column cannot be used; the message names it and says what to do.
     """
-    if time is not None and dt is not None:
-        raise InputError("Give either time, the column of time stamps, or dt, the sample spacing, not both.")
-    if dt is not None and not (is_finite(dt) and dt > 0.0):
-        raise InputError(f"dt must be positive and a number, not {dt!r}.")
-    for what, given in (("derivatives", derivatives), ("units", units), ("rates", rates)):
-        if given is not None and not isinstance(given, Mapping):
-            example = {"derivatives": '{"y": "ydot"}', "units": '{"y": "m"}', "rates": '{"y": "ydot"}'}[what]
-            raise InputError(f"{what} must be a mapping, such as {what}={example}, not {given!r}.")
-    if restart not in ("error", "run"):
-        raise InputError(f'restart must be "error" or "run", not {restart!r}.')
+    _check_arguments(time, dt, restart, {"derivatives": derivatives, "units": units, "rates": rates})
     layout = layout_of(
-        sep=sep,
-        decimal=decimal,
-        thousands=thousands,
-        skiprows=skiprows,
-        encoding=encoding,
-        sheet=sheet,
-        columns=columns,
-        dayfirst=dayfirst,
-    )
+        sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
+        columns=columns, dayfirst=dayfirst,
+    )  # fmt: skip
     kinds = {
         "state": named(states, "states"),
         "input": named(inputs, "inputs"),
@@ -111,51 +96,69 @@ def read(
         "output": named(outputs, "outputs"),
     }
     # Columns of a frame may be numbers.
-    time, run = (None if name is None else str(name) for name in (time, run))
-    found = listed(source)
-    asked = [*(column for chosen in kinds.values() for column in chosen.values()), time, run]
-    wanted = [name for name in asked if name is not None]
-    tables = [read_source(each, layout).holding(wanted) for _, each in found]
-    if time is None and dt is None:
-        first = tables[0]
-        raise InputError(
-            f"Give either time, the column of time stamps, or dt, the sample spacing; the columns of {first.where} are "
-            f"{', '.join(first.frame.columns)}."
-        )
+    asked = Asked(kinds, None if time is None else str(time), dt, None if run is None else str(run), restart)
+    labels, tables = _tables(source, asked, layout)
     # A matrix stands for its columns.
-    kinds = {kind: _spread(chosen, tables[0]) for kind, chosen in kinds.items()}
-    parts = [
-        cut(table, Asked(kinds, time, dt, run, restart), layout, label)
-        for table, (label, _) in zip(tables, found, strict=True)
-    ]
+    asked = replace(asked, kinds={kind: _spread(chosen, tables[0]) for kind, chosen in kinds.items()})
+    parts = [cut(table, asked, layout, label) for table, label in zip(tables, labels, strict=True)]
+    data = _joined(parts, asked, units or {}, missing, constant)
+    _require_computed(rates or {}, tables)
+    return data.differentiate(rates=rates) if rates else data
+
+
+def _check_arguments(time: Any, dt: Any, restart: str, mappings: Mapping[str, Any]) -> None:
+    if time is not None and dt is not None:
+        raise InputError("Give either time, the column of time stamps, or dt, the sample spacing, not both.")
+    if dt is not None and not (is_finite(dt) and dt > 0.0):
+        raise InputError(f"dt must be positive and a number, not {dt!r}.")
+    for argument, value in mappings.items():
+        if value is not None and not isinstance(value, Mapping):
+            example = '{"y": "m"}' if argument == "units" else '{"y": "ydot"}'
+            raise InputError(f"{argument} must be a mapping, such as {argument}={example}, not {value!r}.")
+    if restart not in ("error", "run"):
+        raise InputError(f'restart must be "error" or "run", not {restart!r}.')
+
+
+def _tables(source: Any, asked: Asked, layout: Layout) -> tuple[list[str | None], list[Table]]:
+    """Read the tables that hold the columns, with the name of each source."""
+    sources = listed(source)
+    columns = [column for chosen in asked.kinds.values() for column in chosen.values()]
+    wanted = [name for name in (*columns, asked.time, asked.run) if name is not None]
+    tables = [read_source(each, layout).holding(wanted) for _, each in sources]
+    if asked.time is None and asked.dt is None:
+        raise InputError(
+            f"Give either time, the column of time stamps, or dt, the sample spacing; the columns of "
+            f"{tables[0].where} are {', '.join(tables[0].frame.columns)}."
+        )
+    return [label for label, _ in sources], tables
+
+
+def _joined(
+    parts: Sequence[Pieces], asked: Asked, units: Mapping[str, str], missing: Any, constant: Any
+) -> Trajectories:
+    """Join the runs of all sources."""
     names = _distinct([name for part in parts for name in part.names])
     remarks = [remark for part in parts for remark in part.remarks]
-    if len(found) > 1:
-        remarks.append(f"{len(found)} sources were read as {len(names)} runs: {', '.join(names)}")
+    if len(parts) > 1:
+        remarks.append(f"{len(parts)} sources were read as {len(names)} runs: {', '.join(names)}")
 
-    def runs(key: tuple[str, str]) -> list[np.ndarray]:
-        return [values for part in parts for values in part.columns[key]]
+    def runs(kind: str, name: str) -> list[np.ndarray]:
+        return [values for part in parts for values in part.columns[kind, name]]
 
-    given = {kind: {name: runs((kind, name)) for name in chosen} for kind, chosen in kinds.items()}
+    arrays = {f"{kind}s": {name: runs(kind, name) for name in chosen} for kind, chosen in asked.kinds.items()}
     data = Trajectories.from_arrays(
-        runs(("time", "t")),
-        states=given["state"],
-        inputs=given["input"],
-        derivatives=given["derivative"],
-        outputs=given["output"],
-        units=stated_units(parts, units or {}, time),
+        runs("time", "t"),
+        **arrays,
+        units=stated_units(parts, units, asked.time),
         run_names=names,
         missing=missing,
         constant=constant,
     )
     if data.dropped:
-        rows = (
-            "1 row with a missing value was" if data.dropped == 1 else f"{data.dropped} rows with missing values were"
-        )
+        one = data.dropped == 1
+        rows = "1 row with a missing value was" if one else f"{data.dropped} rows with missing values were"
         remarks.append(f"{rows} left out")
-    data = replace(data, remarks=(*dict.fromkeys(remarks), *data.remarks))
-    _require_computed(rates or {}, tables)
-    return data.differentiate(rates=rates) if rates else data
+    return replace(data, remarks=(*dict.fromkeys(remarks), *data.remarks))
 
 
 def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[str, Any]) -> None:
@@ -176,9 +179,8 @@ def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[st
 def layout_of(
     *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **given: Any
 ) -> Layout:
-    """How tables are laid out, as `read` is told."""
-    if skiprows is None:
-        skiprows = 0
+    """Check the arguments of `read` that describe the layout of tables, and collect them."""
+    skiprows = 0 if skiprows is None else skiprows
     try:
         lines = np.asarray(skiprows).astype(np.int64, casting="safe").tolist() if np.size(skiprows) else []
     except (TypeError, ValueError):
@@ -208,11 +210,11 @@ def layout_of(
 
 
 def named(columns: Columns, what: str) -> dict[str, str]:
-    """Columns by name, as `read` is told of them.
+    """Return columns by name, from names alone or a mapping of name to column.
 
     Args:
-        columns: Names, or a mapping of name to column.
-        what: Which argument they are.
+        columns: Names, or a mapping.
+        what: Name of the argument, for messages.
 
     Raises:
         InputError: A single string, or a name that cannot stand in expressions.
@@ -233,13 +235,13 @@ def named(columns: Columns, what: str) -> dict[str, str]:
 
 
 def _plain(name: str) -> str:
-    """A name that can stand in expressions; the name itself if it can."""
+    """Return a name that can stand in expressions; the name itself if it can."""
     plain = name if name.isidentifier() else re.sub(r"\W+", "_", name).strip("_")
     return plain if plain.isidentifier() else f"x{plain}"
 
 
 def _spread(chosen: Mapping[str, str], table: Table) -> dict[str, str]:
-    """Columns by name, a group of them under its name and their numbers."""
+    """Replace each group of columns by its columns, under its name and their numbers."""
     spread: dict[str, str] = {}
     for name, column in chosen.items():
         if column in table.groups and column not in table.frame.columns:
@@ -250,7 +252,6 @@ def _spread(chosen: Mapping[str, str], table: Table) -> dict[str, str]:
 
 
 def _require_computed(rates: Mapping[str, str], tables: Sequence[Table]) -> None:
-    """Refuse to compute a rate that the table has."""
     for state, rate in rates.items():
         where = next((table.where for table in tables if rate in table.frame.columns), None)
         if where is not None:
@@ -261,9 +262,9 @@ def _require_computed(rates: Mapping[str, str], tables: Sequence[Table]) -> None
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
-    """Names of runs, later ones of the same name numbered."""
-    found: list[str] = []
+    """Number later runs of the same name."""
+    distinct: list[str] = []
     for name in names:
-        numbered = (f"{name}_{i}" for i in count(2))
-        found.append(name if name not in found else next(each for each in numbered if each not in (*names, *found)))
-    return found
+        free = (each for each in (f"{name}_{i}" for i in count(2)) if each not in (*names, *distinct))
+        distinct.append(next(free) if name in distinct else name)
+    return distinct

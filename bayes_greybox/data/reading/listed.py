@@ -12,7 +12,7 @@ from .sources import require_path
 
 
 def listed(source: Any) -> list[tuple[str | None, Any]]:
-    """What is to be read, with the name of its run: that of the file where there are several, None for the only one."""
+    """Return the sources, each with the name of its run: that of its file, or None if there is only one source."""
     if isinstance(source, str | Path):
         if not _is_pattern(source):
             return [(None, source)]
@@ -30,25 +30,21 @@ def listed(source: Any) -> list[tuple[str | None, Any]]:
 
 
 def _is_pattern(source: str | Path) -> bool:
-    """Whether a path stands for all files that it matches."""
+    """Return True if a path stands for all files that it matches."""
     require_path(source)
     return glob.has_magic(str(source)) and not Path(source).exists()
 
 
 def _matching(pattern: str | Path) -> list[Any]:
-    """The files of a pattern, run 2 before run 10.
-
-    Raises:
-        InputError: There is none.
-    """
-    found = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
-    if not found:
+    """Return the files of a pattern, run 2 before run 10."""
+    files = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
+    if not files:
         raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
-    return found
+    return files
 
 
 def _opened(sources: Sequence[Any]) -> list[Any]:
-    """Sources with patterns opened; a file that two of them match, or that is named besides, is read once."""
+    """Replace patterns by their files; a file that two of them match, or that is named besides, is read once."""
     named = {Path(each) for each in sources if isinstance(each, str | Path) and not _is_pattern(each)}
     opened: list[Any] = []
     for each in sources:
@@ -62,5 +58,5 @@ def _opened(sources: Sequence[Any]) -> list[Any]:
 
 
 def _in_order(name: str) -> list[tuple[int, str]]:
-    """Key by which run 2 stands before run 10."""
+    """Return a key by which run 2 stands before run 10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

@@ -1,4 +1,4 @@
-"""A table cut into runs: the columns that were asked for, stamps from zero where they were dates."""
+"""Runs of a table: the columns that are asked for, with stamps from zero where they were dates."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,19 +15,15 @@ from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
 MOST_NIGHTS = 4
-"""Steps of a run, at most, that may be off by an hour because clocks were changed: some years of them."""
+"""Most steps of a run that may be off by an hour because clocks were changed: those of some years."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a table; see `read` for each.
+    """Columns that are asked of a table, and what tells its runs apart; see `read` for each.
 
     Attributes:
         kinds: Column by name for each of "state", "input", "derivative" and "output".
-        time: Column of time stamps.
-        dt: Sample spacing.
-        run: Column that tells the runs apart.
-        restart: What becomes of time that goes back.
     """
 
     kinds: Mapping[str, Mapping[str, str]]
@@ -39,15 +35,15 @@ class Asked:
 
 @dataclass(frozen=True)
 class Pieces:
-    """The runs of one source.
+    """Runs of one source.
 
     Attributes:
         names: Name of each run.
         columns: Values of each run by kind and name; the time's under ("time", "t").
         units: Units that the source states, by name as `Trajectories` has them.
-        dated: Whether the stamps were dates or clock times.
-        where: What was read, in a sentence.
-        remarks: What was done that the source does not say itself.
+        dated: True if the stamps were dates or clock times.
+        where: Description of the source, within a sentence.
+        remarks: Changes that the source does not state itself.
     """
 
     names: list[str]
@@ -59,12 +55,12 @@ class Pieces:
 
 
 def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
-    """The runs of a table.
+    """Cut a table into its runs.
 
     Args:
-        table: What was read.
-        asked: Columns and what tells runs apart.
-        layout: How cells are written.
+        table: Table as it was read.
+        asked: Columns, and what tells runs apart.
+        layout: Layout of its cells.
         label: Name of the source among several; None for the only one.
 
     Raises:
@@ -93,16 +89,13 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         alone = label is None and run is None
         groups, names = _restarted(time, groups, names, alone, table.where, remarks)
         stamped = [time[rows] for rows in groups]
-    if dated:
+    if dated or long is not None:
+        # Numbers far from zero have fewer digits behind the point.
         stamped = [values - _earliest(values) for values in stamped]
-        first = table.column(str(asked.time)).dropna().iloc[0]
+        first = table.column(str(asked.time)).dropna().iloc[0] if dated else long
         each = "the first of each run" if len(groups) > 1 else f"the first, {first}"
-        remarks.append(f"time {asked.time} of {table.where} was converted to seconds since {each}")
-    if long is not None:
-        # Of each run, as of dates: what is far from zero has fewer digits behind the point.
-        stamped = [values - _earliest(values) for values in stamped]
-        each = "the first of each run" if len(groups) > 1 else f"the first, {long}"
-        remarks.append(f"time {asked.time} of {table.where}, of more digits than a float holds, counts from {each}")
+        how = " was converted to seconds since" if dated else ", of more digits than a float holds, counts from"
+        remarks.append(f"time {asked.time} of {table.where}{how} {each}")
     columns: dict[tuple[str, str], Any] = {("time", "t"): stamped}
     units = {} if asked.time is None else {"t": table.units.get(table.known(asked.time))}
     for kind, chosen in asked.kinds.items():
@@ -117,7 +110,7 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
 
 
 def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str | None) -> dict[str, str]:
-    """Units of all sources together: as given, else as the sources state them.
+    """Return the units of all sources together: as the user gave them, else as the sources state them.
 
     Args:
         pieces: Runs of all sources.
@@ -148,7 +141,7 @@ def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str |
 
 
 def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
-    """Rows of each run, in the order in which runs appear, so that they stay as they lie in the table."""
+    """Return the rows and the name of each run, in the order in which runs appear in the table."""
     labels = table.column(run)
     if labels.isna().any():
         row = int(np.argmax(labels.isna().to_numpy()))
@@ -163,12 +156,7 @@ def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[
 
 
 def clock_set_back(time: Float[np.ndarray, " n_row"], row: int) -> bool:
-    """Whether stamps go back in a row by an hour less the usual step, as those of a clock that is set back do.
-
-    Args:
-        time: Seconds.
-        row: Where they go back.
-    """
+    """Return True if stamps, in seconds, go back in a row by an hour less the usual step, as when clocks are set back."""
     steps = np.diff(time[np.isfinite(time)])
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     return bool(abs(time[row - 1] - time[row] + usual - 3600.0) <= min(usual, 900.0))
@@ -182,50 +170,49 @@ def _require_forward(
     groups: Sequence[Int[np.ndarray, " _"]],
     restart: bool,
 ) -> None:
-    """Refuse time that goes back within a run, but where a run begins there, with what to do about it."""
+    """Refuse time that goes back within a run, unless a run begins there, and advise."""
     for rows in groups:
-        known = rows[np.isfinite(time[rows])]
-        steps = np.diff(time[known])
+        stamped = rows[np.isfinite(time[rows])]
+        steps = np.diff(time[stamped])
         # Where rows are an hour apart, a clock that is set back stands still.
-        still = [int(i) + 1 for i in np.flatnonzero(steps == 0) if dated and clock_set_back(time[known], int(i) + 1)]
-        back = known[1:][steps < 0] if not restart else known[:0]
-        back = known[still[:1]] if still and not len(back) else back
-        if not len(back):
+        still = [int(i) + 1 for i in np.flatnonzero(steps == 0) if dated and clock_set_back(time[stamped], int(i) + 1)]
+        back = [] if restart else (np.flatnonzero(steps < 0) + 1).tolist()
+        at = next(iter(back or still), None)
+        if at is None:
             continue
-        row = int(back[0])
+        row, stopped = int(stamped[at]), at in still
         to = table.column(name).iloc[row] if dated else f"{time[row]:.12g}"
-        stopped = bool(still) and row == known[still[0]]
         how = f"stands still in row {row}, at" if stopped else f"goes back in row {row}, to"
-        told = f"The time of {table.where} is not increasing, it {how} {to}"
+        fault = f"The time of {table.where} is not increasing, it {how} {to}"
         other = 'another run begins there, pass restart="run", or run= with the column that tells the runs apart'
         other = "the row is there twice, remove it" if stopped else other
-        if dated and clock_set_back(time[known], int(np.searchsorted(known, row))):
+        if dated and clock_set_back(time[stamped], at):
             raise InputError(
-                f"{told}, by an hour, as clocks do when summer time ends: write the stamps in UTC or with their "
+                f"{fault}, by an hour, as clocks do when summer time ends: write the stamps in UTC or with their "
                 "offset, such as 2024-10-27T02:00:00+01:00, or give dt= in place of them if the rows are evenly "
                 f"spaced; if {other}."
             )
-        raise InputError(f"{told}: if {other}; if the rows are out of order, sort them.")
+        raise InputError(f"{fault}: if {other}; if the rows are out of order, sort them.")
 
 
 def _hours_off(
     table: Table, name: str, time: Float[np.ndarray, " n_row"], groups: Sequence[Int[np.ndarray, " _"]]
 ) -> list[str]:
-    """A remark on each step of a run that is an hour longer or shorter than its others, as where summer time begins."""
-    told = []
+    """Remark on a step of a run that is an hour longer or shorter than its others, as where summer time begins."""
+    remarks = []
     for rows in groups:
-        known = rows[np.isfinite(time[rows])]
-        steps = np.diff(time[known])
+        stamped = rows[np.isfinite(time[rows])]
+        steps = np.diff(time[stamped])
         usual = float(np.median(steps)) if len(steps) else 0.0
         off = np.flatnonzero(np.abs(np.abs(steps - usual) - 3600.0) <= 0.01 * usual) if usual > 0 else []
-        # More of them are no two nights a year.
+        # Clocks change in two nights a year: many such steps have another reason.
         if 0 < len(off) <= MOST_NIGHTS and np.mean(np.abs(steps - usual) <= 0.01 * usual) > 0.5:
-            before, after = (table.column(name).iloc[known[off[0] + i]] for i in (0, 1))
-            told.append(
+            before, after = (table.column(name).iloc[stamped[off[0] + i]] for i in (0, 1))
+            remarks.append(
                 f"a step of {table.where}, from {before} to {after}, is an hour off the others: if its clock changed "
                 "to summer time or back there, write the stamps in UTC"
             )
-    return told
+    return remarks
 
 
 def _restarted(
@@ -236,12 +223,12 @@ def _restarted(
     where: str,
     remarks: list[str],
 ) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
-    """Rows of each run, cut wherever the time goes back; parts of a run that has a name have its name and a number."""
+    """Cut runs wherever the time goes back; parts of a run that has a name have its name and a number."""
     parts: list[np.ndarray] = []
     labels: list[str] = []
     for rows, name in zip(groups, names, strict=True):
-        known = rows[np.isfinite(time[rows])]
-        back = known[1:][np.diff(time[known]) < 0]
+        stamped = rows[np.isfinite(time[rows])]
+        back = stamped[1:][np.diff(time[stamped]) < 0]
         pieces = np.split(rows, np.searchsorted(rows, back))
         parts += pieces
         numbered = [str(i) if alone else f"{name}/{i}" for i in range(len(pieces))]

@@ -1,4 +1,4 @@
-"""Read measured tables under the name that came before `read`."""
+"""Reader of tables under the name that came before `read`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -23,37 +23,13 @@ def read_table(
     missing: Literal["error", "drop"] = "error",
     constant: Literal["error", "keep"] = "error",
 ) -> Trajectories:
-    """Read one file of measurements: `read(path, run=trajectory, ...)`, which has more to say of the file.
+    """Read one file of measurements: `read(path, run=trajectory, ...)`, which has more options.
 
-    Args:
-        path: As `source` of `read`.
-        time: As in `read`.
-        states: As in `read`.
-        inputs: As in `read`.
-        derivatives: As in `read`.
-        outputs: As in `read`.
-        trajectory: Column whose value tells the runs apart, `run` of `read`.
-        dt: As in `read`.
-        units: As in `read`.
-        missing: As in `Trajectories.from_arrays`.
-        constant: As in `Trajectories.from_arrays`.
-
-    Returns:
-        The data.
+    `path` is the `source` of `read`, and `trajectory` its `run`: the column whose value tells the runs apart. All
+    other arguments are those of `read`.
 
     Raises:
         InputError: If the file or a column cannot be used; the message names it.
     """
-    return read(
-        path,
-        time=time,
-        states=states,
-        inputs=inputs,
-        derivatives=derivatives,
-        outputs=outputs,
-        run=trajectory,
-        dt=dt,
-        units=units,
-        missing=missing,
-        constant=constant,
-    )
+    options = {"missing": missing, "constant": constant, "time": time, "dt": dt, "run": trajectory, "units": units}
+    return read(path, states=states, inputs=inputs, derivatives=derivatives, outputs=outputs, **options)

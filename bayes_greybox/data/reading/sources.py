@@ -1,4 +1,4 @@
-"""What can be read: files by their extension, tables in memory by what they offer."""
+"""Readers of files by their extension, and of tables in memory by their interface."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from .formats.labelled import dataset_table, read_netcdf
 from .formats.labview import read_lvm
 from .formats.matlab import read_mat
 from .formats.text import read_text
-from .table import Layout, Table, first_line, require_distinct, tidy
+from .table import Layout, Table, capital, first_line, first_row_measured, require_distinct, tidy
 
 INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
@@ -31,7 +31,7 @@ SAVE_AS = {
     ".npz": "load it with numpy.load and pass bg.read({name: column, ...})",
     ".json": "read it with pandas.read_json and pass the DataFrame",
 }
-"""What to do with files that are not read."""
+"""Advice on files that are not read."""
 
 
 def read_source(source: Any, layout: Layout) -> Table:
@@ -39,7 +39,7 @@ def read_source(source: Any, layout: Layout) -> Table:
 
     Args:
         source: Path of a file, DataFrame, Series, xarray Dataset or a mapping of name to column.
-        layout: How it is laid out, where it does not tell itself.
+        layout: Layout, where the source does not show it.
 
     Raises:
         InputError: A file or an object that cannot be read; the message says which and what to do.
@@ -88,22 +88,20 @@ def require_path(source: str | Path) -> None:
 
 
 def _frame_table(frame: pd.DataFrame, where: str) -> Table:
-    """A DataFrame; an index that is more than a count is a column, under its name or "index"."""
+    """Return a DataFrame as a table; an index that is more than a count is a column, under its name or "index"."""
     if isinstance(frame.columns, pd.MultiIndex):
         raise InputError(
-            f"{where[0].upper()}{where[1:]} has columns with several names each, such as {frame.columns[0]}; give each "
+            f"{capital(where)} has columns with several names each, such as {frame.columns[0]}; give each "
             'one name: frame.columns = ["_".join(map(str, names)) for names in frame.columns].'
         )
     for name in {name for name in frame.index.names if name is not None and name in frame.columns}:
-        # What set_index(name, drop=False) leaves behind.
+        # set_index(name, drop=False) leaves the column beside the index.
         if not np.array_equal(frame.index.get_level_values(name), frame[name].to_numpy()):
-            raise InputError(
-                f'{where[0].upper()}{where[1:]} has both an index and a column "{name}", which differ; rename one.'
-            )
+            raise InputError(f'{capital(where)} has both an index and a column "{name}", which differ; rename one.')
         one = frame.index.nlevels == 1
         frame = frame.reset_index(drop=True) if one else frame.reset_index(level=name, drop=True)
     counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
-    # Decimals count nothing: they are times.
+    # Decimal numbers are no count: they are times.
     if not counts or frame.index.dtype.kind in "mMf":
         frame = frame.reset_index()
     return Table(frame.reset_index(drop=True), where)
@@ -125,7 +123,7 @@ def _file(path: Path, layout: Layout) -> Table:
     except InputError:
         raise
     except Exception as error:
-        # Each library has its own exceptions for a damaged file; all mean the same to the user.
+        # Each library has exceptions of its own for a damaged file.
         kind = suffix.removeprefix(".")
         raise InputError(f'"{path}" cannot be read as {kind} ({first_line(error)}); check the file.') from error
 
@@ -139,7 +137,7 @@ def _read_parquet(path: Path, layout: Layout) -> Table:
 
 
 def _read_excel(path: Path, layout: Layout) -> Table:
-    """One sheet; rows and columns that are empty throughout are no part of the table."""
+    """Read one sheet; rows and columns that are empty throughout are no part of the table."""
     try:
         import openpyxl  # noqa: F401 - pandas would name it in words of its own
     except ImportError as error:
@@ -166,31 +164,22 @@ def _read_excel(path: Path, layout: Layout) -> Table:
         frame = frame.dropna(axis=1, how="all") if len(frame.columns) != len(layout.columns or ()) else frame
     unnamed = [name for name in frame.columns if str(name).startswith("Unnamed:") and np.all(frame[name].isna())]
     frame = frame.drop(columns=unnamed)
-    named = (
-        (f'the first row of "{path}" was read as measurements, its columns being named by columns=',)
-        if measured
-        else ()
-    )
-    of = f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}'
-    several = layout.sheet is None and len(sheets) > 1
+    remarks: list[str] = []
+    if layout.sheet is None and len(sheets) > 1:
+        remarks.append(f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}')
+    if measured:
+        remarks.append(first_row_measured(f'"{path}"'))
     hint = "" if layout.skiprows else " If the names stand further down the sheet, pass skiprows= the rows above them."
-    return Table(frame, f'"{path}"', remarks=(of, *named) if several else named, hint=hint, spaced=True)
+    return Table(frame, f'"{path}"', remarks=tuple(remarks), hint=hint, spaced=True)
 
 
 def _only_column(book: pd.ExcelFile, sheet: Any, frame: pd.DataFrame, skipped: Sequence[int]) -> pd.DataFrame:
-    """The one column of a sheet with its empty cells.
-
-    Args:
-        book: The file.
-        sheet: Name or number of the sheet.
-        frame: What pandas read of it, from some row on.
-        skipped: Rows that were left out, from 0.
-    """
+    """Restore the empty cells of a sheet's only column, which pandas read from some row on."""
     rows = (book.book.worksheets[sheet] if isinstance(sheet, int) else book.book[sheet]).iter_rows(values_only=True)
     kept = (row for i, row in enumerate(rows) if i not in skipped)
     filled = [next((cell for cell in row if cell is not None), None) for row in kept]
     places = [i for i, cell in enumerate(filled) if cell is not None and str(cell).strip()]
-    # Below rows that are skipped it keeps them.
+    # pandas keeps empty cells below skipped rows.
     if len(frame) == 0 or frame.iloc[:, 0].isna().any() or len(places) < len(frame):
         return frame
     places = places[len(places) - len(frame) :]
@@ -210,4 +199,4 @@ TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
     ".nc": read_netcdf,
     ".lvm": read_lvm,
 }
-"""Readers by extension."""
+"""Readers of files by extension."""

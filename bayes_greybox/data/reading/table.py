@@ -1,4 +1,4 @@
-"""A table that was read, and how it is laid out."""
+"""Tables as they are read, and their layout."""
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
@@ -15,7 +15,7 @@ from .units import checked_units, is_number, split_headers, unit_row
 
 @dataclass(frozen=True)
 class Layout:
-    """How a table is laid out, where it does not tell itself; see `read` for each."""
+    """Layout of a table, where the table does not show it; see `read` for each attribute."""
 
     sep: str | None = None
     decimal: str = "."
@@ -32,16 +32,16 @@ class Table:
     """Named columns of one source.
 
     Attributes:
-        frame: The columns; names are text.
-        where: What was read, in a sentence, such as '"run.csv"'.
-        units: Units that the source states, by column, as it writes them until `tidy` has checked them.
+        frame: Columns; their names are text.
+        where: Description of the source, within a sentence, such as '"run.csv"'.
+        units: Units that the source states, by column, in its own spelling until `tidy` has checked them.
         aliases: Column by the name that the source had for it with its unit, such as "pos [mm]".
-        remarks: What was done that the source does not say itself.
-        hint: What to try if a column is not there.
-        run: Column that tells runs apart, where the source has such by itself.
+        remarks: Changes that the source does not state itself.
+        hint: Advice if a column is not there.
+        run: Column that tells runs apart, where the source has one by itself.
         groups: Columns that belong together, by their name in the source, such as those of a matrix.
-        spaced: Whether rows without any value may only part the others, as in text and in sheets.
-        dimensions: Dimensions of a data set of which each row has one pair, the shorter one first.
+        spaced: If true, rows without any value may only separate others, as in text and in sheets.
+        dimensions: Dimensions of a data set that has one row for each pair of their values, the shorter one first.
         others: Tables of other lengths in the same source.
     """
 
@@ -58,17 +58,17 @@ class Table:
     others: "tuple[Table, ...]" = ()
 
     def holding(self, names: Iterable[str]) -> "Table":
-        """The table of the source that has all columns of these names; this one if none has."""
+        """Return the table of the source that has all columns of these names; this one if none has."""
         asked = list(names)
         every = (self, *self.others)
         return next((each for each in every if all(each.has(name) for name in asked)), self)
 
     def has(self, name: str) -> bool:
-        """Whether there is such a column, or a group of columns."""
+        """Return True if there is such a column, or a group of columns."""
         return self.aliases.get(name, name) in self.frame.columns or name in self.groups
 
     def column(self, name: str) -> Any:
-        """One column.
+        """Return one column.
 
         Raises:
             InputError: There is none of that name.
@@ -76,7 +76,7 @@ class Table:
         return self.frame[self.known(name)]
 
     def known(self, name: str) -> str:
-        """The column of that name, as it is called here.
+        """Return this table's own name of a column.
 
         Raises:
             InputError: There is none.
@@ -93,7 +93,7 @@ class Table:
         raise InputError(f'{capital(self.where)} has no column "{name}".{guess} {columns}{self.hint}')
 
     def packed(self) -> "Table":
-        """The table without rows that only part the others, which measure nothing where stamps tell the time."""
+        """Return the table without rows that only separate others; with stamps they measure nothing."""
         return replace(self, frame=self.frame.dropna(how="all").reset_index(drop=True)) if self.spaced else self
 
 
@@ -107,8 +107,13 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
 
 
+def first_row_measured(where: str) -> str:
+    """Return the remark on a first row that would have been taken for names without `columns=`."""
+    return f"the first row of {where} was read as measurements, its columns being named by columns="
+
+
 def tidy(table: Table, layout: Layout) -> Table:
-    """The table with names free of units, units checked, and no row of units among the measurements.
+    """Free names of units, check the units, and take a row of units from the measurements.
 
     Raises:
         InputError: Two columns of one name, no row.
@@ -138,18 +143,14 @@ def tidy(table: Table, layout: Layout) -> Table:
         raise InputError(f"{capital(table.where)} has no rows.")
     known, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
     if units is not None:
-        told = ", ".join(f"{name} in {unit}" for name, unit in known.items())
-        remarks = (*remarks, f"the first row of {table.where} was read as units: {told or 'none that is known'}")
+        read = ", ".join(f"{name} in {unit}" for name, unit in known.items())
+        remarks = (*remarks, f"the first row of {table.where} was read as units: {read or 'none that is known'}")
     others = tuple(tidy(other, layout) for other in table.others) if layout.columns is None else ()
     return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown), others=others)
 
 
 def require_distinct(names: Sequence[str], where: str) -> None:
-    """Refuse two columns of one name.
-
-    Args:
-        names: Names as the source has them; "" for none.
-        where: What is read, in a sentence.
+    """Refuse two columns of one name; "" is no name.
 
     Raises:
         InputError: A name stands there twice.
@@ -163,7 +164,7 @@ def require_distinct(names: Sequence[str], where: str) -> None:
 
 
 def _without_margins(frame: pd.DataFrame) -> pd.DataFrame:
-    """Rows from the first one with a value to the last."""
+    """Return the rows from the first one with a value to the last."""
     filled = np.flatnonzero(frame.notna().any(axis=1).to_numpy())
     if len(filled) and len(filled) < len(frame):
         frame = frame.iloc[filled[0] : filled[-1] + 1].reset_index(drop=True).infer_objects()
@@ -179,7 +180,7 @@ def _renamed(names: list[str], given: Sequence[str], where: str) -> list[str]:
 
 
 def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:
-    """Units in the first row, where it is one of units."""
+    """Return the units in the first row, if it is one of units."""
     if len(frame) < 2:
         return None
     first, second = ([_text(value) for value in frame.iloc[row]] for row in (0, 1))

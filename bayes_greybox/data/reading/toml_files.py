@@ -1,4 +1,4 @@
-"""TOML files of the user's."""
+"""TOML files of the user."""
 
 import os
 import tomllib
@@ -9,14 +9,11 @@ from bayes_greybox.running.errors import InputError
 
 
 def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], str]:
-    """Read a TOML file.
+    """Read a TOML file and return its content and its text.
 
     Args:
         path: The file.
-        what: What it should hold, for messages, such as "catalogue".
-
-    Returns:
-        Its content and its text.
+        what: Kind of its content, for messages, such as "catalogue".
 
     Raises:
         InputError: No such file, one that cannot be read, or one that is not TOML.

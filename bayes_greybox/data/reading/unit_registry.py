@@ -1,4 +1,4 @@
-"""The table of units that the whole package shares."""
+"""Table of units that the whole package shares."""
 
 from functools import cache
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 
 @cache
 def registry() -> Any:
-    """Pint's table of units, built on first use (it takes a noticeable part of a second)."""
+    """Return pint's table of units, built on first use (it takes a noticeable part of a second)."""
     import pint
 
     return pint.UnitRegistry()

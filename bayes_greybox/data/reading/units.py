@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 
 from .unit_registry import registry
 
-# As instruments write them and pint does not read them, or reads them as something else ("Nm" as number times metre).
+# Spellings of instruments that pint does not read, or reads as something else ("Nm" as number times metre).
 _SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}
 _ONE = "volt ampere newton pascal watt joule kelvin ohm hertz second minute hour meter metre degree radian"
 _WORDS = {
@@ -26,10 +26,10 @@ _HEADER = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.
 
 
 def known_unit(text: str) -> str | None:
-    """A unit as the package reads it, such as "m/s"; None if it is not known.
+    """Return a unit in the spelling of the package, such as "m/s"; None if it is not known.
 
     Args:
-        text: As the table has it: "m/s", "m s-1", "Volts", "seconds since 2024-01-01".
+        text: Unit in the table's spelling: "m/s", "m s-1", "Volts", "seconds since 2024-01-01".
     """
     text = re.sub(r" since .*$", "", text.strip())
     if len(text) > 40 or not re.search(r"[^\W\d]|[%°\"1]", text):
@@ -50,11 +50,11 @@ def known_unit(text: str) -> str | None:
 
 
 def split_header(name: str) -> tuple[str, str | None]:
-    """Name and unit of a column's header, such as "pos [mm]" or "pos (mm)"; no unit where the brackets hold none."""
-    found = _HEADER.match(name)
-    if found is None:
+    """Split a header, such as "pos [mm]" or "pos (mm)", into name and unit; None if the brackets hold no unit."""
+    match = _HEADER.match(name)
+    if match is None:
         return name, None
-    parts = found.groupdict()
+    parts = match.groupdict()
     if parts["name"] is not None:
         # Square brackets mean a unit, even one that is not known; an index such as x[0] is none.
         unit = parts["square"].strip()
@@ -64,29 +64,22 @@ def split_header(name: str) -> tuple[str, str | None]:
 
 
 def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
-    """Name and unit of each column's header, as `split_header` has them.
+    """Split each header of one table as `split_header` does.
 
     "T (in)" is no temperature in inches beside "T (out)": brackets behind one name hold units, or none of them does.
-
-    Args:
-        names: Headers of one table.
     """
     split = [split_header(name) for name in names]
-    found = [_HEADER.match(name) for name in names]
-    stems = [match["name2"] if match else None for match in found]
-    told = {stem for stem, (_, unit) in zip(stems, split, strict=True) if unit is None}
-    return [
-        (name, None) if stem is not None and stem in told else pair
-        for name, stem, pair in zip(names, stems, split, strict=True)
-    ]
+    stems = [match["name2"] if match else None for match in map(_HEADER.match, names)]
+    unitless = {stem for stem, (_, unit) in zip(stems, split, strict=True) if stem and unit is None}
+    return [(name, None) if stem in unitless else pair for name, stem, pair in zip(names, stems, split, strict=True)]
 
 
 def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
-    """Units of a row that holds nothing else; None if it is a row of measurements.
+    """Return the units of a row that holds nothing else; None if it is a row of measurements.
 
     Args:
-        cells: Its cells as text, "" where they are empty.
-        below: Whether the next row has a number or a date there.
+        cells: Cells as text, "" where they are empty.
+        below: True where the next row has a number or a date.
     """
     if len(cells) != len(below) or not any(cells):
         return None
@@ -103,11 +96,11 @@ def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
 
 
 def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Units that are known, by column, and a remark on those that are not.
+    """Return the known units by column, and a remark on the others.
 
     Args:
         stated: Column and unit as the table has it.
-        where: What is read, for the remark.
+        where: Description of the source, for the remark.
     """
     units, unknown = {}, []
     for name, text in stated:
@@ -123,7 +116,7 @@ def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[s
 
 
 def is_number(cell: str, decimal: str = ".") -> bool:
-    """Whether a cell of text is a number."""
+    """Return True if a cell of text is a number."""
     try:
         float(cell.replace(decimal, ".") if decimal != "." else cell)
     except ValueError:

@@ -88,7 +88,7 @@ class Asked:
         return begun
 
     def latest(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> pd.DataFrame:
-        """Return the row that decides if the next one begins a run: the last, or the last with a stamp if stamps decide.
+        """Return the row that decides if the next one begins a run: the last one, or the last one with a stamp.
 
         Args:
             frame: Rows, by columns as the source has them.
@@ -118,8 +118,8 @@ class Asked:
             whole: True if they are whole runs.
 
         Raises:
-            InputError: Rows that `read` refuses, with their place; stamps of more digits than a float holds where rows do
-                not have the first one of their run beside them.
+            InputError: Rows that `read` refuses, with their place; stamps of more digits than a float holds, where
+                rows do not have the first one of their run beside them.
         """
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(

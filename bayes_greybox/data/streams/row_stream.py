@@ -47,8 +47,8 @@ class Source(Protocol):
 class RowStream:
     """Measured rates or outputs of any number of rows, or samples of paths: `GreyBox.fit` reads them a chunk at a time.
 
-    All rows decide the posterior. Whatever looks at single rows (predictions of the training data, checks, leave-one-out
-    densities, figures) looks at those of `sample`.
+    All rows decide the posterior. Whatever looks at single rows (predictions of the training data, checks,
+    leave-one-out densities, figures) looks at those of `sample`.
 
     Attributes:
         source: Source of the rows; see `stream`.

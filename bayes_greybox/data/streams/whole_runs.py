@@ -144,10 +144,10 @@ class WholeRuns:
         return list(zip(paths, labels, strict=True))
 
     def _runs(self, path: str) -> Iterator[tuple[Piece, int]]:
-        """Yield rows of whole runs of a file, and the number of rows left out before them with runs that have no others.
+        """Yield rows of whole runs of a file, and the number of rows before them in runs without a usable row.
 
-        Rows with missing values are among them: `read` cuts runs before it leaves out any, and their stamps may tell
-        where one ends.
+        Rows with missing values are among them: `read` cuts runs before it leaves out any, and their stamps may show
+        where a run ends.
         """
         asked, dropped = self.rows.asked, 0
         for piece, number in self._whole(path):

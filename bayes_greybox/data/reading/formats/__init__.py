@@ -1,1 +1,1 @@
-"""Kinds of files that a table is read from: each a reader of its own."""
+"""Readers of kinds of files."""

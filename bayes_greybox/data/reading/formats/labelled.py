@@ -8,11 +8,7 @@ from bayes_greybox.running.errors import InputError
 
 
 def read_netcdf(path: Path, layout: Layout) -> Table:
-    """Read a netCDF file; stamps stay the numbers that they are in it.
-
-    Args:
-        path: The file.
-        layout: Not used.
+    """Read a netCDF file; its stamps stay numbers. `layout` is not used.
 
     Raises:
         InputError: A saved fit; no variables over one dimension or two.
@@ -29,39 +25,34 @@ def read_netcdf(path: Path, layout: Layout) -> Table:
 
 
 def dataset_table(dataset: Any, where: str) -> Table:
-    """The variables of a data set that share most of its values.
+    """Return the variables of a data set that share most of its values.
 
     Variables over one dimension are columns. Where the longest have two, such as run and time, the dimensions are
     columns too, one row for each pair, so that one of them can tell the runs apart.
 
     Args:
         dataset: An xarray Dataset.
-        where: What it is called in a sentence.
+        where: Description of the data set, within a sentence.
 
     Raises:
         InputError: No variables over one dimension or two.
     """
     variables = {**dict(dataset.coords), **dict(dataset.data_vars)}
-    held = {name: array for name, array in variables.items() if 1 <= array.ndim <= 2}
-    if not held:
+    usable = {name: array for name, array in variables.items() if 1 <= array.ndim <= 2}
+    if not usable:
         raise InputError(f"{where} has no variable over one or two dimensions; select such with Dataset.sel.")
-    data = {name: array for name, array in dataset.data_vars.items() if name in held} or held
+    data = {name: array for name, array in dataset.data_vars.items() if name in usable} or usable
     lengths = {frozenset(array.dims): array.size for array in data.values()}
     counts = {dims: sum(dims == frozenset(array.dims) for array in data.values()) for dims in lengths}
     shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
-    names = [name for name, array in held.items() if set(array.dims) <= shared]
-    dimensions: tuple[str, ...] = ()
-    if len(shared) == 1:
-        frame = dataset[names].reset_coords().to_dataframe().reset_index()
-    else:
-        # Rows of one run together, whatever the order in which a variable has its dimensions.
-        order = sorted(shared, key=lambda dim: dataset.sizes[dim])
-        frame = dataset[names].reset_coords().to_dataframe(dim_order=order).reset_index()
-        dimensions = tuple(str(dim) for dim in order if dataset.sizes[dim] > 1)
-    kept = [name for name in frame.columns if name in variables or name in shared]
-    # A dimension without stamps is only a count.
-    kept = [name for name in kept if name in variables or len(shared) > 1]
+    names = [name for name, array in usable.items() if set(array.dims) <= shared]
+    # Rows of one run together, whatever the order in which a variable has its dimensions.
+    order = sorted(shared, key=lambda dim: dataset.sizes[dim])
+    frame = dataset[names].reset_coords().to_dataframe(dim_order=order).reset_index()
+    dimensions = tuple(str(dim) for dim in order if dataset.sizes[dim] > 1) if len(shared) > 1 else ()
+    # A single dimension without stamps is only a count.
+    kept = [name for name in frame.columns if name in variables or (name in shared and len(shared) > 1)]
     units = {str(name): str(array.attrs["units"]) for name, array in variables.items() if "units" in array.attrs}
-    left = [str(name) for name in dataset.data_vars if name not in names]
-    remarks = (f"left out of {where}, being over other dimensions: {', '.join(left)}",) if left else ()
+    others = [str(name) for name in dataset.data_vars if name not in names]
+    remarks = (f"left out of {where}, being over other dimensions: {', '.join(others)}",) if others else ()
     return Table(frame[kept].rename(columns=str), where, units, remarks=remarks, dimensions=dimensions)

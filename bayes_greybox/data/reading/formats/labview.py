@@ -25,14 +25,10 @@ class _Segment:
 
 
 def read_lvm(path: Path, layout: Layout) -> Table:
-    """Read a LabVIEW measurement file.
+    """Read a LabVIEW measurement file; `layout` gives its encoding, while separator and decimal mark stand in the file.
 
     Several segments are several runs, told apart by the column `segment`. Without a column of stamps these are
     X0 + i Delta_X of the segment's header.
-
-    Args:
-        path: The file.
-        layout: Its encoding; separator and decimal mark stand in the file.
 
     Raises:
         InputError: No such file's header, a separator that is not known, no samples.
@@ -70,13 +66,12 @@ def read_lvm(path: Path, layout: Layout) -> Table:
 
 
 def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
-    """The file's segments, in order."""
     header: dict[str, list[str]] = {}
     segment: _Segment | None = None
     for line in lines:
         cells = line.rstrip("\r\n").split(separator)
         if cells[0].strip() == END_OF_HEADER:
-            # The header of the file ends like that of a segment.
+            # The header of the file ends in the same way as that of a segment.
             segment = _Segment(header)
         elif cells[0].strip() == STAMPS and segment is not None:
             segment.names = _distinct([cell.strip() for cell in cells])
@@ -93,19 +88,18 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
 
 
 def _is_row(cells: list[str]) -> bool:
-    """Whether a line holds samples: a number, or nothing and then a number."""
-    return any(cell.strip()[:1] in "+-.0123456789" and cell.strip() for cell in cells[:1] if cell.strip()) or (
-        not cells[0].strip() and any(cell.strip() for cell in cells[1:])
-    )
+    """Return True if a line holds samples: a number, or nothing and then something."""
+    first = cells[0].strip()
+    return first[0] in "+-.0123456789" if first else any(cell.strip() for cell in cells[1:])
 
 
 def _distinct(names: list[str]) -> list[str]:
-    """Names, later ones of the same name numbered."""
+    """Number later names that are the same."""
     return [f"{name}.{names[:i].count(name)}" if name in names[:i] else name for i, name in enumerate(names)]
 
 
 def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:
-    """One segment as numbers, its stamps filled from its header where the file has none."""
+    """Return one segment as numbers, its stamps filled from its header where the file has none."""
     kept = [i for i, name in enumerate(segment.names) if name and name != "Comment"]
     try:
         values = np.array(
@@ -123,14 +117,14 @@ def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:
 
 
 def _require_one_time(segment: _Segment, frame: pd.DataFrame, decimal: str, path: Path) -> None:
-    """Refuse channels that each have stamps of their own, as of another start or step, where rows have one time."""
-    own = [name for name in frame if _is_stamps(str(name))]
+    """Refuse channels that have stamps of their own, of another start or step: rows have one time."""
+    columns = [name for name in frame if _is_stamps(str(name))]
     slack = 1e-3 * float(np.median(np.abs(np.diff(frame[STAMPS])))) if len(frame) > 1 else 0.0
-    for name in own[1:]:
+    for name in columns[1:]:
         stamps = frame[name].to_numpy()
         if np.isnan(stamps).all():
             at = segment.names.index(str(name))
-            start, step = (_of_channel(segment, key, at, decimal) for key in ("X0", "Delta_X"))
+            start, step = (_channel_number(segment, key, at, decimal) for key in ("X0", "Delta_X"))
             stamps = start + step * np.arange(len(frame))
         if np.any(np.abs(stamps - frame[STAMPS].to_numpy()) > slack):
             channel = segment.names[segment.names.index(str(name)) + 1 :][:1]
@@ -140,8 +134,8 @@ def _require_one_time(segment: _Segment, frame: pd.DataFrame, decimal: str, path
             )
 
 
-def _of_channel(segment: _Segment, key: str, at: int, decimal: str) -> float:
-    """What the header says of the channel behind a column of stamps."""
+def _channel_number(segment: _Segment, key: str, at: int, decimal: str) -> float:
+    """Return a number in the header of the channel behind a column of stamps."""
     cells = segment.header.get(key) or ["0"]
     return _number(cells[at] if at < len(cells) else cells[0], decimal)
 

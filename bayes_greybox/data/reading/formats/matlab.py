@@ -18,15 +18,11 @@ MATLAB_REMEDY = (
 
 
 def read_mat(path: Path, layout: Layout) -> Table:
-    """Read a MATLAB file of any version.
+    """Read a MATLAB file of any version; `layout` is not used.
 
     Variables of one length are a table: vectors under their names, columns of a matrix X as X_1, X_2, …, fields of a
-    structure S as S.name. It is that of the longest ones of which there are two columns or more, as a time and what
-    was measured; those of other lengths, such as settings, are tables beside it (see `Table.holding`).
-
-    Args:
-        path: The file.
-        layout: Not used.
+    structure S as S.name. It is that of the longest ones of which there are two columns or more, as a time and a
+    measurement; those of other lengths, such as settings, are tables beside it (see `Table.holding`).
 
     Raises:
         InputError: Nothing but objects (tables, timetables) or text in it.
@@ -46,7 +42,7 @@ def read_mat(path: Path, layout: Layout) -> Table:
     if not arrays:
         held = "tables or other objects" if objects else "no numbers in vectors or matrices"
         raise InputError(f'"{path}" holds {held}, which cannot be read: {MATLAB_REMEDY}.')
-    every = {n: _of_length(n, arrays, path) for n in {max(values.shape) for values in arrays.values()}}
+    every = {n: _table_of_length(n, arrays, path) for n in {max(values.shape) for values in arrays.values()}}
     first, *others = sorted(every, key=lambda n: (len(every[n].frame.columns) > 1, n), reverse=True)
     sizes = {name: " by ".join(str(n) for n in values.shape if n > 1) for name, values in arrays.items()}
     apart = [f"{name} ({size})" for name, size in sizes.items() if first not in arrays[name].shape]
@@ -54,8 +50,7 @@ def read_mat(path: Path, layout: Layout) -> Table:
     return replace(every[first], others=tuple(every[n] for n in others), hint=hint)
 
 
-def _of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Table:
-    """The variables that have a length."""
+def _table_of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Table:
     columns: dict[str, np.ndarray] = {}
     groups, remarks = {}, []
     for name, values in arrays.items():
@@ -75,31 +70,31 @@ def _of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Table:
 
 
 def _hdf5(group: Any) -> list[tuple[str, Any]]:
-    """Variables of a file of version 7.3; it stores matrices transposed, and text as letters."""
+    """Return variables of a file of version 7.3; it stores matrices transposed, and text as letters."""
     import h5py
 
-    found: list[tuple[str, Any]] = []
+    variables: list[tuple[str, Any]] = []
     for name, item in group.items():
         if name.startswith("#") or item.attrs.get("MATLAB_object_decode") is not None:
             continue
         if isinstance(item, h5py.Group):
-            found.append((name, dict(_hdf5(item))))
+            variables.append((name, dict(_hdf5(item))))
         elif item.attrs.get("MATLAB_class") not in (b"char", b"cell", "char", "cell"):
-            found.append((name, np.asarray(item).T))
-    return found
+            variables.append((name, np.asarray(item).T))
+    return variables
 
 
 def _arrays(content: Mapping[str, Any], prefix: str = "") -> list[tuple[str, np.ndarray]]:
-    """Numbers in vectors and matrices, those of structures under S.name."""
-    found: list[tuple[str, np.ndarray]] = []
+    """Return numbers in vectors and matrices, those of structures under S.name."""
+    arrays: list[tuple[str, np.ndarray]] = []
     for name, value in content.items():
         if isinstance(value, Mapping):
-            found += _arrays(value, f"{prefix}{name}.")
+            arrays += _arrays(value, f"{prefix}{name}.")
             continue
         values = np.asarray(value)
         if values.dtype == object and values.size == 1 and hasattr(values.item(), "_fieldnames"):
             fields = {field: getattr(values.item(), field) for field in values.item()._fieldnames}
-            found += _arrays(fields, f"{prefix}{name}.")
+            arrays += _arrays(fields, f"{prefix}{name}.")
         elif values.dtype.kind in "biuf" and values.size > 1 and values.ndim <= 2:
-            found.append((prefix + name, values.reshape(len(values), -1)))
-    return found
+            arrays.append((prefix + name, values.reshape(len(values), -1)))
+    return arrays

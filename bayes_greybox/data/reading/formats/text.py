@@ -1,4 +1,4 @@
-"""Delimited text: what separates the values, where the names stand, and which lines are remarks."""
+"""Delimited text: the separator of the values, the place of the names, and lines of remarks."""
 
 import csv
 import re
@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.data.reading.cells import is_measured, may_have_lost, with_digits
-from bayes_greybox.data.reading.table import Layout, Table, first_line, require_distinct
+from bayes_greybox.data.reading.table import Layout, Table, first_line, first_row_measured, require_distinct
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 from bayes_greybox.running.errors import InputError
 
@@ -20,21 +20,21 @@ REMARKS = ("#", "%")
 """Signs at the start of lines that are remarks, as NumPy and MATLAB write them."""
 
 BLANKS = r"\s+"
-"""What separates values by any number of blanks or tabs."""
+"""Separator of values by any number of blanks or tabs."""
 
 LOOKED_AT = 400
 """Lines at the start of a file among which the names of the columns are looked for."""
 
 
 _QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
-"""What stands in quotation marks, which have a separator or nothing around them."""
+"""Pattern of quoted text that has a separator or nothing around it."""
 
 
 @dataclass(frozen=True)
 class _Head:
-    """What stands above the measurements: lines before the names, the names where they are marked, their separator.
+    """Lines above the measurements: those to skip, their separator, and names where they are marked as remarks.
 
-    `nameless` where its first row holds numbers only.
+    `nameless` if the first row holds numbers only.
     """
 
     skipped: tuple[int, ...]
@@ -45,11 +45,7 @@ class _Head:
 
 
 def read_text(path: Path, layout: Layout) -> Table:
-    """Read a file of delimited text.
-
-    Args:
-        path: The file; lines marked # or % above the rows are remarks, but for names above rows of numbers.
-        layout: What separates the values is found from the text where it is not given.
+    """Read a file of delimited text; its separator is found from the text if `layout` has none.
 
     Raises:
         InputError: Names that do not fit the rows; text that is no table.
@@ -87,31 +83,29 @@ def read_text(path: Path, layout: Layout) -> Table:
     frame = frame.rename(columns=lambda name: str(name).strip())
     if head.sep == BLANKS and frame.iloc[:, -1].isna().any():
         _check_lengths(path, head, len(frame.columns), layout)
-    remarks = ()
     if head.names is None and head.nameless:
         example = [f"c{i + 1}" for i in range(len(frame.columns))]
         hint = f" Its first row holds numbers: if it has no names, give them, such as columns={example}."
-    elif head.names is not None and layout.columns is not None:
-        remarks = (f'the first row of "{path}" was read as measurements, its columns being named by columns=',)
+    named = head.names is not None and layout.columns is not None
+    remarks = (first_row_measured(f'"{path}"'),) if named else ()
     return Table(frame, f'"{path}"', head.units, remarks=remarks, hint=hint, spaced=True)
 
 
 def titles(path: Path, layout: Layout) -> int:
-    """Lines of titles above the names, where nobody could take them for names: each has fewer cells than the names.
+    """Count the lines of titles above the names, if they cannot be names: each has fewer cells than the names.
 
     Args:
         path: The file.
-        layout: What separates the values, if it is known.
+        layout: Layout, with the separator if it is known.
 
     Returns:
-        How many lines there are before that of the names; 0 where there is no doubt that the first line has them, or
-        where it is not told.
+        Number of lines before that of the names; 0 if the first line certainly has them, or if it is unclear.
     """
     try:
         with path.open(encoding=layout.encoding) as file:
             lines = list(islice(file, LOOKED_AT))
     except (OSError, UnicodeError, LookupError):
-        # Whoever reads the file says so.
+        # The reader of the file reports that.
         return 0
     header = _header(lines, layout.sep or "\t")
     if not header or all(not line.strip() or line.startswith(REMARKS) for line in lines[:header]):
@@ -142,7 +136,7 @@ def _frame(path: Path, head: _Head, layout: Layout, **options: Any) -> pd.DataFr
 
 
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
-    """What stands above the measurements of a file that begins with these lines."""
+    """Return the lines above the measurements of a file that begins with these lines."""
     given = layout.skiprows
     skipped = set(range(given) if isinstance(given, int) else given)
     marked: list[str] = []
@@ -178,20 +172,20 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
 
 
 def _separator(line: str, below: str, suffix: str, decimal: str) -> str:
-    """What separates the values: tabs, semicolons, commas, or in other text than .csv blanks."""
+    """Return the separator of the values: a tab, semicolon or comma, or in other text than .csv blanks."""
     if suffix == ".tsv":
         return "\t"
     order = (",", ";", "\t", "|") if suffix == ".csv" else ("\t", ";", ",", "|")
     order = sorted(order, key=lambda mark: mark == decimal)
-    # What stands in quotation marks separates nothing.
+    # A mark within quotation marks is no separator.
     line, below = (_QUOTED_CELL.sub("x", text) for text in (line, below))
-    # A comma may be part of a name, or the decimal mark: what separates does so in the row below as well.
-    found = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
-    return found or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)
+    # A comma may be part of a name, or the decimal mark: a separator divides the row below as well.
+    both = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
+    return both or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)
 
 
 def _check_names(lines: list[str], head: _Head, path: Path, layout: Layout, hint: str) -> None:
-    """Refuse names of which two are the same, and more names than values, which pandas would number and shift."""
+    """Refuse two equal names, and more names than values: pandas would number the former and shift the latter."""
     rows = _rows((line for i, line in enumerate(lines) if i not in head.skipped), head.sep)
     names = next(rows, [])
     names = names[:-1] if names[-1:] == [""] else names
@@ -210,16 +204,16 @@ def _check_lengths(path: Path, head: _Head, count: int, layout: Layout) -> None:
     """Refuse a row with fewer values than names: between blanks, nobody sees which one is missing."""
     with path.open(encoding=layout.encoding) as file:
         for i, line in enumerate(file):
-            found = len(_cells(line, BLANKS)) if line.strip() and i not in head.skipped else count
-            if found < count:
+            n_cell = len(_cells(line, BLANKS)) if line.strip() and i not in head.skipped else count
+            if n_cell < count:
                 raise InputError(
-                    f'"{path}" names {count} columns, but line {i + 1} has {found} values; write nan where one is '
+                    f'"{path}" names {count} columns, but line {i + 1} has {n_cell} values; write nan where one is '
                     "missing."
                 )
 
 
 def _rows(lines: Iterable[str], sep: str) -> Iterator[list[str]]:
-    """Cells of lines; what stands in quotation marks is one."""
+    """Yield the cells of lines; quoted text is one cell."""
     if sep == BLANKS:
         rows: Iterable[list[str]] = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ")
     elif len(sep) == 1:
@@ -238,11 +232,9 @@ def _cells(line: str, sep: str) -> list[str]:
 
 
 def _header(lines: list[str], sep: str) -> int | None:
-    """Line that looks like the names of columns: as many cells as the row of numbers below it, or below its units."""
-    for i in range(len(lines) - 2):
-        if any(_is_header(lines[i : i + 3], mark) for mark in _marks(sep)):
-            return i
-    return None
+    """Return the line that looks like names: as many cells as the row of numbers below it, or below its units."""
+    places = range(len(lines) - 2)
+    return next((i for i in places if any(_is_header(lines[i : i + 3], mark) for mark in _marks(sep))), None)
 
 
 def _marks(sep: str) -> list[str]:
@@ -250,9 +242,9 @@ def _marks(sep: str) -> list[str]:
 
 
 def _is_header(lines: list[str], mark: str) -> bool:
-    """Whether the first of three lines has names, and the last one numbers under them."""
+    """Return True if the first of three lines has names, and the last one numbers under them."""
     cells, below, next_ = (_cells(line, mark) for line in lines)
-    # An empty cell at the end of a row is a cell where the names have one.
+    # An empty cell at the end of a row counts if the names have one there.
     below, next_ = ([*row, *[""] * (len(cells) - len(row) == 1)] for row in (below, next_))
     if len(cells) < 2 or len(cells) != len(next_) or len(cells) != len(below):
         return False
