@@ -1,1 +1,1 @@
-"""How work runs: programs that are compiled and kept, and what a user sees of it meanwhile."""
+"""Infrastructure: compiled programs and their cache, progress displays, tasks, files and limits."""

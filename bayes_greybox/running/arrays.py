@@ -1,4 +1,4 @@
-"""Arrays of NumPy's on their way to JAX."""
+"""NumPy's arrays on their way to JAX."""
 
 from typing import Any
 
@@ -7,13 +7,9 @@ import numpy as np
 
 
 def on_device(values: Any) -> Any:
-    """A pytree of numbers as arrays of JAX's.
+    """Return a pytree of numbers as arrays of JAX; NumPy's arrays are copied, JAX's stay.
 
-    As `jnp.asarray`, which newer versions of JAX have compile a program for each shape that they meet; this compiles
-    none.
-
-    Args:
-        values: Arrays of NumPy's, which are copied, numbers, or a pytree of such; arrays of JAX's stay.
+    It is `jnp.asarray`, but newer versions of that compile a program for each shape that they meet; this compiles none.
     """
-    # JAX may take the memory of an array as its own, and ours may change.
+    # JAX may keep using the memory of an array, and ours may change.
     return jax.device_put(jax.tree.map(lambda each: each if isinstance(each, jax.Array) else np.array(each), values))

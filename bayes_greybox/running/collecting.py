@@ -1,22 +1,22 @@
-"""How often Python looks for garbage."""
+"""Frequency of Python's garbage collection."""
 
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 SELDOM = (50_000, 10, 10)
-"""New objects between two searches, and searches between two of older objects; the last are Python's own."""
+"""New objects between two searches, and searches between two of older objects; the last two are Python's defaults."""
 
 
 @contextmanager
 def seldom_collected() -> Iterator[None]:
-    """Search for garbage seldom in some work that makes many objects that stay: modules, programs as they are traced.
+    """Search for garbage seldom during work that makes many lasting objects: modules, programs as they are traced.
 
-    Python searches all 700 new objects, and in a command that is a tenth of what it does before the first answer.
+    Python searches all 700 new objects; in a command that is a tenth of the time before the first answer.
     """
     before = gc.get_threshold()
     if before == SELDOM:
-        # Who asked for it first, in whatever thread, ends it.
+        # The first caller, in whatever thread, ends it.
         yield
         return
     gc.set_threshold(*SELDOM)
@@ -29,6 +29,6 @@ def seldom_collected() -> Iterator[None]:
 def leave_collected() -> None:
     """Spare a process that ends its last search for garbage: the system takes all memory back anyway.
 
-    Of a command's modules and programs that search takes most of a second, in which the user waits for the prompt.
+    With a command's modules and programs that search takes most of a second, while the user waits for the prompt.
     """
     gc.freeze()

@@ -1,12 +1,12 @@
-"""How programs are compiled: in little time, and once for all processes of a user.
+"""Compilation in little time, and once for all processes of a user.
 
-Most of what a first fit waits for is XLA's compiler. Programs of this package are many and short, and what they spend
-is in BLAS and LAPACK; of the compiler's work only little pays. On a CPU, code by fusions of its former emitters
+Most of the wait for a first fit is XLA's compiler. Programs of this package are many and short, and spend their time
+in BLAS and LAPACK, so that little of the compiler's work pays. On a CPU, code by fusions of its former emitters
 takes half the time to make, and runs as fast. A program that runs once takes a third of that again without
 optimisation.
 
-What was compiled is kept in the user's cache folder, unless JAX was told of another one: `BAYES_GREYBOX_CACHE` names
-another folder, or is "off". Beside it are traces, see `traces`.
+Compiled programs stay in the user's cache folder, unless JAX has another one: `BAYES_GREYBOX_CACHE` names another
+folder, or is "off". Beside them are traces, see `traces`.
 """
 
 import hashlib
@@ -14,6 +14,7 @@ import logging
 import os
 import platform
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache, wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -21,37 +22,37 @@ from typing import Any, TypeVar, cast
 import jax
 
 FAST = {"xla_cpu_use_fusion_emitters": False}
-"""Options of XLA for all programs; how much of them is optimised JAX was told, or does in full."""
+"""Options of XLA for all programs; the level of optimisation is JAX's own."""
 
 ONCE = {**FAST, "xla_backend_optimization_level": 0}
-"""For those that run once or twice."""
+"""Options for programs that run once or twice."""
 
 OFTEN = {**FAST, "xla_backend_optimization_level": 1}
-"""For those that run thousands of times or in long loops, whatever JAX was told to optimise: below this level a loop,
+"""Options for programs that run thousands of times or in long loops, whatever level JAX has: below this one a loop,
 over a matrix or along the path of hidden states, takes a multiple of the time, and beyond it nothing is gained."""
 
 FOLDER = "BAYES_GREYBOX_CACHE"
 """Environment variable: folder for compiled programs, or "off"."""
 
 CACHE_SUBFOLDER = "bayes-greybox-compiled"
-"""Folder within the one that the user names: nothing else in there is ours to delete."""
+"""Folder within the one that the user names: this package deletes nothing else there."""
 
 PROGRAM_ENDING, TRACE_ENDING = "-cache", "-trace"
-"""Endings of names: those that JAX gives to what it keeps, and of traces."""
+"""Endings of the names of JAX's programs, and of traces."""
 
 SHORTEST_COMPILATION = 0.0
-"""Seconds of compilation from which on a program is kept: a hundred that each take a hundredth are a second too."""
+"""Seconds of compilation from which on a program is stored: a hundred short ones make a second too."""
 
 CACHE_LIMIT_BYTES = 500_000_000
-"""Bytes of the folder; beyond them what was not used longest is deleted, when a process starts."""
+"""Largest size of the folder in bytes; beyond it the files unused for longest are deleted when a process starts."""
 
 MAPPED = 1 / 3
-"""Share of the memory mappings that the system allows a process, from which on its programs are let go.
+"""Share of the memory mappings allowed to a process from which on it drops its programs.
 
-A program takes some, and a process that has none left dies in the compiler."""
+Each program takes some, and a process that has none left dies in the compiler."""
 
 ALLOWED, OWN_MAPPINGS = Path("/proc/sys/vm/max_map_count"), Path("/proc/self/maps")
-"""Where Linux says how many mappings a process may have, and which this one has."""
+"""Files in which Linux lists the number of mappings that a process may have, and those of this one."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -59,13 +60,13 @@ log = logging.getLogger(__name__)
 
 
 def compiled(function: Function, *, once: bool = False, often: bool = False, **options: Any) -> Function:
-    """`jax.jit` of a function that no other program calls; nothing happens before its first call.
+    """Return `jax.jit` of a function that no other program calls; nothing happens before its first call.
 
     Args:
-        function: What to compile.
-        once: Whether it will run once or twice.
-        often: Whether it will run thousands of times, or loops as often.
-        **options: Of `jax.jit`.
+        function: Function to compile.
+        once: True if it will run once or twice.
+        often: True if it will run thousands of times, or loops as often.
+        **options: Options of `jax.jit`.
     """
 
     @cache
@@ -82,52 +83,44 @@ def compiled(function: Function, *, once: bool = False, often: bool = False, **o
 
 @cache
 def compile_options(once: bool, often: bool = False) -> dict[str, Any] | None:
-    """The options, where this XLA has them.
-
-    Args:
-        once: Whether the program will run once or twice.
-        often: Whether it will run thousands of times, or loops as often.
-    """
+    """Return the options for a program that runs `once`, `often` or in between, where this XLA has them."""
     if jax.default_backend() != "cpu":
         return None
     wanted = ONCE if once else OFTEN if often else FAST
     try:
         jax.jit(lambda x: x + 1, compiler_options=wanted)(0.0)
-    except Exception:  # noqa: BLE001 - of many classes, by version; without these options all is right, but slow
+    except Exception:  # noqa: BLE001 - its class depends on the version; without these options all is right, but slow
         return None
     return wanted
 
 
 @cache
 def keep_programs() -> Path | None:
-    """Have JAX keep what it compiles from now on; of whatever begins with single operations, the first line.
+    """Have JAX store what it compiles from now on; any work that begins with single operations calls this first.
 
     Returns:
-        The folder that is ours; None if there is none. Of two folders, one told to us and one to JAX, each is used.
+        The folder of this package; None if there is none. If JAX has a folder of its own too, both are used.
     """
-    said, theirs = os.environ.get(FOLDER, ""), getattr(jax.config, "jax_compilation_cache_dir", None)
-    if said.lower() in ("off", "0", "no") or (theirs is not None and not said):
+    named, jax_folder = os.environ.get(FOLDER, ""), getattr(jax.config, "jax_compilation_cache_dir", None)
+    if named.lower() in ("off", "0", "no") or (jax_folder is not None and not named):
         return None
-    folder = (Path(said).expanduser() / CACHE_SUBFOLDER if said else _user_folder()) / _machine()
+    folder = (Path(named).expanduser() / CACHE_SUBFOLDER if named else _user_folder()) / _machine()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _prune(folder.parent)
     except OSError:
         # A home that cannot be written to costs time, and nothing else.
         return None
-    if theirs is None:
+    if jax_folder is None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
     return folder
 
 
 def make_room() -> bool:
-    """Let go of programs of earlier fits and studies where these have taken much of what a process may have.
+    """Drop programs of earlier fits and studies if they have taken much of what a process may have; True if they were.
 
-    To be called before long work. What is needed again is found in the folder, or compiled again.
-
-    Returns:
-        Whether they were let go.
+    To be called before long work. Any program that is needed again is found in the folder, or compiled again.
     """
     try:
         allowed = int(ALLOWED.read_text(encoding="ascii"))
@@ -138,7 +131,7 @@ def make_room() -> bool:
         return False
     if mapped < MAPPED * allowed:
         return False
-    log.debug("%d of %d memory mappings are taken: compiled programs are let go", mapped, allowed)
+    log.debug("%d of %d memory mappings are taken: compiled programs are dropped", mapped, allowed)
     jax.clear_caches()
     return True
 
@@ -150,29 +143,25 @@ def _user_folder() -> Path:
 
 
 def _machine() -> str:
-    """A name for processors that run the same programs: homes are shared, and instructions are not."""
-    said = [platform.machine(), platform.processor()]
-    try:
+    """Return a name for processors that run the same programs: homes are shared, and instructions are not."""
+    processor = [platform.machine(), platform.processor()]
+    with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-        said += [line for line in lines if line.startswith(("flags", "Features"))][:1]
-    except OSError:
-        pass
-    return hashlib.sha256("\n".join(said).encode()).hexdigest()[:12]
+        processor += [line for line in lines if line.startswith(("flags", "Features"))][:1]
+    return hashlib.sha256("\n".join(processor).encode()).hexdigest()[:12]
 
 
 def _prune(folder: Path) -> None:
-    found = []
+    files = []
     for file in folder.glob("*/*"):
-        try:
+        # Other processes prune too.
+        with suppress(OSError):
             status = file.stat()
-        except OSError:
-            continue
-        if not file.name.endswith((PROGRAM_ENDING, TRACE_ENDING)) or not file.is_file():
-            continue
-        found.append((max(status.st_atime, status.st_mtime), status.st_size, file))
-    left = sum(size for _, size, _ in found)
-    for _, size, file in sorted(found):
-        if left <= CACHE_LIMIT_BYTES:
+            if file.name.endswith((PROGRAM_ENDING, TRACE_ENDING)) and file.is_file():
+                files.append((max(status.st_atime, status.st_mtime), status.st_size, file))
+    total = sum(size for _, size, _ in files)
+    for _, size, file in sorted(files):
+        if total <= CACHE_LIMIT_BYTES:
             return
         file.unlink(missing_ok=True)
-        left -= size
+        total -= size

@@ -1,4 +1,4 @@
-"""The one exception for bad input: a sentence that names the thing and the remedy."""
+"""Exception for bad input: a sentence that names the thing and the remedy."""
 
 
 class InputError(ValueError):

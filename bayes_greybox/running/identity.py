@@ -1,15 +1,15 @@
-"""What a trace depends on, in one name: two programs with the same name are the same program, or neither has one.
+"""Name of all that a trace depends on: two programs with the same name are the same program, or neither has one.
 
-A trace taken for another one would give wrong posteriors and say nothing. So the name is a digest of all that a trace
-is made of, stated in one way only; where something of it cannot be stated, there is no name, and nothing is kept:
+A trace taken for another one would give wrong posteriors without a sign. So the name is a digest of all that a trace
+is made of, stated in one way only; where something of it cannot be stated, there is no name, and nothing is stored:
 
-    the source of this package, and versions of what it calls
-    what its modules hold in memory: constants, and where functions come from
-    what the program is called, and its static settings
-    shapes and types of its arguments, and what is static in them
+    the source of this package, and versions of the libraries that it calls
+    the content of its modules in memory: constants, and the origin of functions
+    the name of the program, and its static settings
+    shapes and types of its arguments, and their static parts
     configuration of JAX and NumPyro, the backend
 
-What no name can see is a function of JAX or NumPyro that was replaced in memory.
+No name can reflect a function of JAX or NumPyro that was replaced in memory.
 """
 
 import functools
@@ -41,33 +41,33 @@ LIBRARIES = (
     "optimistix",
     "threadpoolctl",
 )
-"""What traces call: of other versions they are others."""
+"""Libraries that traces call: with other versions they are other traces."""
 
 PLAINER = ("annotated_types", "beartype", "jaxtyping")
-"""What only says what may be given."""
+"""Libraries that only restrict arguments."""
 
 TRUSTED = {PACKAGE, *LIBRARIES, *PLAINER, *sys.stdlib_module_names} - {"unittest"}
-"""Where functions come from whose versions or source the name has."""
+"""Modules of functions whose versions or source are part of the name."""
 
 FRESH = 2.0
-"""Seconds by which clocks of files may be off."""
+"""Seconds by which clocks of files may differ."""
 
 PLAIN_TYPES = (type(None), bool, int, float, complex, str, bytes)
 
 
 class Unkept(Exception):
-    """Something that cannot be stated, and what."""
+    """Something that cannot be stated."""
 
 
 def name_of(name: str, modules: tuple[str, ...], identity: Any, leaves: list[Any], tree: Any) -> str | None:
-    """A digest of all that the trace of a program depends on; None where that is not certain.
+    """Return a digest of all that the trace of a program depends on; None if that is not certain.
 
     Args:
-        name: Of the program, within the package.
-        modules: Where its function is defined, and modules and packages that its trace runs through.
-        identity: What the function holds beside its arguments.
-        leaves: Of its arguments.
-        tree: Of its arguments, as `jax.tree.flatten` says it.
+        name: Name of the program, within the package.
+        modules: Module of its function, and modules and packages that its trace runs through.
+        identity: Everything that the function depends on beside its arguments.
+        leaves: Leaves of its arguments.
+        tree: Structure of its arguments, from `jax.tree.flatten`.
     """
     try:
         if any(module.partition(".")[0] != PACKAGE for module in modules):
@@ -75,7 +75,7 @@ def name_of(name: str, modules: tuple[str, ...], identity: Any, leaves: list[Any
         facts = (
             name,
             modules,
-            told(identity),
+            stated(identity),
             structure(tree),
             tuple(map(_shape, leaves)),
             sources(),
@@ -91,12 +91,12 @@ def _refused(value: Any) -> Any:
     raise Unkept(type(value))
 
 
-def told(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
-    """A value in tuples, words and numbers whose `repr` no other value has.
+def stated(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
+    """Return a value in tuples, words and numbers whose `repr` no other value has.
 
     Args:
         value: Plain values, arrays of NumPy, frozen dataclasses of this package, and collections of such.
-        other: What to say of anything else; by default it is refused.
+        other: Function for values of other kinds; by default they are refused.
 
     Raises:
         Unkept: There is something else in it.
@@ -108,22 +108,22 @@ def told(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
         digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
         return kind.__name__, value.dtype.str, value.shape, digest
     if kind in (tuple, list) or (isinstance(value, tuple) and _is_ours(kind)):
-        return kind.__qualname__, *(told(each, other) for each in parts)
+        return kind.__qualname__, *(stated(each, other) for each in parts)
     if kind is dict:
-        return "dict", *((told(key, other), told(each, other)) for key, each in parts.items())
+        return "dict", *((stated(key, other), stated(each, other)) for key, each in parts.items())
     if kind in (set, frozenset):
-        return kind.__name__, *sorted((told(each, other) for each in parts), key=repr)
+        return kind.__name__, *sorted((stated(each, other) for each in parts), key=repr)
     if is_dataclass(value) and _is_ours(kind):
-        own = ((field.name, told(getattr(value, field.name), other)) for field in fields(value))
-        return kind.__module__, kind.__qualname__, *own
+        attributes = ((field.name, stated(getattr(value, field.name), other)) for field in fields(value))
+        return kind.__module__, kind.__qualname__, *attributes
     return other(value)
 
 
 def structure(tree: Any) -> Any:
-    """The same of what JAX takes as the structure of arguments, in which the static fields of dataclasses are.
+    """State what JAX takes as the structure of arguments, in which the static fields of dataclasses are.
 
     Raises:
-        Unkept: There is something in it that `told` refuses.
+        Unkept: There is something in it that `stated` refuses.
     """
     data = tree.node_data()
     if data is None:
@@ -131,32 +131,32 @@ def structure(tree: Any) -> Any:
     kind, static = data
     if kind not in (tuple, list, dict, type(None)) and not _is_ours(kind):
         raise Unkept(kind)
-    return kind.__module__, kind.__qualname__, told(static), *map(structure, tree.children())
+    return kind.__module__, kind.__qualname__, stated(static), *map(structure, tree.children())
 
 
 def _is_ours(kind: type) -> bool:
-    """Whether a class is the one of this package under its name."""
+    """Return True if a class is the one of this package under its name."""
     if kind.__module__.partition(".")[0] != PACKAGE:
         return False
     return vars(sys.modules.get(kind.__module__, object)).get(kind.__qualname__) is kind
 
 
 def _shape(leaf: Any) -> Any:
-    known = jax.typeof(leaf)
-    if not isinstance(known.dtype, np.dtype):
-        raise Unkept(known)  # keys of random numbers that have a type of their own
+    kind = jax.typeof(leaf)
+    if not isinstance(kind.dtype, np.dtype):
+        raise Unkept(kind)  # keys of random numbers that have a type of their own
     if isinstance(leaf, jax.Array) and len(leaf.sharding.device_set) > 1:
         raise Unkept(leaf.sharding)
-    return known.shape, known.dtype.name, known.weak_type
+    return kind.shape, kind.dtype.name, kind.weak_type
 
 
 def sources() -> Any:
-    """Of this package its source, of NumPyro, which may be installed from a checkout, when its files were changed.
+    """Return a digest of this package's source, and the files of NumPyro, which may be installed from a checkout.
 
     Raises:
-        Unkept: A file is younger than what this process may have read of it.
+        Unkept: A file is younger than the version of it that this process may have read.
     """
-    # The name of the file that is read, and no older one, was stated when the package was imported.
+    # The package recorded the time of its import.
     since = getattr(sys.modules[PACKAGE], "_SINCE", 0.0) - FRESH
     ours = tuple(_files(Path(__file__).parents[1]))
     numpyro = sys.modules.get("numpyro")
@@ -167,12 +167,12 @@ def sources() -> Any:
 
 
 def _files(folder: Path) -> Iterator[tuple[str, int, int, float]]:
-    """Path, size, nanosecond of the last change as it says, and second of it as the system says, of all source."""
+    """Yield path, size, nanosecond of the last change, and second of it by the system, of all source files."""
     with os.scandir(folder) as entries:
         for entry in sorted(entries, key=lambda entry: entry.name):
             if entry.name.endswith(".py"):
-                found = entry.stat()
-                yield entry.path, found.st_size, found.st_mtime_ns, max(found.st_ctime, found.st_mtime)
+                status = entry.stat()
+                yield entry.path, status.st_size, status.st_mtime_ns, max(status.st_ctime, status.st_mtime)
             elif entry.is_dir() and entry.name != "__pycache__":
                 yield from _files(Path(entry.path))
 
@@ -187,7 +187,7 @@ def _contents(paths: tuple[str, ...], _: Any) -> str:
 
 
 def in_memory(modules: tuple[str, ...]) -> Iterator[Any]:
-    """What modules hold: constants, kernels, and of functions and classes where they come from.
+    """Yield the content of modules: constants, kernels, and the origin of functions and classes.
 
     A constant that was set to another value, or a function that was replaced, makes a program another one.
 
@@ -200,26 +200,26 @@ def in_memory(modules: tuple[str, ...]) -> Iterator[Any]:
     within = tuple(f"{name}." for name in modules)
     for name, each in sorted(sys.modules.items()):
         if name in modules or name.startswith(within):
-            # Which modules of a package were imported, it holds too.
-            held = (
+            # A package also has its imported modules as attributes, which depend on what ran before.
+            content = (
                 (k, v)
                 for k, v in sorted(vars(each).items())
                 if k[:2] != "__" and sys.modules.get(f"{name}.{k}") is not v
             )
-            yield name, *((key, _held(value, name)) for key, value in held)
+            yield name, *((key, _content(value, name)) for key, value in content)
 
 
-def _held(value: Any, module: str) -> Any:
-    """What is said of something in a module, or in a class that is defined there."""
+def _content(value: Any, module: str) -> Any:
+    """State an attribute of a module, or of a class that is defined there."""
     if isinstance(value, ModuleType):
         return "module", value.__name__
     if isinstance(value, type):
         return _class(value, module)
     if isinstance(value, property):
-        return "property", *(_held(each, module) for each in (value.fget, value.fset))
+        return "property", *(_content(each, module) for each in (value.fget, value.fset))
     if isinstance(value, staticmethod | classmethod):
-        return type(value).__name__, _held(value.__func__, module)
-    return told(value, lambda each: _function(each, module))
+        return type(value).__name__, _content(value.__func__, module)
+    return stated(value, lambda each: _function(each, module))
 
 
 def _class(kind: type, module: str) -> Any:
@@ -227,17 +227,17 @@ def _class(kind: type, module: str) -> Any:
     named = ("class", kind.__module__, kind.__qualname__)
     if kind.__module__ != module:
         return named
-    # Python writes these methods for dataclasses, and the rest with two underscores for itself.
-    own = ((key, each) for key, each in vars(kind).items() if isinstance(each, FunctionType) or key[:2] != "__")
-    return *named, *((key, _held(each, "")) for key, each in own)
+    # Methods with two underscores may be written by hand; Python adds other such attributes for itself.
+    parts = ((key, each) for key, each in vars(kind).items() if isinstance(each, FunctionType) or key[:2] != "__")
+    return *named, *((key, _content(each, "")) for key, each in parts)
 
 
 def _function(value: Any, module: str) -> Any:
     if isinstance(value, functools.partial):
-        return "partial", *(_held(each, module) for each in (value.func, value.args, value.keywords))
+        return "partial", *(_content(each, module) for each in (value.func, value.args, value.keywords))
     if isinstance(value, FunctionType):
         _trust(value.__module__)
-        cells = tuple(_held(cell.cell_contents, "") for cell in value.__closure__ or ())
+        cells = tuple(_content(cell.cell_contents, "") for cell in value.__closure__ or ())
         return "function", value.__module__, value.__qualname__, value.__code__.co_firstlineno, cells
     if not isinstance(value, BuiltinFunctionType):
         _trust(type(value).__module__)
@@ -246,18 +246,18 @@ def _function(value: Any, module: str) -> Any:
 
 
 def _trust(module: str | None) -> None:
-    # A function that was made of a text may say of no module that it is from there.
+    # A function made by `exec` may have no module.
     if module is None or module.partition(".")[0] not in TRUSTED:
         raise Unkept(module)
 
 
 def surroundings() -> Any:
-    """Versions, the backend, and settings of JAX and NumPyro.
+    """Return versions, the backend, and settings of JAX and NumPyro.
 
     Raises:
         Unkept: A program runs inside a handler of NumPyro, which may change what it does.
     """
-    # A library that says another version than the one that was installed is a checkout.
+    # A library whose version differs from the installed one is a checkout.
     loaded = [str(getattr(sys.modules.get(name), "__version__", None)) for name in LIBRARIES[:4]]
     versions = *loaded, *map(_installed, LIBRARIES)
     primitives, distributions = (sys.modules.get(f"numpyro.{name}") for name in ("primitives", "distributions"))
@@ -276,13 +276,13 @@ def _installed(library: str) -> str:
 
 
 def settings() -> Any:
-    """JAX's configuration, but for where it keeps what.
+    """Return JAX's configuration, except for the folders of its caches.
 
     Raises:
         Unkept: Something in it has no name but an address.
     """
     config: Any = jax.config
-    found = [(key, repr(getattr(config, key, value))) for key, value in config.values.items() if "cache" not in key]
-    if any(" at 0x" in said for _, said in found):
+    values = [(key, repr(getattr(config, key, value))) for key, value in config.values.items() if "cache" not in key]
+    if any(" at 0x" in text for _, text in values):
         raise Unkept("configuration")
-    return tuple(found)
+    return tuple(values)

@@ -1,6 +1,6 @@
-"""Limits of the fields of a class: stated once, in the types of the fields.
+"""Limits of the fields of a class, stated once, in the types of the fields.
 
-A class refuses what is beyond them when it is made; the sections of configuration files and the tables of catalogues
+A class refuses values beyond them when it is made; the sections of configuration files and the tables of catalogues
 are derived from the same types.
 """
 
@@ -17,18 +17,18 @@ from .errors import InputError
 
 @dataclass(frozen=True)
 class OneOf:
-    """A limit: one of the keys of a registry, whatever it holds when a value is checked."""
+    """Limit: one of the keys of a registry, as they are when a value is checked."""
 
     known: Mapping[str, Any] = field(repr=False)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """A limit with a sentence of its own.
+    """Limit with a sentence of its own.
 
     Attributes:
-        holds: Whether a value keeps to it.
-        words: What is asked for, to follow the value in a sentence: "should be ...".
+        holds: Function that returns True if a value keeps to the limit.
+        words: Message that follows the value in a sentence: "should be ...".
     """
 
     holds: Callable[[Any], bool] = field(repr=False)
@@ -44,7 +44,7 @@ Probability = Annotated[float, Gt(0), Lt(1)]
 
 
 def is_finite(value: Any) -> bool:
-    """Whether something is one finite number."""
+    """Return True if a value is one finite number."""
     if isinstance(value, str | bytes | bool):
         return False
     try:
@@ -57,14 +57,14 @@ def require_limits(part: object) -> None:
     """Refuse an object with a field beyond its limits.
 
     Raises:
-        InputError: The first such field, its value and what it must be.
+        InputError: The first such field, its value and the limit.
     """
     for name, value, words in beyond_limits(part):
         raise InputError(f"{type(part).__name__}({name}={value!r}) {words}.")
 
 
 def beyond_limits(part: object) -> Iterator[tuple[str, Any, str]]:
-    """Fields of an object that are beyond the limits of their types: name, value, and what is wrong with it."""
+    """Yield the fields of an object that are beyond the limits of their types: name, value, and message."""
     for name, hint in get_type_hints(type(part), include_extras=True).items():
         value = getattr(part, name)
         for limit in _limits(hint) if value is not None else ():
@@ -74,7 +74,7 @@ def beyond_limits(part: object) -> Iterator[tuple[str, Any, str]]:
 
 
 def _limits(hint: Any) -> Iterator[Any]:
-    """What a type asks of its values, through the alternatives of a union and the type that is annotated."""
+    """Yield the limits in a type, through the alternatives of a union and annotations."""
     origin = get_origin(hint)
     if origin is Literal:
         yield OneOf(dict.fromkeys(get_args(hint)))
@@ -87,7 +87,7 @@ def _limits(hint: Any) -> Iterator[Any]:
 
 
 def _broken(limit: Any, value: Any) -> str | None:
-    """What is wrong with a value, if it is beyond a limit."""
+    """Return the message on a value beyond a limit; None if it keeps to the limit."""
     match limit:
         case OneOf(known):
             return None if value in known else f"is not one of {', '.join(map(repr, known))}"
@@ -107,5 +107,5 @@ def _compared(comparison: Callable[[], Any]) -> bool:
     try:
         return bool(comparison())
     except TypeError:
-        # What cannot be compared with a number is beyond every limit.
+        # A value that cannot be compared with a number is beyond every limit.
         return False

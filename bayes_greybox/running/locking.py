@@ -1,7 +1,7 @@
-"""Folders that one process at a time writes to.
+"""Locks on folders, so that one process at a time writes to them.
 
-The system holds the lock and gives it back when a process ends, however it ends: no file that a dead process left can
-block a living one. The file only says whose lock it is, which packages for locks do not tell.
+The system holds the lock and releases it when a process ends, however it ends: no file that a dead process left can
+block a living one. The file only names the owner of the lock, which packages for locks do not.
 """
 
 import errno
@@ -20,44 +20,40 @@ except ImportError:  # Windows
     fcntl = None
 
 LOCK = ".lock"
-"""File in the folder, while it is locked."""
+"""Name of the file in a locked folder."""
 
 NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
-"""What file systems say that have no locks."""
+"""Error numbers of file systems without locks."""
 
 log = logging.getLogger(__name__)
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder; on a file system without locks nothing is held.
-
-    Args:
-        folder: The folder, which is there.
+    """Lock a folder that exists; on a file system without locks nothing is locked.
 
     Raises:
         InputError: Another process holds it, or this one already.
         OSError: The folder cannot be written to.
     """
-    handle = _held(folder)
+    handle = _lock(folder)
     try:
         yield
     finally:
-        # Removed while it is held, so that nobody takes a lock on a file without a name; Windows removes none that is
-        # open, and leaves it.
+        # Removed under the lock, so that nobody locks a file without a name; Windows keeps files that are open.
         with suppress(OSError):
             (folder / LOCK).unlink()
         os.close(handle)
 
 
-def _held(folder: Path) -> int:
-    """The open file on which the lock is."""
+def _lock(folder: Path) -> int:
+    """Take the lock, and return its open file."""
     path = folder / LOCK
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
             _take(handle)
-            # Between opening and taking it another process may have removed the file with its own lock.
+            # Between opening and locking, another process may have removed the file with its own lock.
             with suppress(FileNotFoundError):
                 if os.path.samestat(os.fstat(handle), os.stat(path)):
                     os.truncate(handle, 0)
@@ -67,11 +63,11 @@ def _held(folder: Path) -> int:
             if error.errno in NO_LOCKS:
                 log.warning("no other process must write to %s, whose file system has no locks", folder)
                 return handle
-            said = _holder(path)
+            owner = _owner(path)
             os.close(handle)
             if isinstance(error, BlockingIOError | PermissionError):
                 raise InputError(
-                    f'"{folder}" is being written to by another process{said}: wait until it is done, stop it, or '
+                    f'"{folder}" is being written to by another process{owner}: wait until it is done, stop it, or '
                     "choose another folder."
                 ) from None
             raise
@@ -87,9 +83,9 @@ def _take(handle: int) -> None:
     msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
 
 
-def _holder(path: Path) -> str:
+def _owner(path: Path) -> str:
     try:
-        said = path.read_text(encoding="utf-8").strip()
+        owner = path.read_text(encoding="utf-8").strip()
     except OSError:
         return ""
-    return f" ({said})" if said else ""
+    return f" ({owner})" if owner else ""

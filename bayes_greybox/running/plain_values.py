@@ -8,7 +8,7 @@ import pandas as pd
 
 
 def plain_values(value: Any) -> Any:
-    """Values that JSON can hold; numbers that are not finite become None."""
+    """Return values that JSON can hold; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {str(key): plain_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -18,5 +18,5 @@ def plain_values(value: Any) -> Any:
 
 
 def plain_rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """A table as records, its index as their first entries."""
+    """Return a table as records that begin with its index."""
     return plain_values(table.reset_index().to_dict("records"))

@@ -1,36 +1,37 @@
 """Many tasks of one kind: one after another, in processes of this machine, or on the workers of a Dask scheduler.
 
-A task is a function of plain values, so that it can go to another process. What comes of it does not depend on where it
-ran. A worker that dies costs its task, which another worker begins again.
+A task is a function of plain values, so that it can go to another process. Its result does not depend on where it
+runs. A worker that dies costs its task, which another worker begins again.
 """
 
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Any
 from uuid import uuid4
 
 from bayes_greybox.running.errors import InputError
 
 DEATHS = 3
-"""Workers that may die over one task before it is given up: what kills every worker is the task's own fault."""
+"""Workers that may die over one task before it is given up: a task that kills every worker is itself at fault."""
 
 SCHEDULER_LOST = "The Dask scheduler was lost before this was done; start one again, and give it what is left."
-"""Why tasks failed that were not done when the scheduler went."""
+"""Failure of tasks that were not done when the scheduler was lost."""
 
 WORKERS = 20
-"""Seconds that a scheduler's first worker is waited for."""
+"""Seconds of waiting for a scheduler's first worker."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """What came of a task.
+    """Outcome of a task.
 
     Attributes:
-        name: Of the task.
-        result: What it returned; None where it failed.
-        failed: Why it failed, in one sentence; empty where it did not.
+        name: Name of the task.
+        result: Its return value; None if it failed.
+        failed: Reason of a failure, in one sentence; empty otherwise.
     """
 
     name: str
@@ -45,10 +46,10 @@ def run_tasks(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Generator[Done, None, None]:
-    """Run a function on many arguments; what is done comes as it is done.
+    """Run a function on many arguments, and yield each result as soon as it is there.
 
     Args:
-        function: Of a module, so that a worker finds it.
+        function: Function of a module, so that a worker finds it.
         tasks: Its arguments by the name of the task.
         workers: Processes of this machine; by default as many as it has cores, where Dask is there, else one. With one
             tasks run here, one after another.
@@ -70,17 +71,28 @@ def run_tasks(
         for name, arguments in tasks.items():
             yield _done(name, lambda arguments=arguments: function(*arguments))
         return
-    with ExitStack() as open_:
-        yield from _on_workers(open_, function, tasks, workers, scheduler)
+    with ExitStack() as stack:
+        client, as_completed = _client(stack, workers, scheduler)
+        try:
+            futures = {
+                # A scheduler serves others too: under a common key it would return the result of another's task.
+                client.submit(function, *arguments, key=f"{name}-{uuid4().hex}", pure=False): name
+                for name, arguments in tasks.items()
+            }
+        except TypeError as error:
+            raise InputError(
+                "Workers cannot be sent what they are to do: give functions of a module, which hold no open file, lock "
+                "or connection, or leave workers and scheduler out."
+            ) from error
+        for future in as_completed(futures):
+            done = _done(futures[future], future.result)
+            # Only a client whose scheduler is gone cancels tasks; results that came before stay valid.
+            yield Done(done.name, failed=SCHEDULER_LOST) if done.failed and future.cancelled() else done
+            future.release()
 
 
-def _on_workers(
-    open_: ExitStack,
-    function: Callable[..., Any],
-    tasks: Mapping[str, Sequence[Any]],
-    workers: int | None,
-    scheduler: str | None,
-) -> Generator[Done, None, None]:
+def _client(stack: ExitStack, workers: int | None, scheduler: str | None) -> tuple[Any, Any]:
+    """Connect to workers until the stack ends; return the client and Dask's `as_completed`."""
     if not _has_dask():
         raise InputError(
             'Several workers need Dask: pip install ".[distributed]" in the checkout, or give --workers 1.'
@@ -88,23 +100,15 @@ def _on_workers(
     from dask.config import set as configured
     from distributed import Client, LocalCluster, as_completed
 
-    open_.enter_context(configured({"distributed.scheduler.allowed-failures": DEATHS}))
+    stack.enter_context(configured({"distributed.scheduler.allowed-failures": DEATHS}))
+    place: Any = scheduler
     if scheduler is None:
         # One task at a time in each process: a study has threads of its own. Memory is the machine's to watch.
-        place: Any = open_.enter_context(
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                memory_limit=0,
-                dashboard_address="127.0.0.1:0",
-                silence_logs=50,
-            )
-        )
-    else:
-        place = scheduler
+        options = {"threads_per_worker": 1, "processes": True, "memory_limit": 0, "silence_logs": 50}
+        cluster = LocalCluster(n_workers=workers, dashboard_address="127.0.0.1:0", **options)
+        place = stack.enter_context(cluster)
     try:
-        client = open_.enter_context(Client(place, timeout=5))
+        client = stack.enter_context(Client(place, timeout=5))
         if scheduler is not None:
             client.wait_for_workers(1, timeout=WORKERS)
     except TimeoutError:
@@ -113,30 +117,11 @@ def _on_workers(
         raise InputError(
             f"No Dask scheduler answers at {scheduler!r} ({error}); start one with dask scheduler."
         ) from None
-    try:
-        futures = {
-            # A scheduler serves others too: a key that is not ours alone would bring what was another's.
-            client.submit(function, *arguments, key=f"{name}-{uuid4().hex}", pure=False): name
-            for name, arguments in tasks.items()
-        }
-    except TypeError as error:
-        raise InputError(
-            "Workers cannot be sent what they are to do: give functions of a module, which hold no open file, lock or "
-            "connection, or leave workers and scheduler out."
-        ) from error
-    for future in as_completed(futures):
-        done = _done(futures[future], future.result)
-        # Nobody cancels but a client whose scheduler is gone, and what was done is as good as before.
-        yield Done(done.name, failed=SCHEDULER_LOST) if done.failed and future.cancelled() else done
-        future.release()
+    return client, as_completed
 
 
 def _has_dask() -> bool:
-    try:
-        import distributed  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    return find_spec("distributed") is not None
 
 
 def _done(name: str, result: Callable[[], Any]) -> Done:

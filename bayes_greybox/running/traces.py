@@ -1,19 +1,20 @@
-"""Programs whose traces are kept, too: in a process that finds its programs compiled, half of the wait is tracing.
+"""Programs whose traces are stored, too: in a process that finds its programs compiled, half of the wait is tracing.
 
-A trace lies beside what was compiled of it, in a format of JAX's own (`jax.export`): a program without any code of
+A trace lies beside its compiled program, in a format of JAX's own (`jax.export`): a program without any code of
 Python, so that no file of the folder can make Python run something. It bears the name of all that it depends on, see
-`identity`; where that is not certain, or a trace cannot be written down, a program is traced as ever.
+`identity`; where that is not certain, or a trace cannot be written down, a program is traced as usual.
 
-Nothing is kept while shapes are checked, which happens in traces, and none of ours goes into a folder that only JAX
-was told of.
+Nothing is stored while shapes are checked, which happens in traces, and nothing of this package goes into a folder
+that only JAX has.
 """
 
 import hashlib
 import logging
 import os
-import tempfile
+import secrets
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -28,12 +29,12 @@ CHECKED = "BAYES_GREYBOX_TYPECHECK"
 """Environment variable: "1" has shapes and types checked."""
 
 SAMPLER = ("model", "inference.sampler")
-"""Where what a sampler traces is."""
+"""Modules and packages that a sampler traces through."""
 
 DIGEST = hashlib.sha256().digest_size
 
 LAPACK = "potrf geqrf geqp3 orgqr ormqr syevd geev gesdd getrf sytrd gehrd trsm gtsv".split()
-"""Routines that a trace may call by name: JAX promises some of them for years, and a name here is for one version."""
+"""Routines that a trace may call by name: JAX promises some of them for years, and a trace is for one version."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -43,14 +44,14 @@ log = logging.getLogger(__name__)
 def kept(
     function: Function, identity: Any, name: str, *, once: bool = False, rooms: tuple[str, ...] = SAMPLER
 ) -> Function:
-    """`compiled`, with the trace kept for later processes.
+    """Return `compiled`, with the trace stored for later processes.
 
     Args:
-        function: What to compile. Its positional arguments are pytrees of arrays, what it returns are arrays in
+        function: Function to compile. Its positional arguments are pytrees of arrays, its results are arrays in
             dicts, lists and tuples, and beside its arguments it depends on nothing but `identity`.
-        identity: What it depends on, of values that `identity.told` takes; None: keep no trace.
-        name: Of the program, in the package.
-        once: Whether it will run once or twice.
+        identity: Everything that it depends on, of values that `identity.stated` takes; None: store no trace.
+        name: Name of the program, in the package.
+        once: True if it will run once or twice.
         rooms: Modules and packages of ours that it is traced through, besides its own.
     """
     plain = compiled(function, once=once)
@@ -71,22 +72,22 @@ def kept(
         with one_at_a_time:
             program = programs.get(key)
             if program is None:
-                found = _found(function, identity, name, once, rooms, leaves, tree)
+                traced = _from_trace(function, identity, name, once, rooms, leaves, tree)
                 try:
-                    done = plain(*args) if found is None else found(*leaves)
+                    result = plain(*args) if traced is None else traced(*leaves)
                 except Exception as error:  # noqa: BLE001 - whatever it is, a trace must not be the reason
-                    if found is None:
+                    if traced is None:
                         raise
                     log.debug("%s: the trace does not run (%s)", name, error)
-                    found, done = None, plain(*args)
-                programs[key] = plain if found is None else lambda *args: found(*jax.tree.leaves(args))
-                return done
+                    traced, result = None, plain(*args)
+                programs[key] = plain if traced is None else lambda *args: traced(*jax.tree.leaves(args))
+                return result
         return program(*args)
 
     return cast(Function, call)
 
 
-def _found(
+def _from_trace(
     function: Callable[..., Any],
     identity: Any,
     name: str,
@@ -95,7 +96,7 @@ def _found(
     leaves: list[Any],
     tree: Any,
 ) -> Callable[..., Any] | None:
-    """The program from its trace, of the leaves of its arguments; None where it has none."""
+    """Return the program from its trace, of the leaves of its arguments; None if it has none."""
     from jax import export
 
     folder = keep_programs()
@@ -105,14 +106,14 @@ def _found(
         log.debug("%s: no trace is kept", name)
         return None
     file = folder / f"{key}{TRACE_ENDING}"
-    trace = _read(file, key)
+    trace = _stored(file, key)
     log.debug("%s: %s", name, "traced now" if trace is None else "the trace was kept")
     if trace is None:
         try:
             content = bytes(_traced(function, leaves, tree).serialize())
-            # What later processes will read, so that all run the same.
+            # As later processes will read it, so that all run the same program.
             trace = export.deserialize(bytearray(content))
-        except Exception as error:  # noqa: BLE001 - of many classes; the program as it is says what is wrong with it
+        except Exception as error:  # noqa: BLE001 - of many classes; a real fault shows when the program itself runs
             log.debug("%s: no trace can be kept (%s)", name, error)
             return None
         _write(file, key, content)
@@ -123,7 +124,7 @@ def _traced(function: Callable[..., Any], leaves: list[Any], tree: Any) -> Any:
     from jax import export
 
     def flat(*leaves: Any) -> Any:
-        # Whether a type is weak is not kept, and must not depend on which process asks.
+        # Traces do not store weak types, so that results must have none in any process.
         out = function(*jax.tree.unflatten(tree, leaves))
         return jax.tree.map(lambda leaf: jax.lax.convert_element_type(leaf, jnp.result_type(leaf)), out)
 
@@ -133,8 +134,8 @@ def _traced(function: Callable[..., Any], leaves: list[Any], tree: Any) -> Any:
     return export.export(jax.jit(flat), disabled_checks=allowed)(*shapes)
 
 
-def _read(file: Path, key: str) -> Any:
-    """A trace from its file; None where there is none, or something else."""
+def _stored(file: Path, key: str) -> Any:
+    """Read a trace from its file; None if there is none, or something else."""
     from jax import export
 
     try:
@@ -147,19 +148,16 @@ def _read(file: Path, key: str) -> Any:
 
 
 def _write(file: Path, key: str, content: bytes) -> None:
-    """Write a file that is there as a whole, or not."""
+    """Write a file as a whole, or not at all."""
+    # The part that a killed process leaves has an ending by which it is pruned some day.
+    part = file.with_name(f"{secrets.token_hex(8)}{TRACE_ENDING}")
     try:
-        # What a process that ends here leaves behind has an ending by which it is deleted some day.
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=TRACE_ENDING, delete=False) as opened:
-            opened.write(_digest(key, content) + content)
+        part.write_bytes(_digest(key, content) + content)
+        os.replace(part, file)
     except OSError as error:
         log.debug("a trace could not be written (%s)", error)
-        return
-    try:
-        os.replace(opened.name, file)
-    except OSError as error:
-        log.debug("a trace could not be written (%s)", error)
-        Path(opened.name).unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink()
 
 
 def _digest(key: str, content: bytes) -> bytes:

@@ -1,4 +1,4 @@
-"""Files that are whole or not there, whatever ends the process that writes them."""
+"""Files that exist as a whole or not at all, whatever ends the process that writes them."""
 
 import os
 import secrets
@@ -8,21 +8,15 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 PART_PREFIX = ".part-"
-"""How names begin of what is not whole yet, and of nothing else."""
+"""Beginning of the names of unfinished files and folders, and of no others."""
 
 
 @contextmanager
 def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A place beside a file to write it to: it is renamed when the block ends, or vanishes if that fails.
+    """Yield a path beside a file to write to: it is renamed when the block ends, or removed if the block fails.
 
-    What was in a file of that name stays until then. The content is on the disk before the name is, so that a machine
-    that loses its power leaves the old file or the new one too.
-
-    Args:
-        path: The file.
-
-    Yields:
-        A path in the same folder where nothing is yet.
+    An earlier file of that name stays until then. The content is on the disk before the name is, so that even a machine
+    that loses its power leaves the old file or the new one.
 
     Raises:
         OSError: The file cannot be written.
@@ -38,14 +32,10 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def put(part: Path, path: Path) -> None:
-    """Give a file that was written beside its destination its name.
-
-    Args:
-        part: The file, on the same file system.
-        path: Its destination; a file that is there is replaced.
+    """Rename a file that was written on the same file system to its destination, and replace any file there.
 
     Raises:
-        OSError: It cannot be.
+        OSError: It cannot be renamed.
     """
     with part.open("rb+") as written:
         os.fsync(written.fileno())
@@ -55,11 +45,7 @@ def put(part: Path, path: Path) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write all of a text or nothing of it, in UTF-8 and with the ends of lines that it has.
-
-    Args:
-        path: The file.
-        text: Its content.
+    """Write all of a text or nothing of it, in UTF-8 and with its own line ends.
 
     Raises:
         OSError: The file cannot be written.
@@ -69,10 +55,9 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove what killed processes left in a folder and in the folders in it, none of which is being written to.
+    """Remove the unfinished files of killed processes in a folder and in the folders in it.
 
-    Args:
-        folder: The folder.
+    None of them may still be written to.
     """
     for pattern in (f"{PART_PREFIX}*", f"*/{PART_PREFIX}*"):
         for left in list(folder.glob(pattern)):
@@ -84,7 +69,7 @@ def remove_parts(folder: Path) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Have the name on the disk too, where systems let one ask for that."""
+    """Write the name to the disk too, where systems allow it."""
     with suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

@@ -350,9 +350,9 @@ def test_the_rate_of_a_free_run_is_told_to_the_last_digit_and_code_is_not():
     for number in ("0.3", "0.30000000000000004"):
         simulation = simulation_of({"x": f"-{number}*x"}, ("x",), ())
         keys.append(whole_rate(simulation, {}, columns).identity)
-    assert identity.told(keys[0]) != identity.told(keys[1])
+    assert identity.stated(keys[0]) != identity.stated(keys[1])
     with pytest.raises(identity.Unkept):
-        identity.told(whole_rate(simulation_of(lambda t, x, u: -x, ("x",), ()), {}, columns).identity)
+        identity.stated(whole_rate(simulation_of(lambda t, x, u: -x, ("x",), ()), {}, columns).identity)
 
 
 @pytest.mark.parametrize(
@@ -360,15 +360,15 @@ def test_the_rate_of_a_free_run_is_told_to_the_last_digit_and_code_is_not():
     [(1, 1.0), (1, True), ("1", 1), ((1, 2), [1, 2]), ((1, (2, 3)), ((1, 2), 3)), (0.1, np.float64(0.1)), (0.0, -0.0)],
 )
 def test_different_values_are_told_apart(one, other):
-    assert repr(identity.told(one)) != repr(identity.told(other))
+    assert repr(identity.stated(one)) != repr(identity.stated(other))
 
 
 def test_long_arrays_are_told_whole():
     one, other = np.zeros(10_000), np.zeros(10_000)
     other[5_000] = 1e-9
-    assert identity.told(one) != identity.told(other)
+    assert identity.stated(one) != identity.stated(other)
     with pytest.raises(identity.Unkept):
-        identity.told(np.array([object()]))
+        identity.stated(np.array([object()]))
 
 
 def test_a_prior_of_the_users_own_is_never_kept(folder, monkeypatch):

@@ -156,7 +156,7 @@ def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[
 
 
 def clock_set_back(time: Float[np.ndarray, " n_row"], row: int) -> bool:
-    """Return True if stamps, in seconds, go back in a row by an hour less the usual step, as when clocks are set back."""
+    """Return True if stamps, in seconds, go back by an hour less the usual step, as when clocks are set back."""
     steps = np.diff(time[np.isfinite(time)])
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     return bool(abs(time[row - 1] - time[row] + usual - 3600.0) <= min(usual, 900.0))
