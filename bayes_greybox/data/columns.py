@@ -51,15 +51,8 @@ def require_mappings(**arguments: Any) -> None:
 def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
     """Subtract the first stamp from runs whose stamps are whole numbers of more digits than a float holds.
 
-    Args:
-        runs: Stamps of each run, as the user gave them.
-        names: Names of the runs.
-
     Returns:
         The stamps, and a remark for each such run.
-
-    Raises:
-        InputError: Stamps of complex numbers, or with a unit of their own.
     """
     arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
     long = [first_lost(stamps) is not None for stamps in arrays]
@@ -87,9 +80,7 @@ def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
 def number_runs(labels: Any, given: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the number of the run of each row, and the names of the runs.
 
-    Args:
-        labels: Numbers or names of runs; rows of a run lie together.
-        given: Names by number, or None for those of the rows in the order in which they come.
+    Labels are numbers or names of runs, whose rows lie together. Names may be given by number; None takes the labels.
     """
     if labels.isna().any():
         row = int(np.argmax(labels.isna().to_numpy()))

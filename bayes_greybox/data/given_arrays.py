@@ -13,12 +13,8 @@ NO_UNIT = ("", "dimensionless")
 def plain_array(values: Any, what: str) -> np.ndarray:
     """Return values as an array of their own type; if some are masked, as floats with NaN for these.
 
-    Args:
-        values: Values as the user passed them.
-        what: Name of the values, for the message.
-
     Raises:
-        InputError: Complex numbers; a unit of the values' own.
+        InputError: Complex numbers; a unit of the values' own. The message calls the values `what`.
     """
     kind, dtype = type(values), getattr(values, "dtype", None)
     if getattr(dtype, "kind", "") not in ("m", "M"):

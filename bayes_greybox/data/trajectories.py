@@ -21,7 +21,6 @@ from .columns import (
     derivative_label,
     name_runs,
     number_runs,
-    rate_unit,
     require_mappings,
     several,
     stack,
@@ -256,41 +255,16 @@ class Trajectories(CutRuns):
                 raise InputError("The data given as like=... were not differentiated: differentiate them first.")
             like.filter.require_steps({name: uniform_step(self.take(name).time, name) for name in self.run_names})
             return self.differentiate(**like.filter.settings)
-        result = differentiate(
-            self.time,
-            self.run,
-            self.run_names,
-            states=self.states,
-            inputs=self.inputs,
-            derivatives=self.derivatives,
-            settings=FilterSettings(
-                method=method or "savgol",
-                rates=dict(rates or {}),
-                window=window,
-                polyorder=polyorder,
-                band=band,
-                white_share=WHITE_SHARE if white_share is None else white_share,
-            ),
+        settings = FilterSettings(
+            method=method or "savgol",
+            rates=dict(rates or {}),
+            window=window,
+            polyorder=polyorder,
+            band=band,
+            white_share=WHITE_SHARE if white_share is None else white_share,
         )
-        units = dict(self.units)
-        for name, rate in (rates or {}).items():
-            unit = rate_unit(units.get(name), units.get("t"))
-            if unit is not None:
-                units[rate] = unit
-        return replace(
-            self,
-            time=self.time[result.rows],
-            run=self.run[result.rows],
-            states=result.states,
-            inputs=result.inputs,
-            derivatives=result.derivatives,
-            units=units,
-            noise=result.noise,
-            filter=result.filter,
-            dropped=self.dropped + self.n_obs - len(result.rows),
-            remarks=(*self.remarks, f"{result.filter.in_words}: {self.n_obs} rows to {len(result.rows)}"),
-            unseen=None if self.unseen is None else self.unseen[result.rows],
-        )
+        result, rows = differentiate(replace(self, unseen=None), settings)
+        return result if self.unseen is None else replace(result, unseen=self.unseen[rows])
 
     def metadata(self) -> dict[str, Any]:
         """Return the keyword arguments of `from_frame` as plain values: all that `to_frame` leaves out."""

@@ -30,9 +30,6 @@ NOISE_KINDS: dict[str, Any] = {
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     """Rebuild a noise from `RowNoise.to_dict`.
 
-    Args:
-        record: mapping with the key "kind" (one of `NOISE_KINDS`) and the fields of that kind.
-
     Raises:
         InputError: if the kind is unknown.
     """

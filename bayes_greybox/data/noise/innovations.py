@@ -30,13 +30,7 @@ class Path(NamedTuple):
 def gains(
     path: Path, r: Float[np.ndarray, "n n_output"], intensity: float
 ) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
-    """Return gains and variances of the innovations, sensor by sensor.
-
-    Args:
-        path: Propagation from sample to sample.
-        r: Variances of the sensors' noise.
-        intensity: λ of the force.
-    """
+    """Return gains and variances of the innovations, sensor by sensor, for noise variances r and intensity λ."""
     n = len(r)
     K, S = _gains(*_padded_path(path, n), _padded(r, n, 1.0), path.start_sd, intensity, outputs=path.outputs)
     return np.asarray(K)[:n], np.asarray(S)[:n]

@@ -189,12 +189,7 @@ class StateSpaceNoise(RowNoise):
 def transition(
     process: str, step: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "n d d"], Float[np.ndarray, "n d d"], Float[np.ndarray, "d d"]]:
-    """Return A, Q and the stationary covariance of a process of unit variance over steps in units of its time scale.
-
-    Args:
-        process: One of `PROCESSES`.
-        step: Time to the next row over τ.
-    """
+    """Return A, Q and the stationary covariance of a process of unit variance over steps in units of τ."""
     if process == "exponential":
         phi = np.exp(-step)
         return phi[:, None, None], -np.expm1(-2 * step)[:, None, None], np.eye(1)

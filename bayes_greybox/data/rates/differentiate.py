@@ -3,19 +3,21 @@
 Derivatives, states and inputs are filtered alike. `data.rates.rate_filter` says how the filter changes the true rate,
 and therefore every term of the equation. Rows at the edges, where a filter would invent samples, are dropped.
 
-The functions here take plain arrays; `Trajectories.differentiate` is the user's way in.
+`Trajectories.differentiate` is the user's way in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.columns import rate_unit
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.protocol import WHITE_SHARE, RowNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
+from bayes_greybox.data.runs.stacked import Runs
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.running.errors import InputError
 
@@ -31,6 +33,8 @@ from .filters import (
     step_slack,
 )
 from .rate_filter import RateFilter
+
+AnyRuns = TypeVar("AnyRuns", bound=Runs)
 
 WRAP_FACTOR = 3.0
 """A record whose last and first sample differ by more than this many largest steps is not periodic."""
@@ -56,87 +60,67 @@ class _Filter(NamedTuple):
     row_noise: Callable[[int], RowNoise]
 
 
-@dataclass(frozen=True, eq=False)
-class Differentiated:
-    """Filtered columns, added rates among the states, and the noise of the derivative rows by state.
-
-    Attributes:
-        rows: numbers of the rows that stay.
-    """
-
-    rows: Int[np.ndarray, " n_row"]
-    states: dict[str, Float[np.ndarray, " n_row"]]
-    inputs: dict[str, Float[np.ndarray, " n_row"]]
-    derivatives: dict[str, Float[np.ndarray, " n_row"]]
-    noise: dict[str, RowNoise]
-    filter: RateFilter
-
-
-def differentiate(
-    time: Float[np.ndarray, " n_obs"],
-    run: Int[np.ndarray, " n_obs"],
-    run_names: Sequence[str],
-    *,
-    states: Mapping[str, Float[np.ndarray, " n_obs"]],
-    inputs: Mapping[str, Float[np.ndarray, " n_obs"]],
-    derivatives: Mapping[str, Float[np.ndarray, " n_obs"]],
-    settings: FilterSettings,
-) -> Differentiated:
+def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int[np.ndarray, " n_row"]]:
     """Smooth every column and add the missing derivatives; see `Trajectories.differentiate`.
 
     Args:
-        time: time stamps, evenly spaced in each run.
-        run: number of the run of each row.
-        run_names: name of each run, for messages.
-        states: measured states.
-        inputs: measured inputs.
-        derivatives: measured derivatives and outputs, which are smoothed and not replaced.
-        settings: the differentiator.
+        data: Measured runs, each evenly spaced in time; their derivatives and outputs are smoothed, not replaced.
+        settings: The differentiator.
+
+    Returns:
+        The filtered data, and the numbers of the rows that stay.
 
     Raises:
         InputError: if the data or the settings do not fit.
     """
-    rates = settings.rates
-    _check_request(states, inputs, derivatives, rates)
+    rates, names = settings.rates, data.run_names
+    _check_request(data, rates)
     check_settings(settings.method, settings.window, settings.polyorder, settings.band)
-    blocks = [np.flatnonzero(run == i) for i in range(len(run_names))]
-    steps = [uniform_step(time[rows], name) for rows, name in zip(blocks, run_names, strict=True)]
-    missing = {name: values for name, values in states.items() if name not in derivatives}
+    blocks = [np.flatnonzero(data.run == i) for i in range(data.n_run)]
+    steps = [uniform_step(data.time[rows], name) for rows, name in zip(blocks, names, strict=True)]
+    missing = {name: values for name, values in data.states.items() if name not in data.derivatives}
     if settings.method == "spectral":
-        _check_periodic(missing, blocks, run_names)
-        applied = _spectral_filter(settings, blocks, steps, run_names)
+        _check_periodic(missing, blocks, names)
+        filtered = _spectral_filter(settings, blocks, steps, names)
     else:
-        applied = _window_filter(settings, blocks, steps, run_names, missing)
-    filtered = {name: applied.apply(values, 0) for name, values in states.items()}
-    rows = {name: applied.apply(values, 0) for name, values in derivatives.items()}
-    orders = dict.fromkeys(derivatives, 0)
+        filtered = _window_filter(settings, blocks, steps, names, missing)
+    states = {name: filtered.apply(values, 0) for name, values in data.states.items()}
+    derivatives = {name: filtered.apply(values, 0) for name, values in data.derivatives.items()}
+    orders, units = dict.fromkeys(derivatives, 0), dict(data.units)
     for name, values in missing.items():
-        rows[name], orders[name] = applied.apply(values, 1), 1
+        derivatives[name], orders[name] = filtered.apply(values, 1), 1
         if name in rates:
-            rate = rates[name]
-            filtered[rate] = rows[name]
-            rows[rate], orders[rate] = applied.apply(values, 2), 2
-    in_order = np.concatenate(blocks)
-    table = np.reshape([values[in_order] for values in states.values()], (len(states), len(in_order))).T
-    noise = sample_noise(time[in_order], table, [len(b) for b in blocks])
-    return Differentiated(
-        rows=applied.rows,
-        states=filtered,
-        inputs={name: applied.apply(values, 0) for name, values in inputs.items()},
-        derivatives=rows,
-        noise={name: applied.row_noise(order) for name, order in orders.items()},
-        filter=RateFilter(
-            method=settings.method,
-            window=applied.window,
-            polyorder=applied.polyorder,
-            band=settings.band,
-            white_share=settings.white_share,
-            rates=tuple(rates.items()),
-            orders=tuple(orders.items()),
-            steps=_different(steps),
-            sample_noise=tuple(zip(states, map(float, noise), strict=True)),
-        ),
+            rate, unit = rates[name], rate_unit(units.get(name), units.get("t"))
+            states[rate] = derivatives[name]
+            derivatives[rate], orders[rate] = filtered.apply(values, 2), 2
+            units |= {} if unit is None else {rate: unit}
+    noise = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
+    rate_filter = RateFilter(
+        method=settings.method,
+        window=filtered.window,
+        polyorder=filtered.polyorder,
+        band=settings.band,
+        white_share=settings.white_share,
+        rates=tuple(rates.items()),
+        orders=tuple(orders.items()),
+        steps=_different(steps),
+        sample_noise=tuple(zip(data.states, map(float, noise), strict=True)),
     )
+    rows = filtered.rows
+    result = replace(
+        data,
+        time=data.time[rows],
+        run=data.run[rows],
+        states=states,
+        inputs={name: filtered.apply(values, 0) for name, values in data.inputs.items()},
+        derivatives=derivatives,
+        units=units,
+        noise={name: filtered.row_noise(order) for name, order in orders.items()},
+        filter=rate_filter,
+        dropped=data.dropped + data.n_obs - len(rows),
+        remarks=(*data.remarks, f"{rate_filter.in_words}: {data.n_obs} rows to {len(rows)}"),
+    )
+    return result, rows
 
 
 def _spectral_filter(
@@ -227,12 +211,8 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     return step
 
 
-def _check_request(
-    states: Mapping[str, np.ndarray],
-    inputs: Mapping[str, np.ndarray],
-    derivatives: Mapping[str, np.ndarray],
-    rates: Mapping[str, str],
-) -> None:
+def _check_request(data: Runs, rates: Mapping[str, str]) -> None:
+    states, inputs, derivatives = data.states, data.inputs, data.derivatives
     for name, rate in rates.items():
         if name not in states:
             raise InputError(

@@ -7,10 +7,6 @@ from bayes_greybox.running.errors import InputError
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
     """Differentiate held-out data by the filter of the training data, unless their rates are known already.
 
-    Args:
-        test: Held-out data.
-        train: Training data.
-
     Raises:
         InputError: Rates that another filter computed; a table that was not read yet.
     """

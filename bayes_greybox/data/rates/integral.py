@@ -10,9 +10,6 @@ def running_integral(
 ) -> Float[np.ndarray, "k ..."]:
     """Integrate a rate from the first sample up to each time, by the cubic spline through the samples.
 
-    Args:
-        time: Times of one run, increasing.
-        rate: Rate at these times, or several along further axes.
-        at: Upper limits of the integral; the times of the samples by default.
+    The rate may have further axes; `at` are the upper limits, by default the times of the samples.
     """
     return CubicSpline(time, rate).antiderivative()(time if at is None else at)

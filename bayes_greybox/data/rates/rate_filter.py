@@ -114,22 +114,13 @@ class RateFilter:
         return smoothing_taps(self._taps(order), order)
 
     def noise_of_states(self, row_steps: Float[np.ndarray, " n_row"]) -> dict[str, float]:
-        """Return the standard deviation of the noise that the filter leaves in each state, RMS over rows.
-
-        Args:
-            row_steps: Sample spacing of the run of each row.
-        """
+        """Return the standard deviation of the noise that the filter leaves in each state, RMS over rows."""
         left = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
         size = float(np.linalg.norm(self._taps(1))) * self._per_step(row_steps, 1) if self.rates else 0.0
         return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
 
     def noise_of_rate(self, state: str, row_steps: Float[np.ndarray, " n_row"]) -> float:
-        """Return the standard deviation of a computed rate, RMS over rows; infinite for a smoothed measured rate.
-
-        Args:
-            state: State whose equation the rows are.
-            row_steps: Sample spacing of the run of each row.
-        """
+        """Return the standard deviation of a computed rate, RMS over rows; infinite for a smoothed measured rate."""
         order, noise = dict(self.orders)[state], dict(self.sample_noise)
         source = self.source(state)
         if order == 0 or source not in noise:
@@ -137,14 +128,7 @@ class RateFilter:
         return noise[source] * float(np.linalg.norm(self._taps(order))) * self._per_step(row_steps, order)
 
     def require_steps(self, steps: Mapping[str, float]) -> None:
-        """Refuse runs on which the window would last another time.
-
-        Args:
-            steps: Sample spacing by name of the run.
-
-        Raises:
-            InputError: A spacing that none of the filter's runs has.
-        """
+        """Refuse runs, by name, of a sample spacing at which the window would last another time."""
         for name, step in steps.items():
             if self.finite and not any(abs(step - own) <= STEP_TOLERANCE * own for own in self.steps):
                 raise InputError(

@@ -61,13 +61,7 @@ class SampleSpread:
 
     @classmethod
     def of(cls, columns: Columns, run_lengths: Sequence[int], noise: Mapping[str, float]) -> "SampleSpread":
-        """Return the spread of columns at all samples.
-
-        Args:
-            columns: Smoothed states and inputs.
-            run_lengths: Samples of each run.
-            noise: Standard deviation of each state's remaining noise; zero or not finite where it is unknown.
-        """
+        """Return the spread of smoothed columns; noise that is zero or not finite is unknown and left out."""
         ends = np.cumsum(run_lengths)[:-1]
         steps = {
             name: [np.diff(part) for part in np.split(np.asarray(column, float), ends)]

@@ -160,14 +160,10 @@ def may_have_lost(column: Any) -> bool:
 
 
 def with_digits(found: Any, words: Any) -> Any:
-    """Read numbers with missing cells among them with all their digits.
-
-    Args:
-        found: Numbers as floats.
-        words: Text from which they were read.
+    """Read the numbers in `words` again with all their digits, and with missing cells where `found` has them.
 
     Returns:
-        Whole numbers, missing where those are; the floats if they were not written as whole numbers.
+        Whole numbers; the floats `found` if the words are no whole numbers.
     """
     whole: Any = pd.to_numeric(words.where(found.notna()), errors="coerce", dtype_backend="numpy_nullable")
     return whole if whole.dtype.kind in "iu" and whole.isna().equals(found.isna()) else found

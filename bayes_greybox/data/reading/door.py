@@ -162,16 +162,7 @@ def _joined(
 
 
 def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[str, Any]) -> None:
-    """Refuse to compute rates that a source has, where they are computed later than it is read.
-
-    Args:
-        source: As in `read`.
-        rates: As in `read`.
-        settings: Further arguments of `read`.
-
-    Raises:
-        InputError: A column of that name, or a source that cannot be read.
-    """
+    """Refuse to compute rates that a source has, where they are computed later than it is read with these settings."""
     layout = layout_of(**{field.name: settings[field.name] for field in fields(Layout) if field.name in settings})
     _require_computed(rates, [read_source(each, layout) for _, each in listed(source)])
 
@@ -210,11 +201,7 @@ def layout_of(
 
 
 def named(columns: Columns, what: str) -> dict[str, str]:
-    """Return columns by name, from names alone or a mapping of name to column.
-
-    Args:
-        columns: Names, or a mapping.
-        what: Name of the argument, for messages.
+    """Return columns by name, from names alone or a mapping of name to column; `what` is the argument's name.
 
     Raises:
         InputError: A single string, or a name that cannot stand in expressions.

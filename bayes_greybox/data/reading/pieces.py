@@ -55,13 +55,7 @@ class Pieces:
 
 
 def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
-    """Cut a table into its runs.
-
-    Args:
-        table: Table as it was read.
-        asked: Columns, and what tells runs apart.
-        layout: Layout of its cells.
-        label: Name of the source among several; None for the only one.
+    """Cut a table into its runs; `label` is the name of the source, None if there is only one.
 
     Raises:
         InputError: A column that is not there or holds what it should not; rows that name no run; time that goes back.
@@ -110,12 +104,7 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
 
 
 def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str | None) -> dict[str, str]:
-    """Return the units of all sources together: as the user gave them, else as the sources state them.
-
-    Args:
-        pieces: Runs of all sources.
-        given: Units by name; "" for none. The time's under "t" or its column's name.
-        time: Column of time stamps.
+    """Return the units of all sources together: as given, "" for none, else as the sources state them.
 
     Raises:
         InputError: Sources that differ; dates whose seconds are to be something else.

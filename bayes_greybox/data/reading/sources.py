@@ -35,11 +35,7 @@ SAVE_AS = {
 
 
 def read_source(source: Any, layout: Layout) -> Table:
-    """Read one source and tidy it.
-
-    Args:
-        source: Path of a file, DataFrame, Series, xarray Dataset or a mapping of name to column.
-        layout: Layout, where the source does not show it.
+    """Read one source, a path or a table in memory, and tidy it.
 
     Raises:
         InputError: A file or an object that cannot be read; the message says which and what to do.

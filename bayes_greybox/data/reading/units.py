@@ -28,8 +28,7 @@ _HEADER = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.
 def known_unit(text: str) -> str | None:
     """Return a unit in the spelling of the package, such as "m/s"; None if it is not known.
 
-    Args:
-        text: Unit in the table's spelling: "m/s", "m s-1", "Volts", "seconds since 2024-01-01".
+    The table may write "m/s", "m s-1", "Volts" or "seconds since 2024-01-01".
     """
     text = re.sub(r" since .*$", "", text.strip())
     if len(text) > 40 or not re.search(r"[^\W\d]|[%°\"1]", text):
@@ -77,9 +76,7 @@ def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
 def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
     """Return the units of a row that holds nothing else; None if it is a row of measurements.
 
-    Args:
-        cells: Cells as text, "" where they are empty.
-        below: True where the next row has a number or a date.
+    Empty cells are ""; `below` is True where the next row has a number or a date.
     """
     if len(cells) != len(below) or not any(cells):
         return None
@@ -96,12 +93,7 @@ def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
 
 
 def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the known units by column, and a remark on the others.
-
-    Args:
-        stated: Column and unit as the table has it.
-        where: Description of the source, for the remark.
-    """
+    """Return the known units by column, and a remark on the others."""
     units, unknown = {}, []
     for name, text in stated:
         if text.strip() in _UNITLESS:

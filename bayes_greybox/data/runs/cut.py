@@ -185,12 +185,9 @@ class CutRuns(Runs):
         column: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
         remark: str,
     ) -> AnyRuns:
-        """Return data at other times of each run.
+        """Return data at other times of each run, with a remark that the new number of rows completes.
 
-        Args:
-            times: New times of each run.
-            column: Function from a run's number, stamps and values to its values at the new times.
-            remark: Remark, to be followed by the new number of rows.
+        The new values of a column are a function of a run's number, its stamps and its values.
         """
         blocks = [np.flatnonzero(self.run == i) for i in range(self.n_run)]
 

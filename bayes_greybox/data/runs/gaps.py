@@ -22,12 +22,7 @@ FEWEST_PART_ROWS = 25
 
 
 def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL_STEPS_SHARE) -> list[int]:
-    """Return the rows of one run that are the first after a gap.
-
-    Args:
-        time: Stamps of the run.
-        usual: Share of its steps that are certainly no gaps.
-    """
+    """Return the rows of one run that are the first after a gap; a share `usual` of its steps is certainly no gap."""
     steps = np.diff(time)
     if not len(steps):
         return []
@@ -42,11 +37,6 @@ def parted(
     A line or a held value from one end of a gap to the other is no measurement of an input, and a path that it drives
     comes out elsewhere: the rows after the gap have a start of their own. Where the spacing of the stamps changes for
     good, there is no gap.
-
-    Args:
-        time: Stamps of all runs.
-        run: Number of each row's run.
-        names: Names of the runs.
 
     Returns:
         Number of each row's part, names of the parts, and remarks.

@@ -20,12 +20,7 @@ HALF_WINDOW = 10
 
 
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:
-    """Return evenly spaced times from the first sample of a run up to the last.
-
-    Args:
-        time: Stamps of the run, increasing.
-        step: Distance of the new times.
-        name: Name of the run, for messages.
+    """Return times, evenly spaced by `step`, from the first sample of a run up to the last.
 
     Raises:
         InputError: Fewer than four samples; a gap of more than `GAP_STEPS` usual steps; a step so large that it would
@@ -72,12 +67,6 @@ def decimated(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], factor: int, name: str
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Keep one of so many samples of a run behind a symmetric low pass (SciPy's, zero phase), its edges left out.
-
-    Args:
-        time: Stamps of the run, evenly spaced.
-        values: Column at these times.
-        factor: Samples that become one.
-        name: Name of the run, for messages.
 
     Returns:
         Times and values.

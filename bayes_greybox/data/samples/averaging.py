@@ -82,12 +82,7 @@ def _spoiled(data: Trajectories, m: int) -> bool:
 
 
 def averaged(data: Trajectories, m: int) -> Trajectories:
-    """Average blocks of so many samples; the last samples of a run that fill no block are left out.
-
-    Args:
-        data: Samples of states and inputs.
-        m: Samples of a block.
-    """
+    """Average blocks of m samples; the last samples of a run that fill no block are left out."""
     if m < 2:
         return data
     first = np.concatenate([[0], np.cumsum(data.run_lengths)[:-1]])

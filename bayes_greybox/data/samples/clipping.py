@@ -21,12 +21,7 @@ MANY_LEVELS = 0.5
 
 
 def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:
-    """Mark the rows at which a channel's sensor was at its end, by channel; channels without any are left out.
-
-    Args:
-        values: Samples by channel.
-        run: Run of each row.
-    """
+    """Mark the rows at which a channel's sensor was at its end, by channel; channels without any are left out."""
     rows: dict[str, Any] = {}
     for name, x in values.items():
         if len(np.unique(x)) < MANY_LEVELS * len(x):

@@ -44,14 +44,10 @@ class Asked:
         return self.settings.get("restart") == "run"
 
     def among(self, kinds: Mapping[str, str], where: str) -> "Asked":
-        """Return the same request with columns as a source names them.
-
-        Args:
-            kinds: Kind of NumPy's data type by column of the source.
-            where: Source, in a sentence.
+        """Return the same request with columns as a source names them, whose kinds of NumPy's data types are given.
 
         Raises:
-            InputError: A column that it lacks, or that holds no numbers.
+            InputError: A column that the source lacks, or that holds no numbers.
         """
         # Two rows of any numbers, as only the names matter: "pos [mm]" is a column pos.
         table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
@@ -69,12 +65,7 @@ class Asked:
         return replace(self, columns=tuple(dict.fromkeys(columns)), stamps=stamps, labels=labels)
 
     def begins(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> Bool[np.ndarray, " n_row"]:
-        """Mark the rows that begin a run.
-
-        Args:
-            frame: Rows, by columns as the source has them.
-            before: Result of `latest` for the rows before them, or None.
-        """
+        """Mark the rows that begin a run; `before` is the result of `latest` for earlier rows, or None."""
         begun = np.zeros(len(frame), bool)
         begun[0] = before is None
         last = frame.iloc[:0] if before is None else before
@@ -88,12 +79,7 @@ class Asked:
         return begun
 
     def latest(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> pd.DataFrame:
-        """Return the row that decides if the next one begins a run: the last one, or the last one with a stamp.
-
-        Args:
-            frame: Rows, by columns as the source has them.
-            before: Result of this function for the rows before them, or None.
-        """
+        """Return the row that decides if the next one begins a run: the last one, or the last one with a stamp."""
         last = frame.iloc[-1:]
         if self.labels is None and self.stamps is not None:
             stamped = frame[np.isfinite(frame[self.stamps].to_numpy(float))].iloc[-1:]
@@ -108,7 +94,7 @@ class Asked:
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
-        """Build data from rows of a piece.
+        """Build data from rows of a piece, the first of which has a number in the source.
 
         Args:
             table: DataFrame or Dataset of the rows, some of them usable.
@@ -118,8 +104,7 @@ class Asked:
             whole: True if they are whole runs.
 
         Raises:
-            InputError: Rows that `read` refuses, with their place; stamps of more digits than a float holds, where
-                rows do not have the first one of their run beside them.
+            InputError: Rows that `read` refuses; stamps of too many digits, unless runs are whole.
         """
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(

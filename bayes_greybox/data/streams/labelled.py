@@ -16,12 +16,7 @@ INSTALL_DISTRIBUTED = 'install it with pip install ".[distributed]" in the check
 
 @dataclass(frozen=True)
 class LabelledRows(FileRows):
-    """Variables over one dimension; a part is a range of it.
-
-    Attributes:
-        pieces: Store, dimension, first row and row behind the last of each part.
-        asked: Columns and settings to read.
-    """
+    """Variables over one dimension; a part is a store, the dimension, its first row and the row behind its last."""
 
     pieces: tuple[tuple[str, str, int, int], ...]
     asked: Asked

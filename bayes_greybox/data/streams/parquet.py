@@ -14,12 +14,7 @@ from .whole_runs import FileRows, Piece
 
 @dataclass(frozen=True)
 class ParquetRows(FileRows):
-    """Rows of one or several Parquet files; a part is some row groups of one file.
-
-    Attributes:
-        pieces: File, number of its first row, and row groups of each part.
-        asked: Columns and settings to read.
-    """
+    """Rows of one or several Parquet files; a part is a file, the number of its first row, and some row groups."""
 
     pieces: tuple[tuple[str, int, tuple[int, ...]], ...]
     asked: Asked

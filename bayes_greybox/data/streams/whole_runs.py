@@ -232,12 +232,7 @@ class WholeRuns:
 
 
 def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectories]]:
-    """Choose whole runs of about so many rows, spread over parts and within them; all if there are no more rows.
-
-    Args:
-        source: Whole runs in parts.
-        size: Rows, about.
-        places: Number of places at which they are taken, more where parts hold too few.
+    """Choose whole runs of about `size` rows, at places spread over the parts; all if there are no more rows.
 
     Returns:
         Runs with the number of their part, in order.

@@ -29,12 +29,7 @@ WEIGHTS_AT_ONCE = 200_000
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples of one run without a gap.
-
-    Attributes:
-        run: Number of the run.
-        rows: First sample, and the one after the last.
-    """
+    """Samples of one run without a gap: its number, the first row, and the row behind the last."""
 
     run: int
     rows: tuple[int, int]

@@ -3,10 +3,10 @@ import pytest
 from differentiation import differentiation_matrix
 from scipy.linalg import block_diag
 
+import bayes_greybox as bg
 from bayes_greybox.data.noise.banded import BandedNoise, fir_noise
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.spectral import SpectralNoise
-from bayes_greybox.data.rates.differentiate import FilterSettings, differentiate
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.running.errors import InputError
 
@@ -93,10 +93,8 @@ def test_covariance_is_that_of_differentiated_white_noise(method):
         "bandlimited": {"band": 4.0, "window": 11},
         "spectral": {"band": 3.0},
     }
-    time, run = np.arange(n) * 0.1, np.zeros(n, dtype=int)
-    asked = FilterSettings(method=method, rates={"y": "v"}, white_share=1e-9, **settings[method])
-    wave = {"y": np.sin(2 * np.pi * time / 6)}
-    unit = differentiate(time, run, ["0"], states=wave, inputs={}, derivatives={}, settings=asked)
+    wave = bg.Trajectories.from_arrays(np.arange(n) * 0.1, states={"y": np.sin(2 * np.pi * np.arange(n) / 60)})
+    unit = wave.differentiate(method, rates={"y": "v"}, white_share=1e-9, **settings[method])
     noise = unit.noise["v"]
     polyorder = {"polyorder": 4} if method == "savgol" else {}
     g = differentiation_matrix(n, 0.1, 2, method, **settings[method], **polyorder)

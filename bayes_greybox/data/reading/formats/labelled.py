@@ -25,17 +25,10 @@ def read_netcdf(path: Path, layout: Layout) -> Table:
 
 
 def dataset_table(dataset: Any, where: str) -> Table:
-    """Return the variables of a data set that share most of its values.
+    """Return the variables of an xarray Dataset that share most of its values.
 
     Variables over one dimension are columns. Where the longest have two, such as run and time, the dimensions are
     columns too, one row for each pair, so that one of them can tell the runs apart.
-
-    Args:
-        dataset: An xarray Dataset.
-        where: Description of the data set, within a sentence.
-
-    Raises:
-        InputError: No variables over one dimension or two.
     """
     variables = {**dict(dataset.coords), **dict(dataset.data_vars)}
     usable = {name: array for name, array in variables.items() if 1 <= array.ndim <= 2}

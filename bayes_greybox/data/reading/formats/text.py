@@ -94,12 +94,7 @@ def read_text(path: Path, layout: Layout) -> Table:
 def titles(path: Path, layout: Layout) -> int:
     """Count the lines of titles above the names, if they cannot be names: each has fewer cells than the names.
 
-    Args:
-        path: The file.
-        layout: Layout, with the separator if it is known.
-
-    Returns:
-        Number of lines before that of the names; 0 if the first line certainly has them, or if it is unclear.
+    The count is 0 if the first line certainly has the names, or if it is unclear.
     """
     try:
         with path.open(encoding=layout.encoding) as file:
