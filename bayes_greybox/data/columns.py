@@ -8,8 +8,7 @@ import pandas as pd
 
 from bayes_greybox.running.errors import InputError
 
-from .digits import first_lost, since_first
-from .given_arrays import plain_array
+from .plain_arrays import first_lost, plain_array, since_first
 
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
 """Names that no column can have, and their meaning."""
@@ -64,11 +63,11 @@ def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[
     return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], remarks
 
 
-def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
-    """Return distinct names of the runs; "0", "1", … if none are given."""
-    if given is None:
+def name_runs(run_names: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
+    """Return distinct names of the runs; "0", "1", … by default."""
+    if run_names is None:
         return tuple(str(i) for i in range(n_run))
-    names = tuple(str(name) for name in given)
+    names = tuple(str(name) for name in run_names)
     if len(names) != n_run:
         raise InputError(f"There are {n_run} runs but {len(names)} run names; give one name for each run.")
     if len(set(names)) != n_run:
@@ -77,10 +76,10 @@ def name_runs(given: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
     return names
 
 
-def number_runs(labels: Any, given: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
+def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
     """Return the number of the run of each row, and the names of the runs.
 
-    Labels are numbers or names of runs, whose rows lie together. Names may be given by number; None takes the labels.
+    Labels are numbers or names of runs, whose rows lie together. The names of the runs are the labels by default.
     """
     if labels.isna().any():
         row = int(np.argmax(labels.isna().to_numpy()))
@@ -93,25 +92,25 @@ def number_runs(labels: Any, given: Sequence[str] | None) -> tuple[np.ndarray, t
             'the table, frame.sort_values("run", kind="stable"), or read it with bg.read(frame, run="run", ...).'
         )
     names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
-    if given is None:
+    if run_names is None:
         return codes.astype(np.int64), name_runs(names, len(names))
-    known = name_runs(given, len(given))
-    numbers = [known.index(name) if name in known else -1 for name in names]
-    if pd.api.types.is_numeric_dtype(labels) and all(value in range(len(known)) for value in values):
+    listed = name_runs(run_names, len(run_names))
+    numbers = [listed.index(name) if name in listed else -1 for name in names]
+    if pd.api.types.is_numeric_dtype(labels) and all(value in range(len(listed)) for value in values):
         # As `to_frame` writes them.
         numbers = [int(value) for value in values]
     for name, number in zip(names, numbers, strict=True):
         if number < 0:
             raise InputError(
-                f'The column "run" has the run {name!r}, which run_names does not name: it has {", ".join(known)}; '
+                f'The column "run" has the run {name!r}, which run_names does not name: it has {", ".join(listed)}; '
                 "name every run, or leave run_names out."
             )
-    if numbers != list(range(len(known))):
+    if numbers != list(range(len(listed))):
         raise InputError(
-            f'The column "run" has the runs {", ".join(names)}, but run_names names {", ".join(known)} in this order; '
+            f'The column "run" has the runs {", ".join(names)}, but run_names names {", ".join(listed)} in this order; '
             "name the runs that there are, in the order of their rows, or leave run_names out."
         )
-    return codes.astype(np.int64), known
+    return codes.astype(np.int64), listed
 
 
 def check_names(
@@ -150,10 +149,10 @@ def check_units(
     units: Mapping[str, str], states: Mapping[str, Any], inputs: Mapping[str, Any], outputs: Mapping[str, Any]
 ) -> None:
     """Refuse units of columns that do not exist."""
-    known = ["t", *states, *inputs, *outputs, *(derivative_label(name) for name in states)]
+    columns = ["t", *states, *inputs, *outputs, *(derivative_label(name) for name in states)]
     for name in units:
-        if name not in known:
-            raise InputError(f'A unit is given for "{name}", which is no column; the columns are {", ".join(known)}.')
+        if name not in columns:
+            raise InputError(f'A unit is given for "{name}", which is no column; the columns are {", ".join(columns)}.')
 
 
 def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) -> np.ndarray:
@@ -165,20 +164,20 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
     for name, length, values in zip(names, lengths, runs, strict=True):
         what = f'{label} of run "{name}"'
         try:
-            given = plain_array(values, what)
+            raw = plain_array(values, what)
             # NumPy would turn dates into ticks without a word.
-            dates = given.dtype.kind in "mM"
-            array = given if dates else np.asarray(given, dtype=float)
+            dates = raw.dtype.kind in "mM"
+            array = raw if dates else np.asarray(raw, dtype=float)
         except InputError:
             raise
         except (TypeError, ValueError) as error:
             raise InputError(f"The {what} is not numeric; convert it to numbers.") from error
         if dates:
             raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
-        lost = first_lost(given)
+        lost = first_lost(raw)
         if lost is not None:
             raise InputError(
-                f"The {what} holds whole numbers of more digits than a float does, such as {given[lost]} in row "
+                f"The {what} holds whole numbers of more digits than a float does, such as {raw[lost]} in row "
                 f"{lost}; subtract a number from all of them first."
             )
         if array.ndim != 1:

@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from io import StringIO
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -54,10 +54,10 @@ def load_dataset(name: str, **options: Any) -> Any:
     """
     if name not in _SETS:
         raise InputError(f'There is no data set "{name}"; there are {", ".join(_SETS)}.')
-    known = _SETS[name].options
+    options_of_set = list(signature(_SETS[name].load).parameters)
     for option in options:
-        if option not in known:
-            has = f"its options are {', '.join(known)}" if known else "it has none"
+        if option not in options_of_set:
+            has = f"its options are {', '.join(options_of_set)}" if options_of_set else "it has none"
             raise InputError(f'Data set "{name}" has no option "{option}"; {has}.')
     return _SETS[name].load(**options)
 
@@ -89,7 +89,7 @@ def search_folders() -> list[Path]:
 
 
 def load_silverbox(remove_offset: bool = False) -> dict[str, Trajectories]:
-    """Silverbox: an electronic Duffing oscillator (Wigren & Schoukens 2013, ECC).
+    """Load Silverbox: an electronic Duffing oscillator (Wigren & Schoukens 2013, ECC).
 
     Input u (V1) and output y (V2) in volts, time in seconds at 610.35 Hz. V1 carries an offset of about 6.2
     mV that is no part of the excitation; raw values stay unless asked, and a model of raw values needs a
@@ -128,7 +128,7 @@ def load_silverbox(remove_offset: bool = False) -> dict[str, Trajectories]:
 
 
 def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
-    """Cascaded tanks: a pump fills an upper tank that empties into a lower one (Schoukens et al. 2016).
+    """Load the cascaded tanks: a pump fills an upper tank that empties into a lower one (Schoukens et al. 2016).
 
     Pump voltage u and lower level y in volts, every 4 s. The level sensor saturates at 10 V: samples there
     show only that the level was at least that high.
@@ -168,7 +168,7 @@ IMPACT = 3
 
 
 def load_falling_balls(by_ball: bool = False) -> BallDrops:
-    """Falling balls: eleven balls dropped from a bridge, filmed at 15 Hz (de Silva et al. 2020).
+    """Load the falling balls: eleven balls dropped from a bridge, filmed at 15 Hz (de Silva et al. 2020).
 
     Reading the workbook needs openpyxl, which comes with the extra `tables`.
 
@@ -216,13 +216,12 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
 
 
 def load_hudson_bay() -> Trajectories:
-    """Hudson Bay: yearly hare and lynx pelts in thousands, 1900–1920 (Odum 1953).
+    """Load the Hudson Bay record: yearly hare and lynx pelts in thousands, 1900–1920 (Odum 1953).
 
     Returns:
         One run with the states hare and lynx; time in years.
     """
-    text = _locate("hudson_bay", "hudson_bay/hudson_bay_data.dat").read_text(encoding="ascii")
-    table = np.loadtxt(StringIO(text))
+    table = np.loadtxt(_locate("hudson_bay", "hudson_bay/hudson_bay_data.dat"), encoding="ascii")
     return Trajectories.from_arrays(table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"})
 
 
@@ -230,7 +229,6 @@ def load_hudson_bay() -> Trajectories:
 class _DataSet:
     load: Callable[..., Any]
     files: dict[str, str]
-    options: tuple[str, ...]
     hidden_effect: str
     source: str
     terms: str
@@ -240,7 +238,6 @@ _SETS = {
     "silverbox": _DataSet(
         load_silverbox,
         {"silverbox/SNLS80mV.mat": "5c7413a52255af0cb4e2f93fb6903beb92b08965ba1e6ad0a6ffedfed8477ed4"},
-        ("remove_offset",),
         "cubic stiffness",
         "Wigren & Schoukens, European Control Conference 2013",
         "no licence stated",
@@ -248,7 +245,6 @@ _SETS = {
     "cascaded_tanks": _DataSet(
         load_cascaded_tanks,
         {"cascaded_tanks/dataBenchmark.csv": ("ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7")},
-        ("clipped",),
         "square-root outflow, overflow",
         "Schoukens et al. 2016, DOI 10.4121/12960104",
         "CC BY-SA 4.0",
@@ -259,7 +255,6 @@ _SETS = {
             "falling_balls/Ball_drops_data.xlsx": ("942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"),
             "falling_balls/balls.txt": "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
         },
-        ("by_ball",),
         "quadratic drag",
         "de Silva et al. 2020, Frontiers in Artificial Intelligence",
         "MIT",
@@ -267,7 +262,6 @@ _SETS = {
     "hudson_bay": _DataSet(
         load_hudson_bay,
         {"hudson_bay/hudson_bay_data.dat": ("7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb")},
-        (),
         "predation (bilinear interaction)",
         "Odum 1953, Fundamentals of Ecology",
         "as tabulated in many texts",

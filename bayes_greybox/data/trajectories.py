@@ -111,10 +111,10 @@ class Trajectories(CutRuns):
         kinds = {"state": states, "input": inputs, "derivative of": derivatives, "output": outputs}
         lengths = [len(stamps) for stamps in runs]
         columns = {"time": stack("time", runs, names, lengths)}
-        for kind, given in kinds.items():
-            columns |= {
-                f'{kind} "{name}"': stack(f'{kind} "{name}"', each, names, lengths) for name, each in given.items()
-            }
+        for kind, chosen in kinds.items():
+            for name, values in chosen.items():
+                label = f'{kind} "{name}"'
+                columns[label] = stack(label, values, names, lengths)
         run = np.repeat(np.arange(len(runs)), lengths)
 
         keep = usable_rows(columns, run, names, missing)
@@ -128,7 +128,7 @@ class Trajectories(CutRuns):
             raise InputError(f'constant must be "error" or "keep", not {constant!r}.')
         if constant == "error":
             check_varying({label: v for label, v in columns.items() if label.startswith(("state", "input"))})
-        by_name = {kind: {name: columns[f'{kind} "{name}"'] for name in given} for kind, given in kinds.items()}
+        by_name = {kind: {name: columns[f'{kind} "{name}"'] for name in chosen} for kind, chosen in kinds.items()}
         return cls(
             time=columns["time"],
             run=run,

@@ -60,12 +60,12 @@ def remove_parts(folder: Path) -> None:
     None of them may still be written to.
     """
     for pattern in (f"{PART_PREFIX}*", f"*/{PART_PREFIX}*"):
-        for left in list(folder.glob(pattern)):
-            if left.is_dir():
-                shutil.rmtree(left, ignore_errors=True)
+        for part in list(folder.glob(pattern)):
+            if part.is_dir():
+                shutil.rmtree(part, ignore_errors=True)
             else:
                 with suppress(OSError):
-                    left.unlink()
+                    part.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

@@ -34,7 +34,7 @@ class Plan:
         self.table, self.guess = table, guess
         self.names = _names((*guess.states, *guess.inputs, *guess.rate_of.values()))
         columns = [each for each in (guess.time, *self.names) if each is not None]
-        stated = {column: table.units.get(table.known(column)) for column in columns}
+        stated = {column: table.units.get(table.own_name(column)) for column in columns}
         self.units: dict[str, str] = {column: unit for column, unit in stated.items() if unit}
         if guess.dated and guess.time is not None:
             self.units[guess.time] = "s"

@@ -151,7 +151,7 @@ def _pad(column: np.ndarray, n: int) -> np.ndarray:
 
 
 def _toeplitz_cholesky(column: np.ndarray, n: int) -> np.ndarray:
-    """Banded Cholesky factor, lower form: row k holds the k-th subdiagonal."""
+    """Return the banded Cholesky factor, lower form: row k holds the k-th subdiagonal."""
     band = column[: min(len(column), n)]
     return cholesky_banded(np.repeat(band[:, None], n, axis=1), lower=True)
 

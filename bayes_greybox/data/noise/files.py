@@ -34,8 +34,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
         InputError: if the kind is unknown.
     """
     if record["kind"] not in NOISE_KINDS:
-        known = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
-        raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {known}.')
+        kinds = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
+        raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {kinds}.')
     return NOISE_KINDS[record["kind"]](**{name: _field(name, each) for name, each in record.items() if name != "kind"})
 
 

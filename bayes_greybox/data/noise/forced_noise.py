@@ -69,20 +69,17 @@ class ForcedNoise(RowNoise):
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
         """Return the innovations over their standard deviations."""
-        work, path = self._filter
         K, S = self._gains
-        return self._by_row(work.innovations(path, K, self._by_sample(rows)) / np.sqrt(S)[..., None])
+        return self._by_row(self._filter.innovations(self.motion, K, self._by_sample(rows)) / np.sqrt(S)[..., None])
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
         """Run the adjoint of the filter backwards."""
-        work, path = self._filter
         K, S = self._gains
-        return self._by_row(work.adjoint(path, K, self._by_sample(rows) / np.sqrt(S)[..., None]))
+        return self._by_row(self._filter.adjoint(self.motion, K, self._by_sample(rows) / np.sqrt(S)[..., None]))
 
     def precision_diagonal(self) -> Float[np.ndarray, " n_obs"]:
         """Return 1/S + Kᵀ N K, N the covariance of the adjoint."""
-        work, path = self._filter
-        return work.precision_diagonal(path, *self._gains).T.ravel()
+        return self._filter.precision_diagonal(self.motion, *self._gains).T.ravel()
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Return entries of R⁻¹, a few of its columns at a time."""
@@ -119,18 +116,17 @@ class ForcedNoise(RowNoise):
         raise InputError("Rows of a path that an unknown force moves cannot be parted: leave out whole runs.")
 
     @property
-    def _filter(self) -> tuple[Any, Any]:
+    def _filter(self) -> Any:
         # Imported here: it brings JAX, which data do without.
         from . import innovations
 
-        motion = self.motion
-        return innovations, innovations.Path(motion.M, motion.G, motion.fresh, motion.start_sd, motion.outputs)
+        return innovations
 
     @cached_property
     def _gains(self) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
         """Gains and variances of the innovations, sensor by sensor."""
-        work, path = self._filter
-        return work.gains(path, self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0], self.intensity)
+        variances = self._by_sample(1 / self.sensor.precision_diagonal()[:, None])[..., 0]
+        return self._filter.gains(self.motion, variances, self.intensity)
 
     def _by_sample(self, rows: np.ndarray) -> np.ndarray:
         """Reshape rows to [sample, sensor, column]."""

@@ -6,69 +6,60 @@ behind the record, and nothing before it depends on it.
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
+
+from .forced_noise import Motion
 
 # Data come before physics, where 64-bit is switched on for everything downstream.
 jax.config.update("jax_enable_x64", True)
 
 
-class Path(NamedTuple):
-    """Propagation of a path from sample to sample; see `forced_noise.Motion`."""
-
-    M: Float[np.ndarray, "n d d"]
-    G: Float[np.ndarray, "n d d"]
-    fresh: Bool[np.ndarray, " n"]
-    start_sd: Float[np.ndarray, " d"]
-    outputs: tuple[int, ...]
-
-
 def gains(
-    path: Path, r: Float[np.ndarray, "n n_output"], intensity: float
+    motion: Motion, r: Float[np.ndarray, "n n_output"], intensity: float
 ) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
     """Return gains and variances of the innovations, sensor by sensor, for noise variances r and intensity λ."""
     n = len(r)
-    K, S = _gains(*_padded_path(path, n), _padded(r, n, 1.0), path.start_sd, intensity, outputs=path.outputs)
+    K, S = _gains(*_padded_motion(motion, n), _padded(r, n, 1.0), motion.start_sd, intensity, outputs=motion.outputs)
     return np.asarray(K)[:n], np.asarray(S)[:n]
 
 
 def innovations(
-    path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
+    motion: Motion, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
 ) -> Float[np.ndarray, "n n_output k"]:
     """Return rows less their prediction from earlier samples, for gains K and rows y, each column by itself."""
-    return _applied(_innovations, path, K, y)
+    return _applied(_innovations, motion, K, y)
 
 
 def adjoint(
-    path: Path, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
+    motion: Motion, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
 ) -> Float[np.ndarray, "n n_output k"]:
     """Run the transpose of `innovations` backwards; arguments as there."""
-    return _applied(_adjoint, path, K, y)
+    return _applied(_adjoint, motion, K, y)
 
 
 def precision_diagonal(
-    path: Path, K: Float[np.ndarray, "n n_output d"], S: Float[np.ndarray, "n n_output"]
+    motion: Motion, K: Float[np.ndarray, "n n_output d"], S: Float[np.ndarray, "n n_output"]
 ) -> Float[np.ndarray, "n n_output"]:
     """Return 1/S + Kᵀ N K, N the covariance of the adjoint, K the gains and S the variances of the innovations."""
     n = len(S)
-    M, _, fresh = _padded_path(path, n)
-    return np.asarray(_precision(M, fresh, _padded(K, n), _padded(1 / S, n), outputs=path.outputs))[:n]
+    M, _, fresh = _padded_motion(motion, n)
+    return np.asarray(_precision(M, fresh, _padded(K, n), _padded(1 / S, n), outputs=motion.outputs))[:n]
 
 
-def _applied(work: Callable[..., Array], path: Path, K: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _applied(work: Callable[..., Array], motion: Motion, K: np.ndarray, y: np.ndarray) -> np.ndarray:
     n, k = len(y), y.shape[-1]
-    M, _, fresh = _padded_path(path, n)
+    M, _, fresh = _padded_motion(motion, n)
     wide = np.concatenate([y, np.zeros((*y.shape[:-1], _power_of_two(k) - k))], axis=-1)
-    result = work(M, fresh, _padded(K, n), _padded(wide, n), outputs=path.outputs)
+    result = work(M, fresh, _padded(K, n), _padded(wide, n), outputs=motion.outputs)
     return np.asarray(result)[:n, :, :k]
 
 
-def _padded_path(path: Path, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return _padded(path.M, n), _padded(path.G, n), _padded(path.fresh, n)
+def _padded_motion(motion: Motion, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    return _padded(motion.M, n), _padded(motion.G, n), _padded(motion.fresh, n)
 
 
 def _padded(values: np.ndarray, n: int, by: float = 0.0) -> np.ndarray:
@@ -88,15 +79,15 @@ def _gains(
 
     def step(P: Array, piece: tuple[Array, ...]) -> tuple[Array, tuple[Array, Array]]:
         M, G, fresh, r = piece
-        P, found = M @ jnp.where(fresh, start, P) @ M.T + intensity * G, []
+        P, updates = M @ jnp.where(fresh, start, P) @ M.T + intensity * G, []
         for k, output in enumerate(outputs):
             S = P[output, output] + r[k]
             K = P[output] / S
             L = eye - jnp.outer(K, eye[output])
             # Joseph's form, which stays positive
             P = L @ P @ L.T + r[k] * jnp.outer(K, K)
-            found.append((K, S))
-        return P, (jnp.stack([K for K, _ in found]), jnp.stack([S for _, S in found]))
+            updates.append((K, S))
+        return P, (jnp.stack([K for K, _ in updates]), jnp.stack([S for _, S in updates]))
 
     return jax.lax.scan(step, start, (M, G, fresh, r))[1]
 
@@ -105,11 +96,11 @@ def _gains(
 def _innovations(M: Array, fresh: Array, K: Array, y: Array, outputs: tuple[int, ...]) -> Array:
     def step(mean: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
         M, fresh, K, y = piece
-        mean, found = jnp.where(fresh, 0.0, M @ mean), []
+        mean, errors = jnp.where(fresh, 0.0, M @ mean), []
         for k, output in enumerate(outputs):
-            found.append(y[k] - mean[output])
-            mean = mean + jnp.outer(K[k], found[-1])
-        return mean, jnp.stack(found)
+            errors.append(y[k] - mean[output])
+            mean = mean + jnp.outer(K[k], errors[-1])
+        return mean, jnp.stack(errors)
 
     return jax.lax.scan(step, jnp.zeros((M.shape[-1], y.shape[-1])), (M, fresh, K, y))[1]
 
@@ -118,11 +109,11 @@ def _innovations(M: Array, fresh: Array, K: Array, y: Array, outputs: tuple[int,
 def _adjoint(M: Array, fresh: Array, K: Array, y: Array, outputs: tuple[int, ...]) -> Array:
     def step(costate: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
         M, fresh, K, y = piece
-        found = [jnp.zeros(())] * len(outputs)
+        rows = [jnp.zeros(())] * len(outputs)
         for k, output in reversed(list(enumerate(outputs))):
-            found[k] = y[k] + K[k] @ costate
-            costate = costate.at[output].add(-found[k])
-        return jnp.where(fresh, 0.0, M.T @ costate), jnp.stack(found)
+            rows[k] = y[k] + K[k] @ costate
+            costate = costate.at[output].add(-rows[k])
+        return jnp.where(fresh, 0.0, M.T @ costate), jnp.stack(rows)
 
     return jax.lax.scan(step, jnp.zeros((M.shape[-1], y.shape[-1])), (M, fresh, K, y), reverse=True)[1]
 
@@ -133,11 +124,11 @@ def _precision(M: Array, fresh: Array, K: Array, inverse: Array, outputs: tuple[
 
     def step(N: Array, piece: tuple[Array, ...]) -> tuple[Array, Array]:
         M, fresh, K, inverse = piece
-        found = [jnp.zeros(())] * len(outputs)
+        diagonal = [jnp.zeros(())] * len(outputs)
         for k, output in reversed(list(enumerate(outputs))):
-            found[k] = inverse[k] + K[k] @ N @ K[k]
+            diagonal[k] = inverse[k] + K[k] @ N @ K[k]
             L = eye - jnp.outer(K[k], eye[output])
             N = L.T @ N @ L + jnp.outer(eye[output], eye[output]) * inverse[k]
-        return jnp.where(fresh, 0.0, M.T @ N @ M), jnp.stack(found)
+        return jnp.where(fresh, 0.0, M.T @ N @ M), jnp.stack(diagonal)
 
     return jax.lax.scan(step, jnp.zeros_like(eye), (M, fresh, K, inverse), reverse=True)[1]

@@ -29,6 +29,7 @@ class OverlappingNoise(RowNoise):
     """
 
     kind: ClassVar[str] = "overlapping"
+    derived: ClassVar[bool] = True
     bands: tuple[Float[np.ndarray, "_ _"], ...]
     scale: float = 1.0
 
@@ -36,11 +37,6 @@ class OverlappingNoise(RowNoise):
     def run_lengths(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Rows of each run."""
         return tuple(band.shape[1] for band in self.bands)
-
-    @property
-    def derived(self) -> bool:
-        """True: R follows from the noise of the samples."""
-        return True
 
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]

@@ -38,6 +38,9 @@ class RowNoise(ABC):
     Attributes:
         kind: name in files.
         unsaved: fields that files leave out.
+    local: True if each row is whitened by itself, so that rows can be whitened a chunk at a time.
+    triangular: True if W is triangular: no row of it depends on a later row.
+    derived: True if R follows from the noise of the samples and a model, and is not estimated from the rows.
         run_lengths: rows of each run.
         scale: standard deviation of the derivative rows divided by that of the state samples, in the units
             of the data (1/time for a first derivative).
@@ -45,6 +48,9 @@ class RowNoise(ABC):
 
     kind: ClassVar[str]
     unsaved: ClassVar[tuple[str, ...]] = ()
+    local: ClassVar[bool] = False
+    triangular: ClassVar[bool] = True
+    derived: ClassVar[bool] = False
     run_lengths: tuple[int, ...]
     scale: float
 
@@ -59,24 +65,9 @@ class RowNoise(ABC):
         return self.n_white == self.n_obs
 
     @property
-    def local(self) -> bool:
-        """True if each row is whitened by itself, so that rows can be whitened a chunk at a time."""
-        return False
-
-    @property
-    def triangular(self) -> bool:
-        """True if W is triangular: no row of it depends on a later row."""
-        return True
-
-    @property
     def independent(self) -> bool:
         """True if R is diagonal: rows may differ in variance but are uncorrelated."""
         return self.local
-
-    @property
-    def derived(self) -> bool:
-        """True if R follows from the noise of the samples and a model, and is not estimated from the rows."""
-        return False
 
     @property
     def white_lengths(self) -> tuple[int, ...]:

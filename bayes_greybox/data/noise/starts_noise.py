@@ -33,6 +33,8 @@ class StartsNoise(RowNoise):
 
     kind: ClassVar[str] = "starts"
     unsaved: ClassVar[tuple[str, ...]] = ("motion",)
+    # All rows of a run share its start.
+    triangular: ClassVar[bool] = False
     inner: RowNoise
     starts: Float[np.ndarray, "n_obs n_start"]
     motion: Callable[[], Motion] | None = None
@@ -109,11 +111,6 @@ class StartsNoise(RowNoise):
     def with_error(self, error: RowNoise) -> "StartsNoise":
         """Return the noise with another R₀."""
         return replace(self, inner=error)
-
-    @property
-    def triangular(self) -> bool:
-        """False: all rows of a run share its start."""
-        return False
 
     @property
     def intensities(self) -> Float[np.ndarray, " n"]:

@@ -20,13 +20,9 @@ class WhiteNoise(RowNoise):
 
     kind: ClassVar[str] = "white"
     unsaved: ClassVar[tuple[str, ...]] = ("scale",)
+    local: ClassVar[bool] = True
     run_lengths: tuple[int, ...]
     scale: float = 1.0
-
-    @property
-    def local(self) -> bool:
-        """True: each row is whitened by itself."""
-        return True
 
     @property
     def log_det(self) -> float:

@@ -79,8 +79,8 @@ class RateFilter:
     @property
     def settings(self) -> dict[str, Any]:
         """Arguments of `Trajectories.differentiate` that give this filter on other data."""
-        given = {"method": self.method, "band": self.band, "white_share": self.white_share, "rates": dict(self.rates)}
-        return given | ({"window": self.window, "polyorder": self.polyorder} if self.finite else {})
+        names = ("method", "band", "white_share", *(("window", "polyorder") if self.finite else ()))
+        return {"rates": dict(self.rates), **{name: getattr(self, name) for name in names}}
 
     def source(self, state: str) -> str:
         """Return the measured state behind a state: itself, or the state whose rate it is."""
@@ -115,9 +115,9 @@ class RateFilter:
 
     def noise_of_states(self, row_steps: Float[np.ndarray, " n_row"]) -> dict[str, float]:
         """Return the standard deviation of the noise that the filter leaves in each state, RMS over rows."""
-        left = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
+        smoothed = {name: s * float(np.linalg.norm(self._taps(0))) for name, s in self.sample_noise}
         size = float(np.linalg.norm(self._taps(1))) * self._per_step(row_steps, 1) if self.rates else 0.0
-        return left | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in left}
+        return smoothed | {rate: dict(self.sample_noise)[name] * size for name, rate in self.rates if name in smoothed}
 
     def noise_of_rate(self, state: str, row_steps: Float[np.ndarray, " n_row"]) -> float:
         """Return the standard deviation of a computed rate, RMS over rows; infinite for a smoothed measured rate."""
@@ -130,11 +130,11 @@ class RateFilter:
     def require_steps(self, steps: Mapping[str, float]) -> None:
         """Refuse runs, by name, of a sample spacing at which the window would last another time."""
         for name, step in steps.items():
-            if self.finite and not any(abs(step - own) <= STEP_TOLERANCE * own for own in self.steps):
+            if self.finite and not any(abs(step - usual) <= STEP_TOLERANCE * usual for usual in self.steps):
                 raise InputError(
                     f'Run "{name}" has the step {step:.6g}, but the filter was made for '
-                    f"{', '.join(f'{own:.6g}' for own in self.steps)}: resample it, or give the settings instead of "
-                    "like=..."
+                    f"{', '.join(f'{usual:.6g}' for usual in self.steps)}: resample it, or give the settings instead "
+                    "of like=..."
                 )
 
     def to_dict(self) -> dict[str, Any]:
@@ -145,13 +145,15 @@ class RateFilter:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
-        pairs = {name: tuple(record[name].items()) for name in ("rates", "orders", "sample_noise")}
-        return cls(**(dict(record) | pairs | {"steps": tuple(record["steps"])}))
+        fields: dict[str, Any] = dict(record) | {"steps": tuple(record["steps"])}
+        for name in ("rates", "orders", "sample_noise"):
+            fields[name] = tuple(record[name].items())
+        return cls(**fields)
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
         """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""
-        known = row_steps[row_steps > 0]
-        return float(np.sqrt(np.mean((known if len(known) else np.array(self.steps[:1])) ** (-2.0 * order))))
+        steps = row_steps[row_steps > 0]
+        return float(np.sqrt(np.mean((steps if len(steps) else np.array(self.steps[:1])) ** (-2.0 * order))))
 
     def _taps(self, order: int) -> Float[np.ndarray, " window"]:
         band = None if self.band is None else self.band * self.steps[0]

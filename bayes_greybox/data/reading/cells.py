@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
-from bayes_greybox.data.digits import LARGEST_EXACT_INTEGER, first_lost, since_first
+from bayes_greybox.data.plain_arrays import LARGEST_EXACT_INTEGER, first_lost, since_first
 from bayes_greybox.running.errors import InputError
 
 from .table import Layout, Table, capital
@@ -154,19 +154,19 @@ def may_have_lost(column: Any) -> bool:
     """Return True if digits may have been lost: pandas makes floats of whole numbers beside a missing cell."""
     if column.dtype.kind != "f" or not column.isna().any():
         return False
-    known = column.dropna().to_numpy(dtype=float)
+    present = column.dropna().to_numpy(dtype=float)
     with np.errstate(invalid="ignore"):
-        return bool(len(known) and np.max(np.abs(known)) > LARGEST_EXACT_INTEGER and np.all(known % 1 == 0))
+        return bool(len(present) and np.max(np.abs(present)) > LARGEST_EXACT_INTEGER and np.all(present % 1 == 0))
 
 
-def with_digits(found: Any, words: Any) -> Any:
-    """Read the numbers in `words` again with all their digits, and with missing cells where `found` has them.
+def with_digits(floats: Any, words: Any) -> Any:
+    """Read numbers in words again with all their digits, and with missing cells where the floats have them.
 
     Returns:
-        Whole numbers; the floats `found` if the words are no whole numbers.
+        Whole numbers; the floats if the words are no whole numbers.
     """
-    whole: Any = pd.to_numeric(words.where(found.notna()), errors="coerce", dtype_backend="numpy_nullable")
-    return whole if whole.dtype.kind in "iu" and whole.isna().equals(found.isna()) else found
+    whole: Any = pd.to_numeric(words.where(floats.notna()), errors="coerce", dtype_backend="numpy_nullable")
+    return whole if whole.dtype.kind in "iu" and whole.isna().equals(floats.isna()) else floats
 
 
 def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
@@ -176,16 +176,16 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
     if pd.api.types.is_numeric_dtype(column):
         return column, np.array([], dtype=int)
     text = column.map(lambda cell: _plain(cell, layout))
-    found: Any = pd.to_numeric(text, errors="coerce")
-    found = with_digits(found, text) if may_have_lost(found) else found
+    values: Any = pd.to_numeric(text, errors="coerce")
+    values = with_digits(values, text) if may_have_lost(values) else values
     missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
-    bad = np.flatnonzero(found.isna().to_numpy() & ~missing.to_numpy())
+    bad = np.flatnonzero(values.isna().to_numpy() & ~missing.to_numpy())
     # Grouped digits are sought in the original cells: in `text` a decimal comma is a point already.
     grouped = np.flatnonzero(column.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
     bad = grouped if len(grouped) else bad
-    if not len(bad) and (not pd.api.types.is_numeric_dtype(found) or found.dtype.kind == "c"):
+    if not len(bad) and (not pd.api.types.is_numeric_dtype(values) or values.dtype.kind == "c"):
         bad = np.array([0])
-    return found, bad
+    return values, bad
 
 
 def _plain(cell: Any, layout: Layout) -> Any:
@@ -215,7 +215,7 @@ def _remedy(cell: Any, layout: Layout) -> str:
     text = str(cell).strip()
     if re.fullmatch(COMMA, text) and layout.decimal == ".":
         return 'if the comma is its decimal mark, pass decimal=","'
-    if re.fullmatch(r"[+-]?\d{1,3}(\.\d{3})+(,\d+)?", text):
+    if _GROUPED.match(text):
         return (
             'if the point groups its digits, pass thousands="."'
             if layout.decimal == ","

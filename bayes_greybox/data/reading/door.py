@@ -78,9 +78,6 @@ def read(
         columns: names of all columns, where the table has none or others.
         dayfirst: true if 03.04.2024 is in April; needed where the dates do not show it.
 
-    Returns:
-        The data.
-
     Raises:
         InputError: if the source or a column cannot be used; the message names it and says what to do.
     """
@@ -89,12 +86,8 @@ def read(
         sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
         columns=columns, dayfirst=dayfirst,
     )  # fmt: skip
-    kinds = {
-        "state": named(states, "states"),
-        "input": named(inputs, "inputs"),
-        "derivative": dict(derivatives or {}),
-        "output": named(outputs, "outputs"),
-    }
+    given = {"state": states, "input": inputs, "derivative": dict(derivatives or {}), "output": outputs}
+    kinds = {kind: named(chosen, f"{kind}s") for kind, chosen in given.items()}
     # Columns of a frame may be numbers.
     asked = Asked(kinds, None if time is None else str(time), dt, None if run is None else str(run), restart)
     labels, tables = _tables(source, asked, layout)
@@ -168,7 +161,7 @@ def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[st
 
 
 def layout_of(
-    *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **given: Any
+    *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **options: Any
 ) -> Layout:
     """Check the arguments of `read` that describe the layout of tables, and collect them."""
     skiprows = 0 if skiprows is None else skiprows
@@ -180,7 +173,7 @@ def layout_of(
         raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
     if isinstance(columns, str):
         raise InputError(f'columns must be a list of names, such as columns=["{columns}"], not a single string.')
-    sep = given.get("sep")
+    sep = options.get("sep")
     if sep and len(sep) > 1 and sep != BLANKS:
         raise InputError(
             f'sep must be one character, or r"{BLANKS}" for any number of blanks, not {sep!r}; replace it in the '
@@ -191,7 +184,7 @@ def layout_of(
         # With the mark of byte order that some programs write.
         encoding="utf-8-sig" if encoding == "utf-8" else encoding,
         columns=None if columns is None else tuple(columns),
-        **given,
+        **options,
     )
     if layout.thousands == layout.decimal:
         raise InputError(

@@ -91,12 +91,12 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         how = " was converted to seconds since" if dated else ", of more digits than a float holds, counts from"
         remarks.append(f"time {asked.time} of {table.where}{how} {each}")
     columns: dict[tuple[str, str], Any] = {("time", "t"): stamped}
-    units = {} if asked.time is None else {"t": table.units.get(table.known(asked.time))}
+    units = {} if asked.time is None else {"t": table.units.get(table.own_name(asked.time))}
     for kind, chosen in asked.kinds.items():
         for name, column in chosen.items():
             values = numbers(table, column, layout)
             columns[kind, name] = [values[rows] for rows in groups]
-            units[derivative_label(name) if kind == "derivative" else name] = table.units.get(table.known(column))
+            units[derivative_label(name) if kind == "derivative" else name] = table.units.get(table.own_name(column))
     if dated:
         units["t"] = "s"
     kept = {name: unit for name, unit in units.items() if unit}

@@ -73,9 +73,9 @@ class Table:
         Raises:
             InputError: There is none of that name.
         """
-        return self.frame[self.known(name)]
+        return self.frame[self.own_name(name)]
 
-    def known(self, name: str) -> str:
+    def own_name(self, name: str) -> str:
         """Return this table's own name of a column.
 
         Raises:
@@ -85,12 +85,12 @@ class Table:
         name = self.aliases.get(str(name), str(name))
         if name in self.frame.columns:
             return name
-        known = [str(column) for column in self.frame.columns]
-        lowered = {column.lower(): column for column in reversed(known)}
+        columns = [str(column) for column in self.frame.columns]
+        lowered = {column.lower(): column for column in reversed(columns)}
         near = [lowered[match] for match in difflib.get_close_matches(str(name).lower(), lowered, n=3, cutoff=0.5)]
         guess = f" Did you mean {' or '.join(near)}?" if near else ""
-        columns = f"Its columns are {', '.join(known)}."
-        raise InputError(f'{capital(self.where)} has no column "{name}".{guess} {columns}{self.hint}')
+        listing = f"Its columns are {', '.join(columns)}."
+        raise InputError(f'{capital(self.where)} has no column "{name}".{guess} {listing}{self.hint}')
 
     def packed(self) -> "Table":
         """Return the table without rows that only separate others; with stamps they measure nothing."""
@@ -171,12 +171,13 @@ def _without_margins(frame: pd.DataFrame) -> pd.DataFrame:
     return frame if len(filled) else frame.iloc[:0]
 
 
-def _renamed(names: list[str], given: Sequence[str], where: str) -> list[str]:
-    if len(given) != len(names):
+def _renamed(names: list[str], columns: Sequence[str], where: str) -> list[str]:
+    if len(columns) != len(names):
         raise InputError(
-            f"columns names {len(given)} columns, but {where} has {len(names)}: {', '.join(names)}; give one name each."
+            f"columns names {len(columns)} columns, but {where} has {len(names)}: {', '.join(names)}; give one name "
+            "each."
         )
-    return [str(name) for name in given]
+    return [str(name) for name in columns]
 
 
 def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:

@@ -1,5 +1,7 @@
 """Columns at other times: interpolated evenly, or thinned behind a low-pass filter."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
@@ -92,7 +94,7 @@ def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
     Raises:
         InputError: Numbers of rows that there are not; truth values of another length.
     """
-    index = rows
+    index: Any = rows
     if not isinstance(rows, slice):
         index = np.asarray(rows)
         if index.dtype == bool and index.shape != (n_obs,):

@@ -118,16 +118,16 @@ def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.nd
 
 def _lost(data: Trajectories, means: Trajectories, name: str) -> bool:
     """Return True if averages lose something of a state that shows, or if its noise has outliers."""
-    left, before = [], []
+    residuals, earlier = [], []
     ends = np.cumsum(data.run_lengths)[:-1], np.cumsum(means.run_lengths)[:-1]
     columns = data.time, data.column(name), means.time, means.column(name)
     parts = [np.split(x, at) for x, at in zip(columns, (ends[0], ends[0], ends[1], ends[1]), strict=True)]
     for time, values, mean_time, mean in zip(*parts, strict=True):
         inside = (time > mean_time[0]) & (time < mean_time[-1])
         between = values - CubicSpline(mean_time, mean)(time)
-        left.append(between[1:][inside[1:]])
-        before.append(between[:-1][inside[1:]])
-    now, then = np.concatenate(left), np.concatenate(before)
+        residuals.append(between[1:][inside[1:]])
+        earlier.append(between[:-1][inside[1:]])
+    now, then = np.concatenate(residuals), np.concatenate(earlier)
     square = np.mean(now**2)
     if np.sqrt(square) <= FLAT * np.max(np.abs(data.column(name))):
         return False

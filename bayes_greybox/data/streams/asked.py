@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool
 
-from bayes_greybox.data.digits import first_lost
+from bayes_greybox.data.plain_arrays import first_lost
 from bayes_greybox.data.reading.door import read
 from bayes_greybox.data.reading.table import Layout, Table, tidy
 from bayes_greybox.data.trajectories import Trajectories
@@ -52,16 +52,16 @@ class Asked:
         # Two rows of any numbers, as only the names matter: "pos [mm]" is a column pos.
         table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
         in_source = dict(zip(table.frame.columns, kinds, strict=True))
-        columns = tuple(in_source[table.known(name)] for name in self.columns)
+        columns = tuple(in_source[table.own_name(name)] for name in self.columns)
         run = self.settings.get("run")
-        labels = None if run is None else in_source[table.known(run)]
+        labels = None if run is None else in_source[table.own_name(run)]
         for name in columns:
             if kinds[name] not in "biuf" and name != labels:
                 raise InputError(
                     f'The column "{name}" of {where} does not hold numbers. A stream knows no row before its piece: '
                     "give dates as seconds, and text as numbers."
                 )
-        stamps = None if self.time is None else in_source[table.known(self.time)]
+        stamps = None if self.time is None else in_source[table.own_name(self.time)]
         return replace(self, columns=tuple(dict.fromkeys(columns)), stamps=stamps, labels=labels)
 
     def begins(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> Bool[np.ndarray, " n_row"]:
@@ -74,8 +74,8 @@ class Asked:
             begun[len(frame) - len(labels) + 1 :] |= labels[1:] != labels[:-1]
         elif self.restarts and self.stamps is not None:
             time = pd.concat([last, frame])[self.stamps].to_numpy(float)
-            known = np.flatnonzero(np.isfinite(time))
-            begun[known[1:][np.diff(time[known]) < 0] - len(last)] = True
+            stamped = np.flatnonzero(np.isfinite(time))
+            begun[stamped[1:][np.diff(time[stamped]) < 0] - len(last)] = True
         return begun
 
     def latest(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> pd.DataFrame:

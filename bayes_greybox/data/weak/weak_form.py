@@ -139,13 +139,13 @@ def _quadrature(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
     h = np.diff(t)
     nodes = t[:-1, None] + 0.5 * h[:, None] * (1 + place)
     four = np.clip(np.arange(n - 1) - 1, 0, n - 4)[:, None] + np.arange(4)
-    known = t[four]
+    samples = t[four]
     # Lagrange's polynomials: ∏ (τ − t_l)/(t_j − t_l)
     basis = np.ones((n - 1, NODES_PER_STEP, 4))
     for j in range(4):
         for k in range(4):
             if k != j:
-                basis[:, :, j] *= (nodes - known[:, k, None]) / (known[:, j] - known[:, k])[:, None]
+                basis[:, :, j] *= (nodes - samples[:, k, None]) / (samples[:, j] - samples[:, k])[:, None]
     rows = np.repeat(np.arange(nodes.size), 4)
     columns = np.repeat(four[:, None], NODES_PER_STEP, axis=1).ravel()
     cubics = csr_matrix((basis.ravel(), (rows, columns)), shape=(nodes.size, n))

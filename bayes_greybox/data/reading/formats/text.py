@@ -132,8 +132,8 @@ def _frame(path: Path, head: _Head, layout: Layout, **options: Any) -> pd.DataFr
 
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
     """Return the lines above the measurements of a file that begins with these lines."""
-    given = layout.skiprows
-    skipped = set(range(given) if isinstance(given, int) else given)
+    skiprows = layout.skiprows
+    skipped = set(range(skiprows) if isinstance(skiprows, int) else skiprows)
     marked: list[str] = []
     i, first = 0, ""
     for i, first in enumerate(lines):

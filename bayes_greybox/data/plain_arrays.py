@@ -1,10 +1,14 @@
-"""Arrays as users pass them: with a mask, a unit or imaginary parts, none of which a column of floats has."""
+"""Arrays as users pass them, with a mask, a unit, imaginary parts or too many digits, and as columns of floats."""
 
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from bayes_greybox.running.errors import InputError
+
+LARGEST_EXACT_INTEGER = 2**53
+"""Largest number up to which every whole number is a float."""
 
 NO_UNIT = ("", "dimensionless")
 """Units of a plain number in libraries of units."""
@@ -33,3 +37,19 @@ def plain_array(values: Any, what: str) -> np.ndarray:
     if array.dtype.kind == "c":
         raise InputError(f"The {what} holds complex numbers, of which a row has none: give real and imaginary parts.")
     return array
+
+
+def first_lost(values: np.ndarray) -> int | None:
+    """Return the place of the first whole number that no float equals; None if there is none."""
+    if values.dtype.kind not in "iu" or not len(values):
+        return None
+    if max(int(values.max()), -int(values.min())) <= LARGEST_EXACT_INTEGER:
+        return None
+    with np.errstate(invalid="ignore"):
+        lost = values.astype(float).astype(values.dtype) != values
+    return int(np.argmax(lost)) if lost.any() else None
+
+
+def since_first(values: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Return whole numbers less the smallest of them, t_i − min t, subtracted before they become floats."""
+    return (values - values.min()).astype(float)
