@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag, cholesky_banded, get_lapack_funcs, toeplitz
 
-from .protocol import FILTER_WHITE_SHARES, WHITE_SHARE, RowNoise, check_white_share
+from .protocol import WHITE_SHARE, RowNoise, check_white_share
 
 
 def fir_noise(
@@ -121,10 +121,6 @@ class BandedNoise(RowNoise):
         """Return the noise of every so many rows of each run, from its first on."""
         lengths = tuple(-(-n // every) for n in self.run_lengths)
         return replace(self, autocorrelation=self.autocorrelation[::every], run_lengths=lengths)
-
-    def alternatives(self) -> tuple[RowNoise, ...]:
-        """Return the same filter's noise with other white shares."""
-        return tuple(replace(self, white_share=share) for share in FILTER_WHITE_SHARES if share != self.white_share)
 
     @property
     def _column(self) -> Float[np.ndarray, " n_lag"]:

@@ -107,10 +107,6 @@ class ForcedNoise(RowNoise):
         """Noise of the sensors alone."""
         return self.sensor
 
-    def onto(self, rows: RowNoise) -> RowNoise:
-        """Return the same force on these rows."""
-        return rows.with_error(self.sensor).forced(self.intensity)
-
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "ForcedNoise":
         """Refuse: the effect that a force had before a part of a run is not known within that part."""
         raise InputError("Rows of a path that an unknown force moves cannot be parted: leave out whole runs.")

@@ -25,8 +25,6 @@ from bayes_greybox.running.errors import InputError
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""
 
-FILTER_WHITE_SHARES = (0.0001, 0.0005, 0.002, 0.01, 0.05, 0.15, 0.4)
-"""White shares that are compared where the rows themselves decide among them."""
 
 PRECISION_COLUMNS = 20
 """Columns of R⁻¹ that are computed at once: each is as long as the record."""
@@ -172,14 +170,6 @@ class RowNoise(ABC):
         """
         return self
 
-    def onto(self, rows: "RowNoise") -> "RowNoise":
-        """Return this noise for the same rows linearised at another path.
-
-        Args:
-            rows: Noise that the rows have at that path before anything is added.
-        """
-        return rows
-
     def sequences(
         self, white: Float[np.ndarray, "n_draw n_white"]
     ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
@@ -192,10 +182,6 @@ class RowNoise(ABC):
             The values, the length of each stretch of neighbours, and True if they run along frequency instead of time.
         """
         return white, self.white_lengths, False
-
-    def alternatives(self) -> "tuple[RowNoise, ...]":
-        """Return other noises that the rows may have, by a share that was assumed; none by default."""
-        return ()
 
     @abstractmethod
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":

@@ -122,10 +122,6 @@ class StartsNoise(RowNoise):
         assert self.motion is not None
         return ForcedNoise(self.inner, self.motion(), self.starts, intensity, self.scale)
 
-    def onto(self, rows: RowNoise) -> RowNoise:
-        """Return the noise of these rows with the same R₀."""
-        return rows.with_error(self.inner)
-
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StartsNoise":
         """Return the noise of contiguous rows of each run."""
         first = np.cumsum([0, *self.run_lengths])
