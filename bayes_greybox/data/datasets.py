@@ -268,15 +268,8 @@ _SETS = {
     ),
 }
 
-# Workbook sheet of each ball in the list of masses and sizes.
+# Names in the list of masses and sizes that are not the sheet's name in lower case.
 _BALL_KEYS = {
-    "Baseball": "baseball",
-    "Blue Basketball": "bluebasketball",
-    "Green Basketball": "greenbasketball",
-    "Volleyball": "volleyball",
-    "Bowling Ball": "bowlingball",
-    "Golf Ball": "golfball",
-    "Tennis Ball": "tennisball",
     "Whiffle Ball 1": "wiffleball1",
     "Whiffle Ball 2": "wiffleball2",
     "Yellow Whiffle Ball": "yellowWiffle",
@@ -294,7 +287,8 @@ def _ball_table(drops: dict[str, int]) -> pd.DataFrame:
 
     rows = []
     for ball, n_drop in drops.items():
-        ounces, circumference = (number(text) for text in listed[_BALL_KEYS[ball]])
+        key = _BALL_KEYS.get(ball, ball.lower().replace(" ", ""))
+        ounces, circumference = (number(text) for text in listed[key])
         diameter = circumference / 100.0 / np.pi
         rows.append({"ball": ball, "mass": ounces * _OUNCE, "diameter": diameter, "drops": n_drop})
     return pd.DataFrame(rows).set_index("ball")

@@ -187,12 +187,9 @@ def _contents(paths: tuple[str, ...], _: Any) -> str:
 
 
 def in_memory(modules: tuple[str, ...]) -> Iterator[Any]:
-    """Yield the content of modules: constants, kernels, and the origin of functions and classes.
+    """Yield the content of modules and imported packages: constants, kernels, and the origin of functions.
 
     A constant that was set to another value, or a function that was replaced, makes a program another one.
-
-    Args:
-        modules: Their names, or those of packages, all of whose modules that were imported are looked at.
 
     Raises:
         Unkept: A function comes from somewhere else.

@@ -208,7 +208,7 @@ def test_a_trace_that_cannot_be_written_is_no_error(folder, monkeypatch):
 def test_a_trace_that_does_not_run_is_no_error(folder, monkeypatch):
     _counted([])(jnp.ones(3), {"a": 1.0})
     other = jax.export.export(jax.jit(lambda x: x))(jnp.ones(7))
-    monkeypatch.setattr(traces, "_read", lambda *_: other)
+    monkeypatch.setattr(traces, "_stored", lambda *_: other)
     for _ in range(2):
         _same(_counted([])(jnp.ones(3), {"a": 1.0}), jnp.ones(3))
 

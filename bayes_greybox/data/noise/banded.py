@@ -103,7 +103,7 @@ class BandedNoise(RowNoise):
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """Return R as a dense matrix."""
         blocks = [
-            variance * toeplitz(_pad(self._column, n))
+            variance * toeplitz(np.pad(self._column, (0, n))[:n])
             for n, variance in zip(self.run_lengths, self.run_variances, strict=True)
         ]
         return np.asarray(block_diag(*blocks))
@@ -140,10 +140,6 @@ class BandedNoise(RowNoise):
             out.append(triangular_solve(self._factors[n], block, trans) / math.sqrt(variance))
             start += n
         return np.concatenate(out)
-
-
-def _pad(column: np.ndarray, n: int) -> np.ndarray:
-    return np.concatenate([column, np.zeros(max(0, n - len(column)))])[:n]
 
 
 def _toeplitz_cholesky(column: np.ndarray, n: int) -> np.ndarray:

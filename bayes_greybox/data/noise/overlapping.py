@@ -125,12 +125,9 @@ def mean_diagonal(bands: Sequence[Float[np.ndarray, "_ _"]]) -> float:
 
 
 def independent_rows(band: Float[np.ndarray, "_ n"]) -> Bool[np.ndarray, " n"]:
-    """Mark the rows that earlier rows do not determine; they are as many as the rank of R.
+    """Mark the rows that earlier rows do not determine, from R in lower banded form; they are as many as its rank.
 
     Cholesky's factorisation, row by row, passes over a row with a pivot below `LEAST_PIVOT_SHARE` of its variance.
-
-    Args:
-        band: R in lower banded form.
     """
     width, n = band.shape
     kept = np.zeros(n, bool)

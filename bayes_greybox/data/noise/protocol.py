@@ -163,11 +163,7 @@ class RowNoise(ABC):
         return np.zeros(0)
 
     def forced(self, intensity: float) -> "RowNoise":
-        """Return the same noise with an unknown force along the path, white in time.
-
-        Args:
-            intensity: One of `intensities`, or a value between them.
-        """
+        """Return the same noise with an unknown force along the path, white in time, of one of `intensities`."""
         return self
 
     def sequences(
@@ -219,13 +215,7 @@ def unit_columns(n: int, rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n k"
 def band_by_columns(
     product: Callable[[Float[np.ndarray, "n k"]], Float[np.ndarray, "n k"]], n: int, width: int
 ) -> Float[np.ndarray, "n width"]:
-    """Return the entries (i, i + k), k < width, of a symmetric matrix A, a few of its columns at a time.
-
-    Args:
-        product: Function from columns X to A X.
-        n: Size of A.
-        width: Number of diagonals.
-    """
+    """Return entries (i, i + k), k < width, of a symmetric matrix A [n, n] from products A X of a few columns each."""
     band = np.zeros((n, width))
     for rows in np.array_split(np.arange(n), -(-n // PRECISION_COLUMNS)) if n else []:
         columns = product(unit_columns(n, rows))

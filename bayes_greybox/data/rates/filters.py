@@ -29,13 +29,9 @@ UNDERSMOOTHING = 0.75
 
 
 def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
-    """Return the largest deviation of steps from an even one that still counts as even, ε h + 2 ulp(max |t|).
+    """Return the largest deviation of steps from an even step h that still counts as even, ε h + 2 ulp(max |t|).
 
     Stamps that count from far away, as seconds since 1970 do, are rounded to parts of a step that matter.
-
-    Args:
-        time: Stamps of one run.
-        step: h.
     """
     return STEP_TOLERANCE * step + 2.0 * float(np.spacing(np.max(np.abs(time), initial=0.0)))
 

@@ -161,15 +161,11 @@ class RateFilter:
 
 
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
-    """Return the weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic.
+    """Return the weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic, m = 0, 1 or 2.
 
     Summation by parts: Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the
     integral of ẋ between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ
     under a hat (Numerov).
-
-    Args:
-        taps: Taps c of the differentiator.
-        order: m, 0, 1 or 2.
     """
     if order == 0:
         return taps
@@ -217,11 +213,7 @@ class RowOperator:
         return self.sample
 
     def pieces(self, most: int) -> Iterator[slice]:
-        """Yield stretches of samples, each with whole windows, whose rows follow each other.
-
-        Args:
-            most: Samples of a stretch, or the window if that is longer.
-        """
+        """Yield stretches of at most so many samples, each with whole windows, whose rows follow each other."""
         window, start = len(self.weights), 0
         count = max(1, (most - window) // self.every + 1)
         for n, n_row in zip(self.run_lengths, self.row_lengths, strict=True):
@@ -235,12 +227,7 @@ class RowOperator:
         evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
         columns: Mapping[str, Float[np.ndarray, " n_sample"]],
     ) -> Float[np.ndarray, "n_row k"]:
-        """Return rows of a table that never has to exist as a whole.
-
-        Args:
-            evaluate: Function from columns [n] to the table [n, k].
-            columns: Columns at all samples.
-        """
+        """Return rows of the table [n, k] that a function makes of columns [n], without ever forming it as a whole."""
         at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH_SAMPLES))
         return np.concatenate([self.smooth(evaluate(part)) for part in at])
 

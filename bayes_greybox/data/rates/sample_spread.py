@@ -103,14 +103,10 @@ class SampleSpread:
         return value
 
     def bends(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, " n"]:
-        """Return the largest second difference of one function within reach of each sample, 0 where it is smooth.
+        """Return the largest second difference of a function [n, 1] within reach of each sample, 0 where it is smooth.
 
         Over 1/n of the reach, the second difference of a kink is 1/n of its size, that of a jump all of it, and that of
         a smooth function 1/n².
-
-        Args:
-            evaluate: Function from columns to its values [n, 1].
-            columns: Columns at all samples.
         """
         largest = np.zeros(len(next(iter(columns.values()))))
         for first, other in self._ends(columns, self.beside(columns)):

@@ -38,16 +38,12 @@ normal noise, within 0.11 for the fewest samples that are averaged."""
 
 
 def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
-    """Return how many neighbouring samples may be averaged without a loss; 1 for none.
+    """Return how many neighbouring samples may be averaged without a loss, in held-out data too; 1 for none.
 
     The loss of a smooth motion continues from one sample to the next: samples less a spline through the averages are
     correlated with the sample before. Noise alone is not, apart from the small share of each sample in its own average.
     Nothing is averaged in states without noise or with outliers, beside an input that changes, from a sensor that was
     at the end of its range, or across gaps.
-
-    Args:
-        data: Samples of states and inputs.
-        test: Held-out samples, which must lose nothing by the same blocks.
     """
     most = data.n_obs // ENOUGH
     if most < 2 or not all(_able(each) for each in (data, test) if each is not None):

@@ -45,15 +45,10 @@ def sample_noise(
 
     Divided differences over k + 1 neighbours of one run, their weights scaled to unit norm, have the variance of the
     noise whatever the steps. Orders are tried one after the other until one shows `WHITE_RATIO` of the order before it:
-    that is the noise.
+    that is the noise. No difference spans two runs.
 
     Noise that is not white, such as the rest that a smoothing filter leaves, is not seen; a state that is kicked at
     random from sample to sample looks noisy.
-
-    Args:
-        time: Times of the samples.
-        values: Samples by column.
-        run_lengths: Samples of each run; no difference spans two.
     """
     least = _least_noise(values)
     # Without their level, differences of samples have no rounding of it.

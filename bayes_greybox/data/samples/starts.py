@@ -46,15 +46,12 @@ class Starts:
 
 
 def estimate_starts(data: Trajectories) -> Starts:
-    """Estimate the start of each run with its uncertainty, x₀ ~ N(x̂₀, s₀²).
+    """Estimate the start of each run, of one row or more, with its uncertainty, x₀ ~ N(x̂₀, s₀²).
 
     x̂₀ is the value at the first sample of a cubic fitted to the first m, s₀² = s² h + b²: s is the noise of a sample
     (see `sample_noise`), h the leverage of the first sample, b the path's departure from a cubic there, estimated as
     the RMS along the whole record of the quartic's share less its noise. m is the largest of `WINDOWS` up to which b is
     below `TRUNCATION` of the error from noise and the first window's own residual is explained by the noise.
-
-    Args:
-        data: Runs of any length, also of one row.
     """
     names = data.state_names
     values = data.matrix(names)

@@ -94,14 +94,9 @@ class Asked:
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
-        """Build data from rows of a piece, the first of which has a number in the source.
+        """Build data from a DataFrame or Dataset, whose first row has the number `first` in the source.
 
-        Args:
-            table: DataFrame or Dataset of the rows, some of them usable.
-            where: Source, in a sentence.
-            first: Number of the first row in it.
-            dropped: Rows beside them that were left out.
-            whole: True if they are whole runs.
+        Rows beside them may have been dropped; `whole` is True if they are whole runs.
 
         Raises:
             InputError: Rows that `read` refuses; stamps of too many digits, unless runs are whole.

@@ -71,11 +71,7 @@ class LocalFits:
     ) -> "LocalFits":
         """Fit over so many neighbours on either side; at the end of a stretch the window lies on one side.
 
-        Args:
-            time: Times of the samples.
-            parts: Stretches, which no fit reaches beyond.
-            half_width: Neighbours on either side.
-            at: Samples at which fits are wanted; all by default.
+        No fit reaches beyond its stretch. `at` are the samples at which fits are wanted, all by default.
         """
         width = 2 * half_width + 1
         at = np.arange(len(time)) if at is None else at
@@ -108,11 +104,7 @@ def chosen_half_widths(
 ) -> tuple[int, ...]:  # fmt: skip
     """Choose the number of neighbours on either side with the least estimated mean square error, column by column.
 
-    Args:
-        time: Times of the samples.
-        columns: Samples.
-        noise: s of each column.
-        parts: Stretches.
+    The noise is s of each column.
     """
     longest = max(part.rows[1] - part.rows[0] for part in parts)
     at = np.unique(np.linspace(0, len(time) - 1, MOST_FITS).astype(int))

@@ -57,14 +57,7 @@ class Bumps:
     def along(
         cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], radius: float, every: int = CENTRES_PER_RADIUS
     ) -> "Bumps":
-        """Place all bumps of a radius that lie within their stretch, a fraction of the radius apart.
-
-        Args:
-            time: Times of the samples.
-            parts: Stretches of samples.
-            radius: r.
-            every: Ratio of r to the distance of centres.
-        """
+        """Place all bumps of radius r that lie within their stretch, with centres r / every apart."""
         placed = [_bumps_of_stretch(time, part, radius, every) for part in parts]
         none, empty = np.zeros(0, int), csr_matrix((0, len(time)))
         pieces = [(empty, empty, np.zeros(0), none, none), *(piece for piece in placed if piece is not None)]
@@ -76,12 +69,7 @@ class Bumps:
 
 
 def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "*n"], Float[np.ndarray, "*n"]]:
-    """Return φ and φ̇ at places u of a bump.
-
-    Args:
-        u: (t − t₀)/r; outside −1 … 1 both are zero.
-        radius: r.
-    """
+    """Return φ and φ̇ at places u = (t − t₀)/r of a bump; both are zero outside −1 … 1."""
     inside = np.clip(1.0 - u * u, 0.0, None)
     # ∫ (1 − u²)^p du = B(½, p + 1)
     size = 1.0 / (radius * beta(0.5, POWER + 1))
