@@ -34,10 +34,10 @@ def test_a_text_that_was_changed_is_refused(whole, tmp_path):
     # Whole, it is read.
     assert netcdf.load(path).model.equations == ("v",)
     with h5py.File(path, "r+") as file:
-        text = file.attrs[netcdf.RECORD]
+        text = file.attrs[netcdf.RECORD_ATTRIBUTE]
         assert '"noise_floor": 0.0001' in text
         # One bit of one digit: nothing but the seal could tell.
-        file.attrs[netcdf.RECORD] = text.replace('"noise_floor": 0.0001', '"noise_floor": 0.0003')
+        file.attrs[netcdf.RECORD_ATTRIBUTE] = text.replace('"noise_floor": 0.0001', '"noise_floor": 0.0003')
     with pytest.raises(bg.InputError, match=r"run\.nc' is damaged.* 'bayes_greybox' is not what was written; take"):
         bg.load(path)
 

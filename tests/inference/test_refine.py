@@ -137,7 +137,7 @@ def test_paths_that_turn_out_inaccurate_are_sampled_again_on_half_steps(monkeypa
         runs.append((len(points), int(np.min(known.likelihood.along.grid.number))))
         return sampled_on(self, rows, points, known)
 
-    monkeypatch.setattr(accurate, "MARGIN", 1e12)
+    monkeypatch.setattr(accurate, "ERROR_MARGIN", 1e12)
     monkeypatch.setattr(accurate.Paths, "_errors", counted)
     fit = linear().refine(**EXACT, **STATED)
     # One step a sample does at the draws of linear rows, where anything does, and not at the exact ones.
@@ -168,7 +168,7 @@ def test_it_is_said_where_there_is_no_path(lost, message, monkeypatch):
         return accurate.Errors(*(np.where(lost(np.arange(len(points))), np.inf, each) for each in found))
 
     # On the finest steps at once.
-    monkeypatch.setattr(methods, "FIRST", methods.FINEST)
+    monkeypatch.setattr(methods, "FIRST_TOLERANCE", methods.FINEST_TOLERANCE)
     monkeypatch.setattr(Course, "methods", property(stepwise))
     monkeypatch.setattr(accurate.Paths, "_errors", some)
     with pytest.raises(bg.InputError, match=message):

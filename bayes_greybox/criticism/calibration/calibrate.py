@@ -164,7 +164,7 @@ def calibrate(
         raise InputError(f"calibrate(replicates={replicates}) says nothing: give {FEWEST_REPLICATES} at least.")
     if not 0 < level < 1:
         raise InputError(f"calibrate(level={level:g}) must lie between 0 and 1.")
-    Sampling(draws, tune, 1, seed, target_accept)
+    sampling = Sampling(draws, tune, 1, seed, target_accept)
     start = time.perf_counter()
     opened = {name: open_equation(equation) for name, equation in model.assemble(data).items()}
     prior_key, chain_key = jax.random.split(jax.random.PRNGKey(seed))
@@ -174,9 +174,7 @@ def calibrate(
     keys = jax.random.split(chain_key, replicates)
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
     with threadpool_limits(1), stages(progress), stage("Calibrating", replicates) as line:
-        found = sample_replicates(
-            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=line.advance
-        )
+        found = sample_replicates(model, designs, targets, keys, sampling, line.advance)
     seconds = time.perf_counter() - start
 
     samples = found.samples

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.sampling import RunOptions, sample_posterior
 
 
 def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], progress: bool = False) -> Posterior:
@@ -18,13 +18,8 @@ def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], prog
     Returns:
         A posterior with this equation only.
     """
-    left = {equation: posterior.equations[equation].without(rows)}
+    without = {equation: posterior.equations[equation].without(rows)}
+    options = RunOptions("Fitting without what is left out", programs=posterior.programs)
     return sample_posterior(
-        posterior.model,
-        posterior.data,
-        posterior.sampling,
-        progress=progress,
-        what="Fitting without what is left out",
-        equations=left,
-        programs=posterior.programs,
+        posterior.model, posterior.data, posterior.sampling, progress=progress, equations=without, options=options
     )

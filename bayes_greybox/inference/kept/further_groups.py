@@ -1,4 +1,4 @@
-"""Groups that come to a fit's tree after its draws: predictions of rows, densities, the slab's scales."""
+"""Groups that are added to the tree of a fit after its draws: predictions, densities, scales of the slab."""
 
 from collections.abc import Mapping
 
@@ -13,15 +13,11 @@ from .groups import row_dimension
 def add_group(
     posterior: Posterior, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None
 ) -> None:
-    """Put a group of draws for each observation [n_chain, n_draw, n_obs] into the DataTree.
+    """Add a group with variables [n_chain, n_draw, n_obs] to the tree of a fit.
 
-    Args:
-        posterior: Whose tree gets the group.
-        name: Name of the group.
-        values: Variables.
-        draw: Numbers of the draws, if not all were kept.
+    `draw` are the numbers of the draws, if not all were kept.
     """
-    n_draw = next(iter(values.values())).shape[1]
+    n_chain, n_draw = next(iter(values.values())).shape[:2]
     rows = {posterior.sites[key].rate: row_dimension(entry) for key, entry in posterior.equations.items()}
     variables, numbers = {}, {}
     for key, value in values.items():
@@ -29,18 +25,15 @@ def add_group(
         if value.shape[2] == len(number):
             numbers[dimension] = number
         else:
-            # Spectral noise leaves fewer observations than rows: whitened coefficients, which belong to no time.
+            # Under spectral noise the observations are whitened coefficients, fewer than rows and without a time.
             dimension = f"{key}_coefficient"
         variables[key] = (("chain", "draw", dimension), value)
-    coords = {
-        "chain": np.arange(next(iter(values.values())).shape[0]),
-        "draw": np.arange(n_draw) if draw is None else draw,
-    }
+    coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw) if draw is None else draw}
     posterior.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords | numbers))
 
 
 def slab_group(posterior: Posterior) -> xr.Dataset:
-    """Scales and log odds of θ at the draws, of the equations whose inclusion patterns the sampler summed over."""
+    """Return scales and log odds of θ at the draws, for equations whose patterns the sampler summed over."""
     group, variables = posterior.idata["posterior"].dataset, {}
     for name, own in posterior.sites.items():
         slab = posterior.slab(name)

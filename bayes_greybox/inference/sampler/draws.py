@@ -1,4 +1,4 @@
-"""Exact draws of what was integrated out: inclusion patterns, coefficients, weights or values of f."""
+"""Exact draws of the quantities that were integrated out: inclusion patterns, coefficients, f."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -21,20 +21,20 @@ from bayes_greybox.running.traces import kept
 
 
 def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
-    """A function (designs, samples, key) that draws γ, θ and f given each posterior draw of the hyperparameters.
+    """Return a function (designs, samples, key) that draws γ, θ and f exactly, given each draw of the hyperparameters.
 
-    They are still exact posterior draws. The function compiles once for designs and samples of the same shapes.
+    The function compiles once for designs and samples of the same shapes.
 
     Args:
-        model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `samples` its
-            sites, each [n_chain, n_draw, ...].
-        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
+        model: The collapsed NumPyro model, whose argument is `designs` and whose sites are `samples`, each
+            [n_chain, n_draw, ...].
+        identity: Key of the model for `traces.kept`; None: no trace is kept.
 
     Returns:
         The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
-        of each coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
-        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of
-        γ_j = 1 given the hyperparameters where the patterns are summed, else γ_j itself.
+        of each coefficient, zero for an excluded one) and `e_weight` (weights of the features) or `e_f` (values at the
+        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of γ_j = 1
+        given the hyperparameters if the patterns are summed, else γ_j itself.
     """
 
     def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
@@ -55,7 +55,7 @@ def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., 
 def conditional_draw(
     model: Callable, designs: Mapping[str, Design], values: Mapping[str, Array], key: Array
 ) -> dict[str, Array]:
-    """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_sampler`."""
+    """Draw γ, θ and f of every equation once, given one draw of the sites; see `conditional_sampler`."""
     sites = trace(seed(substitute(model, data=dict(values)), key)).get_trace(designs)
     drawn = {}
     for own, key_e in zip(Sites(designs).values(), jax.random.split(key, len(designs)), strict=True):
@@ -65,15 +65,15 @@ def conditional_draw(
 
 
 def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:
-    """One draw of γ, θ and f given the hyperparameters of one equation.
+    """Draw γ, θ and f once, given the hyperparameters of one equation.
 
     θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), θ less its prior mean.
-    Coefficients with bounds are where the sampler's uniform numbers place them, the others are drawn given these.
+    The sampler's uniform numbers place coefficients with bounds; the others are drawn given these.
 
     Args:
         key: Random key.
-        likelihood: The likelihood site's distribution, which holds η and the prior scales.
-        gamma: The pattern, where it is a site of the model.
+        likelihood: Distribution of the likelihood site, which holds η and the prior scales.
+        gamma: The pattern if it is a site of the model.
     """
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
@@ -112,5 +112,5 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
 
 
 def _shares(log_weight: Array, bits: Array) -> Array:
-    """Probability of each term; patterns that all have one add up to one but for rounding."""
+    """Inclusion probability of each term; rounding may bring a sum over all patterns above one."""
     return jnp.minimum(jnp.exp(log_weight) @ bits, 1.0)

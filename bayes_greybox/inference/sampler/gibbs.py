@@ -12,7 +12,7 @@ from bayes_greybox.model.sites import Sites
 
 
 def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Callable:
-    """A `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each equation, then as many swaps.
+    """Return a `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each equation, then as many swaps.
 
     Given η, τ and π the posterior of γ is p(γ | ·) ∝ Π π^γ (1 − π)^(1−γ) p(y | γ, ·), and p(y | γ, ·) is
     Gaussian with θ and f integrated out. In terms of A = TᵀT and b = Tᵀq of the remaining regression (see
@@ -26,8 +26,8 @@ def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Cal
 
     Args:
         model: The collapsed model.
-        designs: Its argument.
-        equations: Equations that have a `gamma` site.
+        designs: The model's argument.
+        equations: Equations with a `gamma` site.
     """
     names = Sites(designs)
 
@@ -57,13 +57,13 @@ def resample_pattern(
     tau: Float[Array, ""],
     pi: Float[Array, ""],
 ) -> Int[Array, " n_term"]:
-    """One Gibbs sweep over all terms in random order, then n_term swap proposals.
+    """Sweep over all terms once in random order, then propose n_term swaps.
 
     Args:
         key: Random key.
         gamma: Current pattern.
-        A: Precision of the data about θ, scaled units.
-        b: Its shift.
+        A: Information of the data about θ, scaled units.
+        b: Information-weighted estimate, A θ̂.
         tau: Slab standard deviation.
         pi: Prior inclusion probability.
     """
@@ -75,7 +75,7 @@ def resample_pattern(
     augmented = jax.lax.fori_loop(0, n_term, lambda j, M: jnp.where(gamma[j] == 1, _sweep(M, j), M), augmented)
 
     def log_factor(M: Array, j: Array) -> Array:
-        # Of a term that is out: log BF = −½ log(τ² pivot) + ½ s²/pivot, pivot = r + τ⁻²
+        # For an excluded term: log BF = −½ log(τ² pivot) + ½ s²/pivot, pivot = r + τ⁻²
         pivot = M[j, j]
         return -0.5 * jnp.log(tau**2 * pivot) + 0.5 * M[j, -1] ** 2 / pivot
 
@@ -107,14 +107,14 @@ def resample_pattern(
 
 
 def _sweep(M: Float[Array, "n n"], j: Array | int) -> Float[Array, "n n"]:
-    """Sweep pivot j in: the other entries become those of the regression with term j."""
+    """Sweep in pivot j, so that the other entries become those of the regression with term j."""
     pivot, row = M[j, j], M[j]
     swept = M - jnp.outer(row, row) / pivot
     return swept.at[j].set(row / pivot).at[:, j].set(row / pivot).at[j, j].set(-1 / pivot)
 
 
 def _unsweep(M: Float[Array, "n n"], j: Array | int) -> Float[Array, "n n"]:
-    """Take pivot j out again, the inverse of `_sweep`."""
+    """Sweep out pivot j, the inverse of `_sweep`."""
     pivot, row = M[j, j], M[j]
     swept = M - jnp.outer(row, row) / pivot
     return swept.at[j].set(-row / pivot).at[:, j].set(-row / pivot).at[j, j].set(-1 / pivot)

@@ -14,22 +14,13 @@ from .gibbs import gamma_move
 
 
 def posterior_kernel(model: SamplingProgram, designs: Mapping[str, Design], target_accept: float) -> Any:
-    """NumPyro's kernel for the posterior of a model.
-
-    Args:
-        model: Model.
-        designs: Its argument, which may be traced.
-        target_accept: Target acceptance probability of NUTS.
-    """
-    # log σ is known to 1/√(2n): a warm-up that starts from unit scales, or NumPyro's pull of every scale towards 1e-3,
-    # would make a million rows cost three times the steps of a thousand.
+    """Return NumPyro's kernel for the posterior of a model whose argument is `designs`, which may be traced."""
+    # log σ has a posterior standard deviation of 1/√(2n). A warm-up from unit scales, or with NumPyro's pull of every
+    # scale towards 1e-3, would take three times the steps for a million rows as for a thousand.
     sites = Sites(designs)
     scales = {(sites[name].noise,): jnp.reshape(0.5 / design.n_obs, 1) for name, design in designs.items()}
     kernel: Any = NUTS(
-        model.numpyro_model,
-        target_accept_prob=target_accept,
-        inverse_mass_matrix=scales,
-        regularize_mass_matrix=False,
+        model.numpyro_model, target_accept_prob=target_accept, inverse_mass_matrix=scales, regularize_mass_matrix=False
     )
     with_gamma = model.gibbs_equations(designs)
     if not with_gamma:
