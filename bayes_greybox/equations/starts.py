@@ -1,4 +1,4 @@
-"""Where the record starts, as a fit to samples estimates it beside its coefficients."""
+"""States at the start of a record, as estimated by a fit to samples."""
 
 from collections.abc import Mapping
 
@@ -14,15 +14,10 @@ from .learned import Value
 
 @remembered
 def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
-    """States at the first sample of the first run, measured or not, with their standard deviations; user's units.
+    """Return all states at the first sample of the first run, by state; user's units.
 
-    Draws are those of the likeliest pattern, as in the equations of `fitted_system`.
-
-    Args:
-        posterior: The fit.
-
-    Returns:
-        By state; empty where rows follow no path from its start, or an unknown force moves it.
+    Draws are those of the likeliest pattern, as in the equations of `fitted_system`. There are no starts if rows follow
+    no path from its start, or an unknown force moves it.
     """
     model = posterior.model
     if not model.rows.integrated:

@@ -104,7 +104,7 @@ def test_where_there_is_no_free_run_it_says_why(fit, parts, monkeypatch, tmp_pat
     open_ended.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "There is no free run. State" in page and "error of the predicted d(ydot)/dt" in page
-    monkeypatch.setattr(module, "MOST_ROWS", 10)
+    monkeypatch.setattr(module, "FREE_RUN_ROWS", 10)
     assert "fit.simulate(data) makes it" in trial(fit).why
 
 

@@ -1,36 +1,29 @@
-"""Rows that the noise weighs by their own residuals: what is left out has a say in how it is predicted."""
+"""Rows that the noise weights by their own residuals, so that a row influences its own prediction."""
 
 from collections.abc import Mapping
 
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.running.errors import InputError
 
-NOTE = (
+WEIGHTED_NOTE = (
     "Noise(tails=...) gave each row its weight by its own residual, which a prediction cannot know: elpd is too high, "
     "and compares with that of fits with the same tails alone."
 )
-"""What holds of the densities of such rows."""
+"""Warning about the densities of such rows."""
 
 
 def weighted(posterior: Posterior) -> bool:
-    """Whether any row has a weight of its own by its residual.
-
-    Args:
-        posterior: Fitted model.
-    """
+    """Return True if the noise weights rows by their residuals."""
     noise = posterior.model.noise
     asked, found = getattr(noise, "tails", None), getattr(noise, "found", None)
     return asked is not None and (found is None or any("degrees" in each for each in found.values()))
 
 
 def require_weighted_alike(fits: Mapping[str, Posterior]) -> None:
-    """Refuse to rank fits whose rows were weighed by their residuals among fits whose rows were not.
-
-    Args:
-        fits: Fits by name.
+    """Require that all fits weight rows by their residuals, or none.
 
     Raises:
-        InputError: There are both.
+        InputError: Some do, and others do not.
     """
     kinds = {name: weighted(fit) for name, fit in fits.items()}
     if any(kinds.values()) and not all(kinds.values()):

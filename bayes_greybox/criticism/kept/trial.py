@@ -1,4 +1,4 @@
-"""How a fit does on data, in its saved file: its page needs neither the data nor to integrate again."""
+"""The trial of a fit on data in its saved file: its page needs neither the data nor another integration."""
 
 import json
 
@@ -14,35 +14,26 @@ from ..free_run import FreeRun
 from ..trial import Trial, trial
 from .checks import draws_sum
 
-FORMAT = 1
-"""Of the group; of another one nothing is read, and the trial is made again, on the training data."""
+TRIAL_FORMAT = 1
+"""Version of the group; other versions are not read, and the trial is made again, on the training data."""
 
-CLASSES = (Band, FreeRun, Trial)
-"""Classes of what it holds."""
+TRIAL_CLASSES = (Band, FreeRun, Trial)
+"""Classes in the group."""
 
 
 def kept_trial(posterior: Posterior) -> dict[str, xr.Dataset]:
-    """Groups of a file with the trial of a posterior, where it was made.
-
-    Args:
-        posterior: Fitted model.
-    """
-    found = recall(posterior, trial)
-    if found is None:
+    """Return groups of a file with the trial of a posterior, if it was made."""
+    made = recall(posterior, trial)
+    if made is None:
         return {}
-    packer = Packer(CLASSES)
-    record = {"format": FORMAT, "of": draws_sum(posterior), "trial": packer.pack(found, "trial")}
+    packer = Packer(TRIAL_CLASSES)
+    record = {"format": TRIAL_FORMAT, "of": draws_sum(posterior), "trial": packer.pack(made, "trial")}
     return {TRIED: as_group(json.dumps(record), packer.arrays)}
 
 
 def restore_trial(posterior: Posterior, group: xr.Dataset) -> None:
-    """Have a posterior that was read from a file know the trial that the file has, if it is of its draws.
-
-    Args:
-        posterior: What was read.
-        group: Of the file.
-    """
+    """Restore the trial from a group of the file, if it belongs to these draws."""
     text, arrays = group_arrays(group)
     record = json.loads(text)
-    if record["format"] == FORMAT and record["of"] == draws_sum(posterior):
-        remember(posterior, trial, Unpacker(CLASSES, arrays).unpack(record["trial"]))
+    if record["format"] == TRIAL_FORMAT and record["of"] == draws_sum(posterior):
+        remember(posterior, trial, Unpacker(TRIAL_CLASSES, arrays).unpack(record["trial"]))
