@@ -132,23 +132,25 @@ def convergence_table(posterior: Posterior) -> pd.DataFrame:
         (of the mean, in the unit of the variable) and varies. A quantity that takes one value in all draws
         has NaN for all.
     """
-    stats = array_stats()
-    rows = {}
-    for name, draws in judged(posterior):
-        varies = bool(np.ptp(draws) > 0)
-        rows[name] = (np.nan, np.nan, np.nan, np.nan, varies)
-        if varies and draws.shape[1] >= 4:
-            sd = draws.std()
-            scaled = (draws - draws.mean()) / sd
-            # Chains that are each stuck at a different value have no variance within: R̂ is rightly infinite.
-            with np.errstate(divide="ignore", invalid="ignore"):
-                r_hat = float(stats.rhat(scaled, method="rank")) if len(draws) > 1 else np.nan
-                bulk = float(stats.ess(scaled, method="bulk"))
-                tail = float(stats.ess(scaled, method="tail", prob=(0.05, 0.95)))
-                mcse = sd * float(stats.mcse(scaled, method="mean"))
-            rows[name] = (r_hat, bulk, tail, mcse, varies)
+    rows = {name: (*precision_of(draws), bool(np.ptp(draws) > 0)) for name, draws in judged(posterior)}
     columns = ["r_hat", "ess_bulk", "ess_tail", "mcse", "varies"]
     return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("variable")
+
+
+def precision_of(draws: Float[np.ndarray, "n_chain n_draw"]) -> tuple[float, float, float, float]:
+    """Return R̂, bulk and tail effective sample size, and the Monte Carlo error of the mean; NaN without variation."""
+    if not np.ptp(draws) > 0 or draws.shape[1] < 4:
+        return (np.nan,) * 4
+    stats, sd = array_stats(), draws.std()
+    scaled = (draws - draws.mean()) / sd
+    # Chains that are each stuck at a different value have no variance within: R̂ is rightly infinite.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return (
+            float(stats.rhat(scaled, method="rank")) if len(draws) > 1 else np.nan,
+            float(stats.ess(scaled, method="bulk")),
+            float(stats.ess(scaled, method="tail", prob=(0.05, 0.95))),
+            sd * float(stats.mcse(scaled, method="mean")),
+        )
 
 
 def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = None) -> dict[str, tuple[int, ...]]:

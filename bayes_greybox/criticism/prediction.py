@@ -99,11 +99,7 @@ def nmse(
 def predict(
     posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = PREDICTION_DRAWS
 ) -> Prediction:
-    """Return the posterior of the rates at the states and inputs of any data, without need of derivatives.
-
-    Raises:
-        InputError: The data lack a state or input of the model.
-    """
+    """Return the posterior of the rates at the states and inputs of any data; raise InputError if one is missing."""
     require_columns(posterior, data)
     simulation = posterior.model.simulator(data, lacking=True)
     predictions = {}
@@ -171,22 +167,14 @@ def predictive_group(
 
 
 def completed(posterior: Posterior, data: Trajectories) -> Trajectories:
-    """Return measured data with the columns that the model adds to them.
-
-    Raises:
-        InputError: The data have other units than those that the model was fitted with, or lack a column.
-    """
+    """Return measured data with the columns that the model adds; raise InputError for other units or columns."""
     # First, since a path in other units would end anywhere.
     require_units_of(data, posterior.data)
     return posterior.model.complete(data)
 
 
 def require_columns(posterior: Posterior, data: Trajectories) -> None:
-    """Require every state and input of the model.
-
-    Raises:
-        InputError: A column is missing.
-    """
+    """Require every state and input of the model, or raise InputError."""
     missing = [name for name in posterior.data.columns if name not in data.columns]
     if missing:
         raise InputError(f"The data lack {missing[0]!r}, which the model was fitted with.")

@@ -6,7 +6,7 @@ import pandas as pd
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 
-from .convergence import array_stats
+from .convergence import precision_of
 from .inclusion import inclusion
 
 
@@ -23,7 +23,6 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         or zero in every draw, has no R̂ or effective sample size. Equations that share their rows have one `sigma`,
         that of "x_and_y".
     """
-    stats = array_stats()
     group = posterior.idata["posterior"].dataset
     tail = (1 - level) / 2
     terms = inclusion(posterior, level)
@@ -47,6 +46,7 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
                 quantities[label] = (np.full(shape, terms.loc[label, "mean"]), terms.loc[label, "unit"])
         for quantity, (draws, unit) in quantities.items():
             moving = np.ptp(draws) > 0
+            r_hat, bulk, tail_size, _ = precision_of(draws)
             rows[quantity] = {
                 # The mean of many equal numbers is not exactly that number.
                 "mean": draws.mean() if moving else float(draws.flat[0]),
@@ -54,9 +54,9 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
                 "lower": np.quantile(draws, tail),
                 "upper": np.quantile(draws, 1 - tail),
                 "unit": unit,
-                "r_hat": float(stats.rhat(draws)) if moving else np.nan,
-                "ess_bulk": float(stats.ess(draws, method="bulk")) if moving else np.nan,
-                "ess_tail": float(stats.ess(draws, method="tail", prob=(0.05, 0.95))) if moving else np.nan,
+                "r_hat": r_hat,
+                "ess_bulk": bulk,
+                "ess_tail": tail_size,
             }
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
     return pd.DataFrame(list(rows.values()), index=index)

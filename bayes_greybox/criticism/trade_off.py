@@ -112,11 +112,7 @@ def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
 
 
 def known_equation(posterior: Posterior, equation: str) -> str:
-    """Return the name of an equation if the model has it.
-
-    Raises:
-        InputError: The model has no such equation.
-    """
+    """Return the name of an equation if the model has it, else raise InputError."""
     if equation not in posterior.equations:
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(posterior.equations)}.")
     return equation

@@ -46,8 +46,7 @@ def trial(posterior: Posterior) -> Trial:
 def try_on(posterior: Posterior, data: Trajectories) -> Trial:
     """Try a fit on held-out data; `trial` returns the result from then on.
 
-    Raises:
-        InputError: The data lack a state, an input or the rates of the model, or have one in another unit.
+    It raises InputError if the data lack a state, an input or the rates of the model, or have one in another unit.
     """
     data = completed(posterior, data)
     nmse = {str(name): float(value) for name, value in predict(posterior, data).nmse().items()}

@@ -10,11 +10,7 @@ from .posterior import Posterior
 
 
 def path_of(posterior: Posterior) -> ReferencePath:
-    """Return the path along which the rows of a fit to samples are linearised.
-
-    Raises:
-        InputError: The rows are rates, which follow no path.
-    """
+    """Return the path along which the rows of a fit to samples are linearised; raise InputError for rows of rates."""
     model, data = posterior.model, posterior.data
     return model.rows.path(data, model.equations, model.simulator(data))
 

@@ -144,11 +144,7 @@ class Posterior:
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
     def require_rows(self, what: str) -> None:
-        """Require draws of the posterior on linear rows; `what` begins the message, such as "Checks are made".
-
-        Raises:
-            InputError: The draws are those of `Fit.refine`.
-        """
+        """Require linear rows, not exact paths; `what` begins the error message, such as "Checks are made"."""
         if self.sampling.exact:
             raise InputError(
                 f"{what} from the rows of a fit, which are linear, and these draws are of exact paths: ask the fit "

@@ -10,14 +10,13 @@ from scipy.stats import binom, kstest, norm
 from bayes_greybox.criticism.checks.loo_pit import (
     TEST_LEVEL,
     _inverse,
-    _parameters,
     anderson_darling,
     combined_p,
     loo_pit,
 )
 from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, NOT_SENSITIVE, sensitivity
 from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
-from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
+from bayes_greybox.criticism.cross_validation.row_densities import parameters_of, pointwise_loo
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -110,7 +109,7 @@ def test_loo_pit_is_that_of_dense_algebra():
         z.append(inverse @ y / np.sqrt(np.diag(inverse)))
         if s == 0:
             rows = posterior.equations["v"].weighted()(np.arange(40))
-            first, sd, mean = jax.tree.map(lambda leaf: leaf[0], _parameters(draws))
+            first, sd, mean = jax.tree.map(lambda leaf: leaf[0], parameters_of(draws))
             g, found = _inverse(design, rows, np.eye(40), first, sd, mean)
             np.testing.assert_allclose(found, inverse, rtol=1e-6, atol=1e-8 * np.abs(inverse).max())
             np.testing.assert_allclose(g, inverse @ y, rtol=1e-6, atol=1e-8)

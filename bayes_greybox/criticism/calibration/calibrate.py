@@ -214,7 +214,7 @@ def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float
     tests = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
     for name, part in inclusion.items():
         gamma = Sites([name])[name].gamma
-        tests += [("inclusion", f"{gamma}[{term}]", float(p)) for term, p in part.terms["p"].items()]
+        tests += [("inclusion", f"{gamma}[{term}]", p) for term, p in part.terms["p"].to_dict().items()]
         tests += [("reliability", gamma, part.p)]
     table = pd.DataFrame(tests, columns=["kind", "quantity", "p"])
     order = np.argsort(table["p"].to_numpy(), kind="stable")

@@ -8,8 +8,9 @@ from jaxtyping import Array, Float, Int
 from scipy.special import log_ndtr, ndtr
 
 from bayes_greybox.criticism.cross_validation.psis import smoothed_weights
+from bayes_greybox.criticism.cross_validation.row_densities import parameters_of, precision_terms
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.design import Design, EquationDraws, WeightedRows
+from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.running.arrays import on_device
@@ -85,7 +86,7 @@ def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> 
     index = np.unique(np.linspace(0, n - 1, min(n, OBSERVATIONS)).round().astype(int))
     rows = entry.weighted()(index)
     draws = posterior.draws(equation, at_most)
-    precision, g = (np.asarray(part) for part in _terms(entry.design, rows, _parameters(draws)))
+    precision, g = (np.asarray(part) for part in precision_terms(entry.design, rows, parameters_of(draws)))
     z = g / np.sqrt(precision)
     log_p = 0.5 * (np.log(precision) - z**2)
     log_weight, khat = smoothed_weights(-log_p.T)
@@ -127,7 +128,7 @@ def _test(
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Return the p-value, and largest gap of the distribution function and share outside of the replicates."""
     draws = posterior.draws(entry.rows.equation, TEST_DRAWS)
-    parameters = jax.tree.map(np.asarray, _parameters(draws))
+    parameters = jax.tree.map(np.asarray, parameters_of(draws))
     inverse_R = on_device(entry.rows.noise.precision_at(index))
     rng = np.random.default_rng(posterior.sampling.seed)
     steps = np.arange(len(index) + 1) / len(index)
@@ -146,22 +147,6 @@ def _test(
         gaps.append(np.maximum(steps[1:] - u, u - steps[:-1]).max(axis=1))
         outside.append(np.mean((u < 0.05) | (u > 0.95), axis=1))
     return combined_p(np.array(p)), np.concatenate(gaps), np.concatenate(outside)
-
-
-def _parameters(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
-    return on_device((draws.hyper, draws.spread, draws.mean))
-
-
-@compiled
-def _terms(design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
-    """Return the diagonal of C⁻¹, and C⁻¹y, at some rows, for every draw."""
-
-    def one(item: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
-        hyper, sd, mean = item
-        root = design.beside(mean).root(rows.beside(mean), hyper, sd)
-        return design.inverse_diagonal(root, rows, hyper), root.g
-
-    return jax.lax.map(one, parameters)
 
 
 @compiled

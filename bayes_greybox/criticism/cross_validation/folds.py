@@ -148,11 +148,7 @@ def correlation_length(posterior: Posterior, equation: str) -> int:
 
 
 def check_scheme(scheme: str, block: int | None, start: float) -> None:
-    """Check the settings of a division.
-
-    Raises:
-        InputError: An unknown scheme, or a block that is not a positive whole number or does not apply.
-    """
+    """Raise InputError for an unknown scheme, or for a block that is no positive number or does not apply."""
     if scheme not in SCHEMES:
         raise InputError(f"scheme={scheme!r} is not known: choose one of {', '.join(map(repr, SCHEMES))}.")
     if block is not None and scheme in ("loo", "trajectory"):
@@ -164,11 +160,7 @@ def check_scheme(scheme: str, block: int | None, start: float) -> None:
 
 
 def require_divisible(data: Trajectories, equations: Sequence[str], scheme: str) -> None:
-    """Require data that a scheme can divide; called before anything is sampled where that is possible.
-
-    Raises:
-        InputError: There is one trajectory and whole ones are to be left out, or rows have no density of their own.
-    """
+    """Require several trajectories, or rows with a density of their own, as the scheme needs, or raise InputError."""
     if scheme == "trajectory" and data.n_run < 2:
         raise InputError("scheme='trajectory' leaves out whole runs, and the data have one: use scheme='block'.")
     for name in equations if scheme in ("block", "future") else ():

@@ -45,11 +45,7 @@ def khat_threshold(n_draw: int) -> float:
 
 
 def count_draws(posterior: Posterior, at_most: int | None) -> int:
-    """Return the number of draws after thinning.
-
-    Raises:
-        InputError: There are fewer than MIN_DRAWS.
-    """
+    """Return the number of draws after thinning; raise InputError if there are fewer than MIN_DRAWS."""
     group = posterior.idata["posterior"].dataset
     n_draw = group.sizes["chain"] * group.sizes["draw"]
     n_draw = n_draw if at_most is None else min(n_draw, at_most)

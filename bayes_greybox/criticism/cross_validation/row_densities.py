@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -87,7 +86,6 @@ def row_densities(
         Indices of the observations, and their densities.
     """
     entry = posterior.equations[equation]
-    parameters = on_device((draws.hyper, draws.spread, draws.mean))
     log_unit = math.log(entry.frame.target_scale * entry.rows.gain)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()
@@ -96,16 +94,26 @@ def row_densities(
         part = index[start : start + block]
         # A short last block is padded, so that it needs no compilation.
         padded = np.concatenate([part, np.full(block - len(part), part[-1])])
-        yield part, np.asarray(_mapped(entry.design, weighted(padded), parameters))[:, : len(part)] - log_unit
+        values = precision_terms(entry.design, weighted(padded), parameters_of(draws))
+        precision, g = (np.asarray(each)[:, : len(part)] for each in values)
+        yield part, 0.5 * (np.log(precision) - math.log(2 * math.pi) - g**2 / precision) - log_unit
+
+
+def parameters_of(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
+    """Return η, and the standard deviation and mean of θ, stacked over draws."""
+    return on_device((draws.hyper, draws.spread, draws.mean))
 
 
 @compiled
-def _mapped(design: Design, rows: WeightedRows, parameters: tuple) -> Array:
-    def one(item: tuple[Hyperparameters, Array, Array]) -> Array:
+def precision_terms(
+    design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array, Array]
+) -> tuple[Array, Array]:
+    """Return the diagonal of C⁻¹, and C⁻¹y, at some rows, for every draw."""
+
+    def one(item: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
         hyper, sd, mean = item
         root = design.beside(mean).root(rows.beside(mean), hyper, sd)
-        precision = design.inverse_diagonal(root, rows, hyper)
-        return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - root.g**2 / precision)
+        return design.inverse_diagonal(root, rows, hyper), root.g
 
     # One draw after another: batched factorisations inside a loop have been seen to deadlock XLA's thread pool on two
     # cores (jaxlib 0.10), and on a CPU a batch of LAPACK calls is a loop anyway.

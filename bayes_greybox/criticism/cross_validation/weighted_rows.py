@@ -20,11 +20,7 @@ def weighted(posterior: Posterior) -> bool:
 
 
 def require_weighted_alike(fits: Mapping[str, Posterior]) -> None:
-    """Require that all fits weight rows by their residuals, or none.
-
-    Raises:
-        InputError: Some do, and others do not.
-    """
+    """Require that all fits weight rows by their residuals, or none of them, or raise InputError."""
     kinds = {name: weighted(fit) for name, fit in fits.items()}
     if any(kinds.values()) and not all(kinds.values()):
         (heavy, *_), (plain, *_) = ([n for n, w in kinds.items() if w is which] for which in (True, False))

@@ -31,14 +31,10 @@ def save_found(posterior: Posterior, saved: str | os.PathLike[str], path: str | 
 
 
 def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """Read a saved fit with its checks and its trial, if they are in the file.
+    """Read a saved fit with its checks and its trial, if the file has them.
 
-    Args:
-        path: File.
-        simulation: Function of the simulation, if the model had one.
-
-    Raises:
-        InputError: As for `netcdf.load`.
+    `simulation` is the function of the simulation, if the model had one. InputError is raised as by `netcdf.read`, if
+    the function is missing, and for the file of a study whose model was not sampled.
     """
     tree = netcdf.read(path)
     netcdf.require_sampled(tree, path)

@@ -42,11 +42,7 @@ def damaged(path: str | os.PathLike[str], what: str) -> InputError:
 
 @contextmanager
 def made_of(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Name the file in all errors while objects are made from its values.
-
-    Raises:
-        InputError: The values were refused, or no objects can be made from them.
-    """
+    """Raise an InputError with the name of the file if no objects can be made from its values."""
     try:
         yield
     except InputError as error:
@@ -74,11 +70,7 @@ def take_end(path: str | os.PathLike[str], copy: str | os.PathLike[str]) -> None
 
 
 def require_end(raw: bytes, path: str | os.PathLike[str]) -> bool:
-    """Return True if the bytes of a file end with their check sum, False if they end without one.
-
-    Raises:
-        InputError: The check sum is of other bytes.
-    """
+    """Return True if the bytes of a file end with their check sum, False without one; raise InputError for another."""
     content, end = raw[:-SUM_BYTES], raw[-SUM_BYTES:]
     if not end.startswith(SUM_MARK):
         return False
@@ -102,11 +94,7 @@ def sums(texts: Mapping[str, Any]) -> dict[str, int]:
 
 
 def require_sealed(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
-    """Compare the texts of a file with their check sums, and remove these.
-
-    Raises:
-        InputError: A text was changed.
-    """
+    """Compare the texts of a file with their check sums, and remove these; raise InputError if a text was changed."""
     text = tree.attrs.pop(SEALS, None)
     if text is None:
         return

@@ -35,11 +35,7 @@ NEEDED = ("theta", "sigma", "prior_sd")
 
 
 def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None:
-    """Require that the groups of draws in a file match each other and the model.
-
-    Raises:
-        InputError: A group or a variable is missing, has another shape, or has impossible values.
-    """
+    """Require that the groups of draws in a file match each other and the model, or raise InputError."""
     # A simulation is read when it is first used: here, so that an error in it is reported with the file's name.
     model.simulator(data, lacking=True)
     sizes = _sizes(tree)

@@ -9,11 +9,7 @@ from bayes_greybox.running.errors import InputError
 
 
 def require_kinds(made: Any, leave_out: Collection[str] = ()) -> None:
-    """Require that the fields of a dataclass or named tuple have the types of their annotations.
-
-    Raises:
-        InputError: A field, not among those to leave out, has another type.
-    """
+    """Require that all fields but some have the types of their annotations, or raise InputError."""
     for name, hint in get_type_hints(type(made), include_extras=True).items():
         if name not in leave_out and hasattr(made, name) and not fits(getattr(made, name), hint):
             raise InputError(f"the file is damaged: {name} of {type(made).__name__} is not what it must be.")

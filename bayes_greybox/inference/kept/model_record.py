@@ -22,11 +22,7 @@ from bayes_greybox.running.errors import InputError
 
 
 def lost_program(n_term: int) -> Any:
-    """Stand in for the program of a `CustomPrior`, which a file cannot hold.
-
-    Raises:
-        InputError: Always.
-    """
+    """Stand in for the program of a `CustomPrior`, which a file cannot hold, and raise InputError."""
     raise InputError(
         "The model's prior was a Python program, which a file cannot hold: build the model again to sample from it."
     )
@@ -67,11 +63,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
 
 
 def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = None) -> Program:
-    """Return the model of a record from `describe`.
-
-    Raises:
-        InputError: The simulation was a function and none is given.
-    """
+    """Return the model of a record from `describe`; raise InputError if it lacks the function of the simulation."""
     gp, noise = record["discrepancy"], record["noise"]
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},

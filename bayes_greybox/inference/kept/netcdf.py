@@ -75,7 +75,7 @@ def save(
     posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str, str] | None = None,
     groups: Mapping[str, xr.Dataset] | None = None,
 ) -> None:  # fmt: skip
-    """Write a posterior to a netCDF file that `load` and `arviz.from_netcdf` open.
+    """Write a posterior to a netCDF file that `load_checked` and `arviz.from_netcdf` open.
 
     Args:
         posterior: Posterior.
@@ -165,23 +165,6 @@ def add(
         put_end(part)
 
 
-def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """Read a posterior that `save` wrote.
-
-    Args:
-        path: File.
-        simulation: Function of the simulation, if the model had one; a file cannot hold code.
-
-    Raises:
-        InputError: As for `read`, or the simulation's function is missing, or the file is that of a study whose model
-            was not sampled.
-    """
-    tree = read(path)
-    require_sampled(tree, path)
-    with made_of(path):
-        return posterior_of(tree, simulation)
-
-
 def read(path: str | os.PathLike) -> xr.DataTree:
     """Read the groups of a file that `save` or `save_unsampled` wrote.
 
@@ -239,11 +222,7 @@ def sampled(tree: xr.DataTree) -> bool:
 
 
 def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
-    """Require a posterior among the groups of a file.
-
-    Raises:
-        InputError: The file is that of a study whose model was not sampled.
-    """
+    """Require a posterior among the groups of a file, not a study whose model was not sampled, or raise InputError."""
     if not sampled(tree):
         raise InputError(
             f"{str(path)!r} holds a study whose amended model was not sampled (settle=False), so there is no fit in "
@@ -254,12 +233,7 @@ def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
 def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:
     """Return the posterior of the groups of a file, which become its own.
 
-    Args:
-        tree: Groups from `read`.
-        simulation: Function of the simulation, if the model had one.
-
-    Raises:
-        InputError: The function is missing.
+    `simulation` is the function of the simulation, if the model had one; InputError is raised if it is missing.
     """
     record = json.loads(tree.attrs.pop(RECORD_ATTRIBUTE))
     for name in GROUPS_BESIDE:

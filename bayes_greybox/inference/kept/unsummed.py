@@ -38,11 +38,7 @@ with h5py.File(sys.argv[1], "r") as file:
 
 
 def require_readable(path: str | os.PathLike[str], patience: float = PATIENCE) -> None:
-    """Refuse a file on which HDF5 hangs for `patience` seconds, or crashes.
-
-    Raises:
-        InputError: Reading does not end, or ends the process that reads.
-    """
+    """Raise InputError for a file on which HDF5 hangs for `patience` seconds, or crashes."""
     # -I: nothing is imported from the working folder.
     folders = dict.fromkeys(str(Path(str(package.__file__)).parents[1]) for package in (h5py, np))
     command = [sys.executable, "-I", "-c", READER, os.fspath(path), *folders]

@@ -40,11 +40,7 @@ def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
 
 
 def whole_from(record: Mapping[str, Mapping[str, Any]], group: xr.Dataset) -> dict[str, RowStatistics]:
-    """Return the statistics of a `whole_record` and a `whole_group`.
-
-    Raises:
-        InputError: No rows have such statistics.
-    """
+    """Return the statistics of a `whole_record` and a `whole_group`; raise InputError if no rows can have them."""
     statistics = {}
     for name, plain in record.items():
         factor, term_scale = (group[f"{name}_{what}"].to_numpy().astype(float) for what in ("factor", "term_scale"))

@@ -67,23 +67,6 @@ class Sampled(NamedTuple):
     where: str
 
 
-class Errors(NamedTuple):
-    """Errors of the paths of draws; infinite if a path exists on finer steps only, NaN if none exists.
-
-    Attributes:
-        of_size: Errors in the units of `ACCURATE`.
-        of_noise: Errors in the units of `MOVED`.
-    """
-
-    of_size: Float[np.ndarray, " n"]
-    of_noise: Float[np.ndarray, " n"]
-
-    @property
-    def share(self) -> Float[np.ndarray, " n"]:
-        """Errors over their limits, the larger of both."""
-        return np.maximum(self.of_size / ACCURATE, self.of_noise / MOVED)
-
-
 class Paths(NamedTuple):
     """Samples on paths at given points, and how accurate they are.
 
@@ -126,11 +109,11 @@ class Paths(NamedTuple):
             eta = chains.samples[VECTOR]
             flat = mean + eta.reshape(-1, len(mean)) @ root.T
             values = self.programs.evaluate(flat, fine)
-            errors = self._errors(values, flat, fine)
-            error, where = _worst(errors.share), AT_EXACT_DRAWS
+            share, of_noise = self._errors(values, flat, fine)
+            error, where = _worst(share), AT_EXACT_DRAWS
             if error <= 1:
                 drawn = {name: value.reshape(*eta.shape[:2], *value.shape[1:]) for name, value in values.items()}
-                return Sampled(drawn, chains.stats | {PATH_ERROR: errors.of_noise.reshape(eta.shape[:2])}, error, where)
+                return Sampled(drawn, chains.stats | {PATH_ERROR: of_noise.reshape(eta.shape[:2])}, error, where)
             fine = self._finer(fine)
         return Sampled({}, {}, error, where)
 
@@ -139,7 +122,7 @@ class Paths(NamedTuple):
         fine: Argument | None = coarsest
         error, where = math.inf, AT_ESTIMATE
         while fine is not None:
-            share = self._errors(self.programs.evaluate(points, fine), points, fine).share
+            share, _ = self._errors(self.programs.evaluate(points, fine), points, fine)
             error, where = _worst(share[:1]), AT_ESTIMATE
             if math.isfinite(error):
                 # Some draws of the linear rows have no path at all.
@@ -151,7 +134,13 @@ class Paths(NamedTuple):
             fine = following
         return None, error, where
 
-    def _errors(self, values: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], argument: Argument) -> Errors:
+    def _errors(
+        self, values: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], argument: Argument
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the errors of the paths of draws over their limits, and in the units of `MOVED`.
+
+        Errors are infinite if a path exists on finer steps only, NaN if none exists.
+        """
         likelihood, predicted = argument.likelihood, self.own[PREDICTED]
         beyond = self.method.beyond(likelihood.along.grid)
         finer = self.programs.evaluate(points, argument.on(beyond))[predicted]
@@ -161,7 +150,8 @@ class Paths(NamedTuple):
             of_noise = np.sqrt(np.sum(e**2, axis=1))
         of_size = self.course.error(values[predicted], finer)
         # Both are infinite or NaN for the same draws.
-        return Errors(of_size, np.where(np.isfinite(of_size), of_noise, of_size))
+        of_noise = np.where(np.isfinite(of_size), of_noise, of_size)
+        return np.maximum(of_size / ACCURATE, of_noise / MOVED), of_noise
 
     def _finer(self, argument: Argument) -> Argument | None:
         grid = self.method.finer(argument.likelihood.along.grid)

@@ -131,11 +131,8 @@ class Course(NamedTuple):
     ) -> Float[np.ndarray, " n_draw"]:
         """Return the largest error of each draw's path at the samples, over the size of the state and of the sample.
 
-        It is infinite if a path exists on finer steps only, and NaN if none exists.
-
-        Args:
-            rows: Samples on the paths.
-            finer: Samples on paths whose errors are much smaller.
+        Samples on `finer` paths, with much smaller errors, stand for the exact ones. The error is infinite if a path
+        exists on finer steps only, and NaN if none exists.
         """
         size = self.sizes[self.at[:, 2]] + np.abs(finer)
         with np.errstate(invalid="ignore", over="ignore"):

@@ -6,7 +6,7 @@ The resolution of a method is an argument of compiled programs; it is raised unt
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,35 +35,6 @@ class Segment(NamedTuple):
     curvature: Float[np.ndarray, "n p"]
 
 
-@runtime_checkable
-class Method(Protocol):
-    """An integration method. Equal methods compile to the same program; a grid is a pytree of arrays."""
-
-    def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Any:
-        """Return the coarsest grid over segments, with zero-order hold of inputs if `held`."""
-        ...
-
-    def finer(self, grid: Any) -> Any:
-        """Return the next finer grid of the same shapes; None for the finest."""
-        ...
-
-    def beyond(self, grid: Any) -> Any:
-        """Return a grid so much finer that the change of a path is its error on this one."""
-        ...
-
-    def states(
-        self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Any
-    ) -> Float[Array, "n_segment n_sample d"]:
-        """Return paths at the samples."""
-        ...
-
-    def with_slopes(
-        self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Any
-    ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
-        """Return paths at the samples, and their derivatives by the parameters and then by the start of the segment."""
-        ...
-
-
 class Steps(NamedTuple):
     """Intervals of all segments, and the steps in each."""
 
@@ -76,7 +47,10 @@ class FixedSteps:
     """Equally many steps in intervals of typical length and more in longer ones; no step is rejected."""
 
     def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Steps:
-        """Return one step between two samples at the typical distance."""
+        """Return the coarsest grid: one step between two samples at the typical distance.
+
+        Inputs have a zero-order hold between samples if `held`; `sizes` are those of the states.
+        """
         n = max(len(each.time) for each in segments) - 1
         each = [intervals_of(s.time, s.inputs, s.curvature, held, n) for s in segments]
         intervals = jax.tree.map(lambda *parts: jnp.stack(parts), *each)
@@ -85,11 +59,11 @@ class FixedSteps:
         return Steps(intervals, jnp.asarray(np.maximum(count, 1).astype(int)))
 
     def finer(self, grid: Steps) -> Steps | None:
-        """Halve the steps."""
+        """Halve the steps; None if they are the finest."""
         return None if np.min(np.asarray(grid.number)) >= MOST_STEPS else self.beyond(grid)
 
     def beyond(self, grid: Steps) -> Steps:
-        """Halve the steps, which leaves a thirty-second of the error of a method of order 5."""
+        """Halve the steps, so that the change of a path is nearly its error: at order 5 a thirty-second remains."""
         return grid._replace(number=2 * grid.number)
 
     def states(
@@ -103,7 +77,7 @@ class FixedSteps:
     def with_slopes(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Steps
     ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
-        """Return paths and their derivatives."""
+        """Return paths at the samples, and their derivatives by the parameters and then by the start of the segment."""
         return jax.vmap(lambda x0, intervals: follow_with_slopes(rate, x0, parameters, intervals, grid.number))(
             start, grid.intervals
         )
@@ -131,7 +105,7 @@ class AdaptiveSteps:
     n_input: int
 
     def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Pieces:
-        """Return a grid with the first tolerance."""
+        """Return the coarsest grid, with the first tolerance; see `FixedSteps.grid`."""
         n = max(len(each.time) for each in segments)
         filled = [_filled(each, n) for each in segments]
         cuts = [cut(jnp.asarray(s.time), s.inputs, self._kinds, s.curvature)[0] for s in filled]
@@ -140,7 +114,7 @@ class AdaptiveSteps:
         return Pieces(times, samples, jnp.asarray(sizes), jnp.asarray(FIRST_TOLERANCE))
 
     def finer(self, grid: Pieces) -> Pieces | None:
-        """Tighten the tolerance."""
+        """Tighten the tolerance; None if it is the finest."""
         return None if grid.tolerance <= FINEST_TOLERANCE * (1 + 1e-9) else self.beyond(grid)
 
     def beyond(self, grid: Pieces) -> Pieces:
@@ -182,6 +156,10 @@ class AdaptiveSteps:
     def _kinds(self) -> tuple[str, ...]:
         # Lines are splines without curvature.
         return ("zoh" if self.held else "cubic",) * self.n_input
+
+
+Method = FixedSteps | AdaptiveSteps
+"""An integration method. Equal methods compile to the same program; a grid is a pytree of arrays."""
 
 
 def _filled(segment: Segment, n: int) -> Segment:

@@ -58,11 +58,7 @@ class ChainFile:
         self._failed = False
 
     def read(self) -> SoFar | None:
-        """Return the chain that the file holds; None if there is no file.
-
-        Raises:
-            InputError: The file is damaged, or holds another chain.
-        """
+        """Return the chain in the file, None without file; raise InputError if it is damaged or of another run."""
         if not self.path.is_file():
             return None
         try:

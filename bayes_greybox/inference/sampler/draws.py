@@ -43,13 +43,19 @@ def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., 
 
     draw_all = kept(draw_all_of, identity, "conditional", once=True)
 
-    def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
-        shape = next(iter(samples.values())).shape[:2]
-        flat = on_device({name: value.reshape(-1, *value.shape[2:]) for name, value in samples.items()})
-        drawn = draw_all(designs, flat, key)
-        return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in drawn.items()}
+    return by_chain(draw_all)
 
-    return draw
+
+def by_chain(program: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, np.ndarray]]:
+    """Return a program (designs, flat draws, ...) as a function of draws [n_chain, n_draw, ...]."""
+
+    def run(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray], *further: Array) -> dict[str, np.ndarray]:
+        shape = next(iter(draws.values())).shape[:2]
+        flat = on_device({name: value.reshape(-1, *value.shape[2:]) for name, value in draws.items()})
+        result = program(designs, flat, *further)
+        return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in result.items()}
+
+    return run
 
 
 def conditional_draw(

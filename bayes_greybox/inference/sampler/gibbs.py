@@ -82,7 +82,7 @@ def resample_pattern(
     def flip(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         M, gamma = carry
         j = order[i]
-        out = jnp.where(gamma[j] == 1, _unsweep(M, j), M)
+        out = jnp.where(gamma[j] == 1, _sweep(M, j, -1.0), M)
         included = jax.random.bernoulli(flip_keys[i], jax.nn.sigmoid(log_odds + log_factor(out, j)))
         return jnp.where(included, _sweep(out, j), out), gamma.at[j].set(included.astype(int))
 
@@ -93,7 +93,7 @@ def resample_pattern(
         leaves = jnp.argmax(jnp.where(gamma == 1, score, -jnp.inf))
         enters = jnp.argmax(jnp.where(gamma == 0, score, -jnp.inf))
         possible = (gamma.sum() > 0) & (gamma.sum() < n_term)
-        without = _unsweep(M, leaves)
+        without = _sweep(M, leaves, -1.0)
         # Both sets have the same size, so prior and proposal cancel.
         log_ratio = log_factor(without, enters) - log_factor(without, leaves)
         accept = possible & (jnp.log(jax.random.uniform(accept_key)) < log_ratio)
@@ -106,15 +106,8 @@ def resample_pattern(
     return jax.lax.fori_loop(0, n_term, swap, carry)[1]
 
 
-def _sweep(M: Float[Array, "n n"], j: Array | int) -> Float[Array, "n n"]:
-    """Sweep in pivot j, so that the other entries become those of the regression with term j."""
+def _sweep(M: Float[Array, "n n"], j: Array | int, sign: float = 1.0) -> Float[Array, "n n"]:
+    """Sweep in pivot j, so that the other entries become those of the regression with term j; sign −1 inverts it."""
     pivot, row = M[j, j], M[j]
-    swept = M - jnp.outer(row, row) / pivot
-    return swept.at[j].set(row / pivot).at[:, j].set(row / pivot).at[j, j].set(-1 / pivot)
-
-
-def _unsweep(M: Float[Array, "n n"], j: Array | int) -> Float[Array, "n n"]:
-    """Sweep out pivot j, the inverse of `_sweep`."""
-    pivot, row = M[j, j], M[j]
-    swept = M - jnp.outer(row, row) / pivot
-    return swept.at[j].set(-row / pivot).at[:, j].set(-row / pivot).at[j, j].set(-1 / pivot)
+    swept, scaled = M - jnp.outer(row, row) / pivot, sign * row / pivot
+    return swept.at[j].set(scaled).at[:, j].set(scaled).at[j, j].set(-1 / pivot)

@@ -12,8 +12,9 @@ from numpyro.handlers import seed, substitute, trace
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
-from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
+
+from .draws import by_chain
 
 
 def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
@@ -85,14 +86,7 @@ def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, 
                 out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
-    program = kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True)
-
-    def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        shape = next(iter(draws.values())).shape[:2]
-        flat = on_device({name: v.reshape(shape[0] * shape[1], *v.shape[2:]) for name, v in draws.items()})
-        return {name: np.asarray(value).reshape(shape) for name, value in program(designs, flat).items()}
-
-    return densities
+    return by_chain(kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True))
 
 
 def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
