@@ -157,15 +157,9 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
     """Return the features per variable that the posterior length scales need, for equations whose basis has too few.
 
     m ≥ a L/ℓ resolves the length scale ℓ, with a from Riutort-Mayol et al. 2023, Sec. 4.2, and ℓ the 5 % quantile of
-    its posterior in half-widths of the box. Nothing is needed if the discrepancy is negligible, as its length scales
-    then follow their prior, or if the rows cannot show finer features (`UNSEEN_SQUARE`).
-
-    Args:
-        posterior: Fitted model.
-        boundary: L of a new domain in each direction; None: the domain of the fit.
-
-    Returns:
-        Features per variable by equation; empty if everything is resolved.
+    its posterior in half-widths of the box; L are those of the domain of the fit, or of a new boundary. Nothing is
+    needed if the discrepancy is negligible, as its length scales then follow their prior, or if the rows cannot show
+    finer features (`UNSEEN_SQUARE`).
     """
     needed = {}
     for name, kernel, basis, lengths in _bases(posterior):
@@ -184,14 +178,11 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
 
 
 def boundary_needed(posterior: Posterior) -> dict[str, tuple[float, ...]]:
-    """Return the boundary factors that the posterior length scales need, for equations whose domain is too narrow.
+    """Return the boundary factors L in each direction that the posterior length scales need, if a domain is too narrow.
 
     L ≥ b ℓ keeps f from its images behind the walls, with b from Riutort-Mayol et al. 2023, Sec. 4.2. A domain is too
     narrow if it is so for the 5 % quantile of ℓ; the one needed suits its median, but is `WIDEST` at most. Nothing is
     needed if the discrepancy is negligible, as its length scales then follow their prior.
-
-    Returns:
-        L in each direction by equation; empty if all domains are wide enough.
     """
     needed = {}
     for name, kernel, basis, lengths in _bases(posterior):

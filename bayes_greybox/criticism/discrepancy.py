@@ -116,17 +116,10 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
 def discrepancy_grid(
     posterior: Posterior, equation: str, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
 ) -> DiscrepancyGrid:
-    """Return the posterior of f over one or two of its variables, with the others at their median.
+    """Return the posterior of f over one or two of its variables, the first two by default, with the others at medians.
 
-    Args:
-        posterior: Fitted model.
-        equation: Learned state.
-        variables: One or two of the variables of f; None: the first two.
-        size: Grid points in each direction (five times as many for one variable).
-        level: Probability of the intervals.
-
-    Raises:
-        InputError: Unknown equation or variables, or a model without discrepancy.
+    There are `size` grid points in each direction, five times as many for one variable. InputError is raised for an
+    unknown equation or variable, and for a model without discrepancy.
     """
     entry = posterior.equations[known_equation(posterior, equation)]
     frame, data = entry.frame, posterior.data

@@ -70,15 +70,8 @@ def free_run(
     """Integrate simulation + dictionary + f over each run, for several posterior draws and starts.
 
     Each posterior draw has its own draw of every start, x₀ ~ N(x̂₀, s₀²) by `data.starts.estimate_starts`; exact states
-    start where they were measured.
-
-    Args:
-        posterior: Fitted model; every state needs an equation, in the simulation or in the dictionary.
-        data: Runs, of which times, starts and inputs are used.
-        level: Probability of the bands.
-        at_most: Most posterior draws.
-        seed: Seed of the choice of draws and of the starts.
-        interpolation: Interpolation of the inputs between samples, see `FreeRunner`; by default that of the rows.
+    start where they were measured. Of the data the times, starts and inputs are used. The interpolation of the inputs
+    between samples, see `FreeRunner`, is by default that of the rows.
 
     Raises:
         InputError: States without an equation, learned outputs only, or a model on the exact path, whose f has no
@@ -165,10 +158,8 @@ class FreeRunner:
     ) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
         """Integrate every run of the data from its start with its measured inputs.
 
-        Args:
-            data: Runs.
-            parameters: Pytree of arrays whose first axis counts draws.
-            starts: State of each run at its first row, for each draw; by default the measured one.
+        Parameters are a pytree of arrays whose first axis counts draws. Starts are the states of each run at its first
+        row, for each draw; by default the measured ones.
 
         Returns:
             States at the rows of the data, NaN after a failure; and the time of each failure, NaN without one.

@@ -11,11 +11,7 @@ from .inclusion import inclusion
 
 
 def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
-    """Return coefficients, noise and kernel of every equation.
-
-    Args:
-        posterior: Fitted model.
-        level: Probability of the equal-tailed interval.
+    """Return coefficients, noise and kernel of every equation, with equal-tailed intervals.
 
     Returns:
         Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities

@@ -101,8 +101,7 @@ class _Part:
     def of(cls, posterior: Posterior, learned: Learned) -> "_Part":
         draws, frame = posterior.draws(learned.block), learned.frame
         active = posterior.likeliest_pattern(learned.block)
-        patterns = posterior.values(learned.block).get("gamma", np.ones(draws.theta.shape, bool))
-        alike = np.all(patterns.astype(bool) == active, axis=1)
+        alike = np.all(posterior.patterns(learned.block) == active, axis=1)
         draws = learned.of(draws)
         weight = np.asarray(draws.weight) * frame.target_scale
         return cls(learned, draws.theta * frame.coefficient_scale, weight, active[learned.columns], alike)

@@ -26,16 +26,12 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
     if equation.rows.noise.moved:
         return {}
     values = posterior.values(block)
-    active = posterior.likeliest_pattern(block)
-    patterns = values.get("gamma", np.ones((len(values["sigma"]), len(active)), bool))
-    alike = np.all(patterns.astype(bool) == active, axis=1)
+    alike = np.all(posterior.patterns(block) == posterior.likeliest_pattern(block), axis=1)
     if START in values:
         draws = values[START][alike]
     else:
         drawn = posterior.draws(block)
-        draws = start_draws(
-            equation, path_of(posterior), np.asarray(drawn.theta)[alike], np.asarray(drawn.weight)[alike],
-            np.asarray(drawn.hyper.sigma)[alike], posterior.sampling.seed,
-        )  # fmt: skip
+        chosen = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))
+        draws = start_draws(equation, path_of(posterior), *chosen, posterior.sampling.seed)
     states = model.simulator(posterior.data).states
     return {name: Value.of(draws[:, 0, k]) for k, name in enumerate(states)}

@@ -50,14 +50,10 @@ class Checkpoint:
         self.accepted = False
 
     def require(self, what: str, record: Mapping[str, Any]) -> None:
-        """Require that this run is the one whose chains the folder keeps.
+        """Require that this run, described by a record of plain values, is the one whose chains the folder keeps.
 
-        Args:
-            what: A word for the record, which names its file.
-            record: Everything that the draws depend on, as plain values.
-
-        Raises:
-            InputError: The folder keeps the chains of another run, or cannot be written to.
+        The file of the record has `what` in its name. InputError is raised if the folder keeps the chains of another
+        run, or cannot be written to.
         """
         self._begin()
         self.accepted = False
@@ -159,13 +155,7 @@ def given_checkpoint(
 ) -> Iterator[Checkpoint | None]:
     """Yield the checkpoint of a call: an open one as it is, that of a folder opened and completed with the call.
 
-    Args:
-        place: The `checkpoint` argument of the call.
-        resume: If true, chains in the folder are resumed.
-        every: Seconds between two checkpoints of a chain.
-
-    Raises:
-        InputError: As for `checkpoint_in`, or `resume` without a checkpoint.
+    InputError is raised as by `checkpoint_in`, and for `resume` without a checkpoint.
     """
     if place is None and resume:
         raise InputError("resume=True needs checkpoint=, the folder that the run was kept in.")

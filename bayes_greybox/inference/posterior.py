@@ -153,11 +153,13 @@ class Posterior:
 
     def likeliest_pattern(self, equation: str) -> Bool[np.ndarray, " n_term"]:
         """Return the most frequent inclusion pattern of the draws; all terms under a prior without inclusion."""
+        patterns, count = np.unique(self.patterns(equation), axis=0, return_counts=True)
+        return patterns[np.argmax(count)]
+
+    def patterns(self, equation: str) -> Bool[np.ndarray, "n_draw n_term"]:
+        """Return the inclusion pattern of each draw; all terms under a prior without inclusion."""
         values = self.values(equation)
-        if "gamma" not in values:
-            return np.ones(values["theta"].shape[1], bool)
-        patterns, count = np.unique(values["gamma"], axis=0, return_counts=True)
-        return patterns[np.argmax(count)].astype(bool)
+        return values.get("gamma", np.ones(values["theta"].shape)).astype(bool)
 
     def learned(self) -> dict[str, "Learned"]:
         """Return equation and frame of each learned state, also of those that share their rows."""
@@ -190,11 +192,8 @@ class Posterior:
 class Learned(NamedTuple):
     """A learned state and the place of its coefficients.
 
-    Attributes:
-        block: Name of its equation, or of the equations that share its rows.
-        equation: Rows, frame and design of the block.
-        frame: Frame of this state alone.
-        columns: Columns of Φ that belong to this state.
+    Its equation, or the block of equations that share its rows, has a name and the columns of Φ that belong to the
+    state; `frame` is that of the state alone.
     """
 
     block: str

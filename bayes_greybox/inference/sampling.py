@@ -51,8 +51,7 @@ def sample_posterior(
         data: Training data.
         sampling: Settings; the same seed gives the same posterior.
         progress: If true, a progress bar is shown.
-        equations: Equations to use instead of those that the model assembles from the data, for refits that leave
-            rows out.
+        equations: Equations to use instead of those assembled from the data, for refits that leave rows out.
         whole: Statistics of all rows, by equation, if the data are a sample of them.
         options: Label, chain files and compiled programs.
 
@@ -62,7 +61,8 @@ def sample_posterior(
     options = options or RunOptions()
     with stages(progress):
         if equations is None:
-            equations = _assembled(model, data, whole)
+            with stage("Reading the rows"):
+                equations = model.assemble(data) if whole is None else equations_of(model, data, whole)
         for name, each in equations.items():
             n_term, variables = len(each.frame.dictionary), each.frame.variables or "nothing"
             log.debug("%s: %d rows, %d terms, f of %s", name, each.rows.n_row, n_term, variables)
@@ -94,10 +94,3 @@ def sample_posterior(
         "constant_data": data_table(data),
     }
     return Posterior(model, data, sampling, tree_of(groups, equations), Made(model, data, equations, programs), whole)
-
-
-def _assembled(model: Program, data: Trajectories, whole: Mapping[str, RowStatistics] | None) -> Mapping[str, Equation]:
-    if whole is not None:
-        return equations_of(model, data, whole)
-    with stage("Reading the rows"):
-        return model.assemble(data)

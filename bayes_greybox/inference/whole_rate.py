@@ -20,15 +20,10 @@ from .posterior import Learned
 
 
 class Numbers(NamedTuple):
-    """Numbers in the frame of a learned state that depend on the data.
+    """Numbers in the frame of a learned state that depend on the data: scales of target and terms, box of f.
 
-    Attributes:
-        target: Scale of the target.
-        terms: Scale of each term.
-        centre: Centre of the box of f.
-        half_width: Half-widths of the box of f.
-        projection: Projection of the features on the terms; zero if none is subtracted.
-        within: Numbers within the formulas, such as the width of a dead zone or of a smoothed jump.
+    The projection is that of the features on the terms, zero if none is subtracted; `within` are numbers within the
+    formulas, such as the width of a dead zone or of a smoothed jump.
     """
 
     target: Float[Array, ""]

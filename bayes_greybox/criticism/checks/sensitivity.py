@@ -15,7 +15,7 @@ from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
-from bayes_greybox.model.design import Design
+from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
@@ -74,9 +74,9 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     stats = array_stats()
     for name, equation in posterior.equations.items():
-        index = _thinned(posterior, equation.design.worthwhile(SENSITIVITY_DRAWS))
-        draws = jax.tree.map(lambda leaf: np.asarray(leaf)[index], posterior.draws(name))  # noqa: B023
-        powers = _powers(posterior, name, index)
+        most = equation.design.worthwhile(SENSITIVITY_DRAWS)
+        draws = jax.tree.map(np.asarray, posterior.draws(name, most))
+        powers = _powers(posterior, name, draws, most)
         weights = _normalised(powers.joint)
         labels = equation.frame.labels
         gamma = posterior.drawn().get(posterior.sites[name].gamma)
@@ -121,41 +121,28 @@ def _normalised(log_ratio: Float[np.ndarray, "four n_draw"]) -> Float[np.ndarray
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _thinned(posterior: Posterior, most: int) -> np.ndarray:
-    sizes = posterior.idata["posterior"].sizes
-    n = sizes["chain"] * sizes["draw"]
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-
-
-def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
+def _powers(posterior: Posterior, equation: str, draws: EquationDraws, most: int) -> _Powers:
     """Return the log ratios of scaled to unscaled densities, draw by draw."""
-    design = posterior.equations[equation].design
-    draws = posterior.draws(equation)
-    slab_of_draws = posterior.slab(equation)
-    summed = not design.coefficients.bounded and slab_of_draws is not None
-    own = posterior.sites[equation]
+    design, values = posterior.equations[equation].design, posterior.values(equation, most)
+    scales = posterior.slab(equation, most)
+    summed = not design.coefficients.bounded and scales is not None
     if "log_prior" not in posterior.idata.children:
         raise InputError(
             "The fit lacks the group 'log_prior', without which prior and data cannot be told apart: its file was "
             "changed since it was saved; fit and save again."
         )
-    log_prior = posterior.idata["log_prior"].dataset
-    theta_level = (own.theta, own.gamma)
-    names = posterior.sites.owned(equation, map(str, log_prior)).values()
-    sites = [log_prior[n].to_numpy().reshape(-1)[index] for n in names if n not in theta_level]
-    top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
-    has_gamma = own.gamma in posterior.drawn()
-    n_term = draws.theta.shape[1]
-    if slab_of_draws is not None and slab_of_draws.log_odds is not None:
-        slab, odds = (np.asarray(part)[index] for part in (slab_of_draws.sd, slab_of_draws.log_odds))
+    log_prior = posterior.values(equation, most, "log_prior")
+    sites = [value for quantity, value in log_prior.items() if quantity not in ("theta", "gamma")]
+    shape, has_gamma = draws.theta.shape, "gamma" in values
+    top = np.sum(sites, axis=0) if sites else np.zeros(shape[0])
+    if scales is not None and scales.log_odds is not None:
+        slab, odds = np.asarray(scales.sd), np.asarray(scales.log_odds)
     else:
         # If the pattern is a site, only its own odds count, which do not depend on the term.
-        slab, odds = np.ones((len(index), n_term)), np.zeros((len(index), n_term))
+        slab, odds = np.ones(shape), np.zeros(shape)
         if has_gamma:
-            pi = posterior.idata["posterior"][own.pi].to_numpy().reshape(-1)[index]
-            odds = np.broadcast_to((np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
-    hyper = jax.tree.map(lambda leaf: np.asarray(leaf)[index], draws.hyper)
-    items = (hyper, draws.theta[index], draws.prior_sd[index], top, slab, odds)
+            odds = np.broadcast_to((np.log(values["pi"]) - np.log1p(-values["pi"]))[:, None], shape)
+    items = (draws.hyper, draws.theta, draws.prior_sd, top, slab, odds)
     joint, collapsed, inclusion = _evaluated(summed, has_gamma)(design, on_device(items))
     joint = np.asarray(joint).T
     if not summed:

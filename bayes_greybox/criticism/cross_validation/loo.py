@@ -92,14 +92,7 @@ class Estimates:
 def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], progress: bool = False) -> Posterior:
     """Run NUTS again without some observations of one equation; all that was fixed before sampling stays as it was.
 
-    Args:
-        posterior: Fitted model.
-        equation: Learned state.
-        rows: Observations to leave out: rows of the data, or whitened coefficients if R is singular.
-        progress: If true, a progress bar is shown.
-
-    Returns:
-        A posterior with this equation only.
+    Observations are rows of the data, or whitened coefficients if R is singular.
     """
     without = {equation: posterior.equations[equation].without(rows)}
     options = RunOptions("Fitting without what is left out", programs=posterior.programs)

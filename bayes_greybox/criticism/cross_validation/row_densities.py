@@ -74,16 +74,9 @@ def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_
 def row_densities(
     posterior: Posterior, equation: str, draws: EquationDraws, index: Int[np.ndarray, " n_row"] | None = None
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
-    """Yield `pointwise_loo` block by block, for some draws and observations.
+    """Yield `pointwise_loo` block by block, with numbers of the observations, for some draws and observations.
 
-    Args:
-        posterior: Posterior with data, frame and design.
-        equation: Learned state.
-        draws: Scaled draws, possibly of another run.
-        index: Numbers of the observations; None: all.
-
-    Yields:
-        Indices of the observations, and their densities.
+    The posterior supplies data, frame and design; the scaled draws may be those of another run.
     """
     entry = posterior.equations[equation]
     log_unit = math.log(entry.frame.target_scale * entry.rows.gain)

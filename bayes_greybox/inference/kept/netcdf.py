@@ -77,14 +77,8 @@ def save(
 ) -> None:  # fmt: skip
     """Write a posterior to a netCDF file that `load_checked` and `arviz.from_netcdf` open.
 
-    Args:
-        posterior: Posterior.
-        path: Destination, usually `*.nc`.
-        attributes: Further root attributes of the file.
-        groups: Further groups of the file, among `GROUPS_BESIDE`.
-
-    Raises:
-        InputError: The destination cannot be written.
+    Further root attributes and groups, of `GROUPS_BESIDE`, come from the caller. InputError is raised if the
+    destination cannot be written.
     """
     record = {
         "format": ALL_ROWS_FORMAT if posterior.whole is None else FILE_FORMAT,
@@ -119,13 +113,7 @@ def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], group
 def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RECORD_ATTRIBUTE,)) -> None:
     """Write groups to a netCDF file beside its destination, then rename it, so that no incomplete file is left.
 
-    Args:
-        tree: Groups.
-        path: Destination.
-        texts: Root attributes that get a check sum.
-
-    Raises:
-        InputError: The destination cannot be written.
+    `texts` are the root attributes that get a check sum. InputError is raised if the destination cannot be written.
     """
     path = Path(path)
     packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
@@ -140,16 +128,9 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
 def add(
     saved: str | os.PathLike, path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]
 ) -> None:
-    """Write the file that `save` would, from one of the same posterior without these groups, copying its arrays.
+    """Write the file that `save` would, copying the arrays of a file of the same posterior without these groups.
 
-    Args:
-        saved: File of the same posterior.
-        path: Destination, another file.
-        attributes: Further root attributes; those of the same names are replaced.
-        groups: Further groups.
-
-    Raises:
-        InputError: The destination cannot be written.
+    Root attributes of the same names are replaced. InputError is raised if the destination cannot be written.
     """
     path = Path(path)
     with _writing(path), whole_file(path) as part:

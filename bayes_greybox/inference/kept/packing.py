@@ -56,9 +56,6 @@ class Packer:
     Args:
         classes: Dataclasses and named tuples that may occur.
         leave_out: Names of fields that are not stored and get their default back.
-
-    Attributes:
-        arrays: Arrays by name.
     """
 
     def __init__(self, classes: Iterable[type], leave_out: Collection[str] = ()) -> None:
@@ -70,13 +67,8 @@ class Packer:
     def pack(self, value: Any, place: str) -> Any:
         """Return a value in the form of JSON, the inverse of `Unpacker.unpack`.
 
-        Args:
-            value: Numbers, texts, arrays, tables, data, terms, the listed classes, and tuples, lists and mappings of
-                these.
-            place: Path of the value, after which its arrays are named.
-
-        Raises:
-            TypeError: A class that is not listed.
+        Values are numbers, texts, arrays, tables, data, terms, the listed classes, and tuples, lists and mappings of
+        these; other classes raise TypeError. Arrays are named after their place.
         """
         if value is None or isinstance(value, bool | int | float | str):
             return value

@@ -68,14 +68,7 @@ class Sampled(NamedTuple):
 
 
 class Paths(NamedTuple):
-    """Samples on paths at given points, and how accurate they are.
-
-    Attributes:
-        method: Integration method.
-        course: Segments and rows.
-        programs: Compiled programs.
-        own: Names of the sites.
-    """
+    """Samples on paths at given points, and how accurate they are; `own` are the names of the sites."""
 
     method: Method
     course: Course
@@ -88,12 +81,8 @@ class Paths(NamedTuple):
     ) -> Sampled:  # fmt: skip
         """Sample on steps that are fine enough.
 
-        Args:
-            coarsest: The model's argument on the coarsest grid.
-            first: Draws of the linear rows.
-            sampling: Settings.
-            progress: If true, a progress bar is shown.
-            checkpoint: Keeps the chains of every run.
+        `coarsest` is the model's argument on the coarsest grid, `first` are draws of the linear rows. The checkpoint
+        keeps the chains of every run.
         """
         points = self.programs.place(first.sites, coarsest)
         points = points[np.all(np.isfinite(points), axis=1)]

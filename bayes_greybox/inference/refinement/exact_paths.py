@@ -21,10 +21,7 @@ from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 class Along(NamedTuple):
     """Arrays that paths are followed along; a program compiled for some serves others of the same shapes.
 
-    Attributes:
-        numbers: Numbers of the rate.
-        grid: Grid of the integration method.
-        at: Segment, sample within the segment, and state of each row.
+    These are the numbers of the rate, the grid of the method, and segment, sample within it, and state of each row.
     """
 
     numbers: Any
@@ -49,14 +46,9 @@ class ExactPaths:
     def __call__(self, along: Along, theta: Array, weight: Array, starts: Array) -> Float[Array, " n_row"]:
         """Return samples without noise, user's units, with their derivatives; NaN beyond the end of a path.
 
-        Derivatives are integrated forwards along with the paths, those by a start on its own segment alone, so that
-        reverse-mode differentiation costs a product with them.
-
-        Args:
-            along: Numbers, grid and rows.
-            theta: Scaled coefficients of all learned states [n_term].
-            weight: Scaled weights of f [n_basis].
-            starts: States at the first sample of each segment [n_segment, d].
+        Coefficients θ of all learned states [n_term] and weights of f [n_basis] are scaled; starts are the states at
+        the first sample of each segment [n_segment, d]. Derivatives are integrated forwards along with the paths, those
+        by a start on its own segment alone, so that reverse-mode differentiation costs a product with them.
         """
         flat, unravel = self._parameters(theta, weight)
         fixed, first = jax.lax.stop_gradient((flat, starts))

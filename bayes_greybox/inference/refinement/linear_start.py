@@ -40,17 +40,9 @@ def likelihood_of(
 ) -> ExactLikelihood:  # fmt: skip
     """Return the likelihood of the samples on exact paths.
 
-    Args:
-        posterior: Posterior on linear rows.
-        equation: Rows, frame and design.
-        path: Reference path.
-        starts: Mean and standard deviation of states at the start of each run, by state.
-        noise: Median and logarithmic standard deviation of the noise of each sensor, by state.
-        paths: Exact paths.
-        along: Arrays that the paths are followed along.
-
-    Raises:
-        InputError: An unknown state or sensor, noise of some sensors only, or too many correlated rows.
+    Starts of runs have a mean and standard deviation, by state; the noise of each sensor has a median and a logarithmic
+    standard deviation. InputError is raised for an unknown state or sensor, noise of some sensors only, and too many
+    correlated rows.
     """
     rows, outputs = equation.rows, path.segments.outputs
     samples, simulation = posterior.data.samples or posterior.data, posterior.model.simulator(posterior.data)

@@ -29,12 +29,7 @@ PATHS_TOGETHER = 32
 
 
 class Argument(NamedTuple):
-    """The argument of the compiled model.
-
-    Attributes:
-        design: Design of the rows, for its priors.
-        likelihood: Likelihood of the samples.
-    """
+    """The argument of the compiled model: the design of the rows, for its priors, and the likelihood of the samples."""
 
     design: Design
     likelihood: ExactLikelihood
@@ -47,14 +42,9 @@ class Argument(NamedTuple):
 
 @dataclass(frozen=True)
 class ProgramKey:
-    """Key of compiled programs, beside the shapes of their arguments.
+    """Key of compiled programs, beside the shapes of their arguments: priors, included terms and settings of NUTS.
 
-    Attributes:
-        bare: Priors.
-        block: Name of the equations that share the rows.
-        terms: Terms that are included.
-        tune: Warm-up iterations.
-        target_accept: Target acceptance probability of NUTS.
+    `block` is the name of the equations that share the rows.
     """
 
     bare: Bare

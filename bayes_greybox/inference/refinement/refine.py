@@ -36,19 +36,11 @@ def refine(
     posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool,
     checkpoint: Checkpoint | None = None,
 ) -> Posterior:  # fmt: skip
-    """Sample the exact posterior.
+    """Sample the exact posterior, from the posterior on linear rows; see `Fit.refine` for starts and noise.
 
     Paths are followed on steps that are fine enough at the draws of the linear rows. At each exact draw the path is
     followed once more on finer steps. If that moves samples by more than `ACCURATE` of their sizes, or by more than
     `MOVED` of their noise, everything is sampled again.
-
-    Args:
-        posterior: Posterior on linear rows.
-        sampling: Settings.
-        starts: Mean and standard deviation of states at the start of each run, by state.
-        noise: Median and logarithmic standard deviation of the noise of each sensor, by state.
-        progress: If true, a progress bar is shown.
-        checkpoint: Keeps the chains.
 
     Raises:
         InputError: Rows of rates, a fit of a stream, an unknown force, noise of some sensors only, f without weights,

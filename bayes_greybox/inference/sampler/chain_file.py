@@ -46,13 +46,7 @@ class ChainFile:
     """The file of one chain: it holds arrays only, and is complete at any moment."""
 
     def __init__(self, path: Path, every: float, name: str) -> None:
-        """Write nothing yet.
-
-        Args:
-            path: The file.
-            every: Seconds between two writes.
-            name: Digest of what is sampled, from `name_of`.
-        """
+        """Write nothing yet; `every` are seconds between two writes, `name` is from `name_of`."""
         self.path, self._every, self._name = path, every, name
         self._last = time.monotonic()
         self._failed = False

@@ -23,12 +23,8 @@ from bayes_greybox.running.traces import kept
 def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """Return a function (designs, samples, key) that draws γ, θ and f exactly, given each draw of the hyperparameters.
 
-    The function compiles once for designs and samples of the same shapes.
-
-    Args:
-        model: The collapsed NumPyro model, whose argument is `designs` and whose sites are `samples`, each
-            [n_chain, n_draw, ...].
-        identity: Key of the model for `traces.kept`; None: no trace is kept.
+    The argument of the collapsed model is `designs`, and its sites are `samples`, each [n_chain, n_draw, ...]. With an
+    `identity` of the model, traces are kept (see `traces.kept`).
 
     Returns:
         The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
@@ -71,15 +67,11 @@ def conditional_draw(
 
 
 def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:
-    """Draw γ, θ and f once, given the hyperparameters of one equation.
+    """Draw γ, θ and f once, given the likelihood of one equation, which holds η and the prior scales.
 
     θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), θ less its prior mean.
-    The sampler's uniform numbers place coefficients with bounds; the others are drawn given these.
-
-    Args:
-        key: Random key.
-        likelihood: Distribution of the likelihood site, which holds η and the prior scales.
-        gamma: The pattern if it is a site of the model.
+    The sampler's uniform numbers place coefficients with bounds; the others are drawn given these. The pattern is given
+    if it is a site of the model.
     """
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)

@@ -57,15 +57,10 @@ def resample_pattern(
     tau: Float[Array, ""],
     pi: Float[Array, ""],
 ) -> Int[Array, " n_term"]:
-    """Sweep over all terms once in random order, then propose n_term swaps.
+    """Sweep over all terms of the pattern γ once in random order, then propose n_term swaps.
 
-    Args:
-        key: Random key.
-        gamma: Current pattern.
-        A: Information of the data about θ, scaled units.
-        b: Information-weighted estimate, A θ̂.
-        tau: Slab standard deviation.
-        pi: Prior inclusion probability.
+    A is the information of the data about θ, scaled units, and b = A θ̂; tau and pi are the slab's standard deviation
+    and the prior inclusion probability.
     """
     n_term = len(b)
     order_key, flip_key, swap_key = jax.random.split(key, 3)

@@ -35,12 +35,7 @@ Files = Callable[[int, str], ChainFile]
 
 @dataclass(frozen=True)
 class Chains:
-    """Draws and statistics of a run of NUTS.
-
-    Attributes:
-        samples: Sites and deterministics in constrained space, each [n_chain, n_draw, ...].
-        stats: Sampler statistics under ArviZ's names, each [n_chain, n_draw].
-    """
+    """Draws of sites and deterministics, constrained, and statistics under ArviZ's names, [n_chain, n_draw, ...]."""
 
     samples: dict[str, np.ndarray]
     stats: dict[str, np.ndarray]
@@ -57,10 +52,8 @@ class Sampler:
     def __init__(self, make_kernel: Callable[[Any], Any], tune: int, identity: Any = None) -> None:
         """Compile nothing yet.
 
-        Args:
-            make_kernel: Function from the model's argument, traced, to `NUTS` or `HMCGibbs` around the model.
-            tune: Warm-up iterations.
-            identity: Key of the kernel for `traces.kept`, `tune` included; None: no traces are kept.
+        `make_kernel` goes from the model's argument, traced, to `NUTS` or `HMCGibbs` around the model. With an
+        `identity` of the kernel, `tune` included, traces are kept (see `traces.kept`).
         """
         self._tune = tune
 
@@ -104,19 +97,9 @@ class Sampler:
         self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool, label: str = SAMPLING_LABEL,
         files: Files | None = None,
     ) -> Chains:  # fmt: skip
-        """Run all chains.
+        """Run all chains; the key is split into one for each.
 
-        Args:
-            argument: The model's argument, a pytree of arrays.
-            draws: Draws kept in each chain.
-            chains: Number of chains.
-            key: Random key, split into one for each chain.
-            progress: If true, a progress bar is shown.
-            label: Text of the bar.
-            files: Files that keep the chains, which are resumed from there.
-
-        Raises:
-            InputError: The files keep other chains.
+        Files keep the chains, which are resumed from there; InputError is raised if they keep other chains.
         """
         with stages(progress):
             return self._run(argument, draws, chains, key, label, files)
@@ -169,12 +152,9 @@ class Sampler:
 def in_threads(
     one: Callable[[int], dict[str, np.ndarray]], number: int, stop: threading.Event
 ) -> dict[str, np.ndarray]:
-    """Run independent chains in as many threads as there are cores, and stack their records.
+    """Run `number` independent chains in as many threads as there are cores, and stack their records.
 
-    Args:
-        one: Runs the chain of a number.
-        number: Number of chains.
-        stop: Set after an error or an interrupt, so that the other chains end too.
+    `stop` is set after an error or an interrupt, so that the other chains end too.
     """
     with ThreadPoolExecutor(min(number, os.cpu_count() or 1)) as pool:
         try:

@@ -20,13 +20,8 @@ from .draws import by_chain
 def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """Return a function (designs, key) that draws θ, γ, f and every site of the model but the target from the prior.
 
-    Args:
-        model: The collapsed NumPyro model, whose argument is `designs`.
-        n_draw: Number of draws.
-        identity: Key of the model for `traces.kept`; None: no trace is kept.
-
-    Returns:
-        The function. It returns scaled variables under the names that posterior draws have, each [1, n_draw, ...].
+    It returns scaled variables under the names that posterior draws have, each [1, n_draw, ...]. With an `identity` of
+    the model, traces are kept (see `traces.kept`).
     """
 
     def one(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
@@ -55,10 +50,8 @@ def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callabl
 def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """Return a function (designs, draws) that gives log p of each site at each draw, and of θ given its scales.
 
-    Args:
-        model: The collapsed NumPyro model, whose argument is `designs`; `draws` are its sites, and `e_theta` and
-            `e_theta_sd` of each equation in scaled units, each [n_chain, n_draw, ...].
-        identity: Key of the model for `traces.kept`; None: no trace is kept.
+    Draws are those of the sites, and `e_theta` and `e_theta_sd` of each equation in scaled units, each
+    [n_chain, n_draw, ...]. With an `identity` of the model, traces are kept (see `traces.kept`).
 
     Returns:
         The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is

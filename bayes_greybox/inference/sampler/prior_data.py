@@ -49,14 +49,7 @@ def draw_truths(
     model: Program, open_equations: Mapping[str, OpenEquation], replicates: int, key: Array,
     generator: np.random.Generator,
 ) -> tuple[dict[str, np.ndarray], dict[str, Float[np.ndarray, "n_replicate n_row"]]]:  # fmt: skip
-    """Draw η and the prior scales from the prior, then γ, θ, f and y = Φθ + f + σε.
-
-    Args:
-        model: Model.
-        open_equations: Equations of the model.
-        replicates: Number of draws.
-        key: Random key of the prior's sites.
-        generator: Source of γ, θ, f and ε.
+    """Draw η and the prior scales from the prior with the key, then γ, θ, f and y = Φθ + f + σε with the generator.
 
     Returns:
         True values under the names of posterior draws, each [n_replicate, ...], and compressed targets.

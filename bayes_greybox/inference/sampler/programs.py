@@ -27,14 +27,7 @@ class Programs:
     """Compiled programs of a fit. Designs are arguments, so that others of the same shapes need no compilation."""
 
     def __init__(self, model: SamplingProgram, tune: int, target_accept: float, *, keep: bool = False) -> None:
-        """Compile nothing yet.
-
-        Args:
-            model: Model.
-            tune: Warm-up iterations.
-            target_accept: Target acceptance probability of NUTS.
-            keep: True if the programs depend only on these and the designs, so that traces can be kept.
-        """
+        """Compile nothing yet; `keep` traces if the programs depend on nothing else but the designs."""
         identity = (model, tune, target_accept) if keep else None
         self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune, identity)
         self.conditional = conditional_sampler(model.numpyro_model, model if keep else None)

@@ -20,12 +20,7 @@ from .nuts import hmc_record, in_threads
 
 @dataclass(frozen=True)
 class Replicates:
-    """Draws of each replicate's posterior, scaled units.
-
-    Attributes:
-        samples: Sites, deterministics and conditional draws, each [n_replicate, n_draw, ...].
-        divergences: Divergences of each replicate after warm-up.
-    """
+    """Scaled draws of each replicate's posterior, [n_replicate, n_draw, ...], and its divergences after warm-up."""
 
     samples: dict[str, np.ndarray]
     divergences: np.ndarray
@@ -35,19 +30,12 @@ def sample_replicates(
     model: Program, designs: Mapping[str, Design], targets: Mapping[str, Float[np.ndarray, "n_replicate n_row"]],
     keys: Array, sampling: Sampling, done: Callable[[int], None] = lambda _: None,
 ) -> Replicates:  # fmt: skip
-    """Sample the posterior of each target with the kernel and the conditional draws of a fit.
+    """Sample the posterior of each compressed target with the kernel and the conditional draws of a fit.
 
-    Only the compressed target changes between replicates, and it is an argument of the compiled chain. Chains run one
-    by one in as many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest
-    tree of all.
-
-    Args:
-        model: Model.
-        designs: Argument of the model, for any target.
-        targets: Compressed target of every equation and replicate.
-        keys: One random key for each replicate; its draws depend on no other.
-        sampling: Draws, warm-up and target acceptance of each chain.
-        done: Called with the number of replicates that have just been finished, from any thread.
+    Only the target changes between replicates, and it is an argument of the compiled chain. Chains run one by one in as
+    many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest tree of all.
+    Each replicate has a random key of its own. `done` is called with the number of replicates that have just been
+    finished, from any thread.
     """
     chain = jax.jit(_chain(model, designs, sampling))
     rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
