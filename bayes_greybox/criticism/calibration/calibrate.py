@@ -194,19 +194,12 @@ def calibrate(
         for name, part in opened.items()
         if model.sites[name].inclusion in samples
     }
-    columns = {field: pd.DataFrame({name: getattr(r, field) for name, r in ranks.items()}) for field in Ranks._fields}
-    return Calibration(
-        level=level,
-        tests=_tests(columns["pit"], inclusion, level),
-        ranks=columns["rank"],
-        kept=columns["kept"],
-        pit=columns["pit"],
-        ess=columns["ess"].median(),
-        inclusion=inclusion,
-        coverage=coverage_table(opened, where, truths, samples, generator),
-        divergences=sampled.divergences,
-        seconds=seconds,
+    rank, kept, pit, ess = (
+        pd.DataFrame({name: getattr(each, field) for name, each in ranks.items()}) for field in Ranks._fields
     )
+    coverage = coverage_table(opened, where, truths, samples, generator)
+    tests = _tests(pit, inclusion, level)
+    return Calibration(level, tests, rank, kept, pit, ess.median(), inclusion, coverage, sampled.divergences, seconds)
 
 
 def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:

@@ -17,7 +17,7 @@ from bayes_greybox.physics.fixed_steps import Intervals, Rate, follow, follow_wi
 from bayes_greybox.physics.integrate import Limits, Samples, cut, follow_piece, joined
 from bayes_greybox.physics.solvers import diffrax
 
-MOST_STEPS = 64
+MOST_STEPS_PER_INTERVAL = 64
 """Steps in an interval of typical length beyond which adaptive steps are fewer."""
 
 FIRST_TOLERANCE, FINEST_TOLERANCE = 1e-6, 1e-10
@@ -60,7 +60,7 @@ class FixedSteps:
 
     def finer(self, grid: Steps) -> Steps | None:
         """Halve the steps; None if they are the finest."""
-        return None if np.min(np.asarray(grid.number)) >= MOST_STEPS else self.beyond(grid)
+        return None if np.min(np.asarray(grid.number)) >= MOST_STEPS_PER_INTERVAL else self.beyond(grid)
 
     def beyond(self, grid: Steps) -> Steps:
         """Halve the steps, so that the change of a path is nearly its error: at order 5 a thirty-second remains."""
