@@ -31,7 +31,6 @@ from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, given_checkpoint, run_facts
-from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.refinement.refine import refine
@@ -363,10 +362,10 @@ class Fit(Posterior):
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""
         if (log_likelihood := log_likelihood_group(self)) is not None:
-            add_group(self, "log_likelihood", log_likelihood)
+            self.add_group("log_likelihood", log_likelihood)
         for source in ("posterior", "prior"):
             if (predictive := predictive_group(self, source)) is not None:
-                add_group(self, f"{source}_predictive", *predictive)
+                self.add_group(f"{source}_predictive", *predictive)
 
 
 def greybox_of(program: Program) -> GreyBox:

@@ -13,7 +13,7 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
 from .bands import Band
-from .prediction import PREDICTION_DRAWS, discrepancy_draws
+from .prediction import PREDICTION_DRAWS
 from .trade_off import known_equation, plain_trade_offs, trade_offs
 
 SHARE_ROWS = 5000
@@ -136,7 +136,7 @@ def discrepancy_grid(
     columns = {name: np.full(mesh[0].size, value) for name, value in others.items()}
     columns |= {name: values.ravel() for name, values in zip(variables, mesh, strict=True)}
     draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
-    band = Band.of(discrepancy_draws(entry, draws, columns), level)
+    band = Band.of(frame.target_scale * entry.design.at(frame, columns, draws), level)
     points = data.matrix(variables)
     shape, units = mesh[0].shape, dict(data.units)
     return DiscrepancyGrid(

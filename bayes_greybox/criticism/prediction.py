@@ -10,8 +10,6 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
-from bayes_greybox.model.design import EquationDraws
-from bayes_greybox.model.equation import Equation
 from bayes_greybox.physics.units import require_units_of
 from bayes_greybox.running.errors import InputError
 
@@ -121,13 +119,6 @@ def predict(
         joined = {key: Band.join(bands) for key, bands in parts.items()}
         predictions[name] = EquationPrediction(**joined, simulation=g, inside=frame.inside(data.columns))
     return Prediction(data, level, predictions)
-
-
-def discrepancy_draws(
-    equation: Equation, draws: EquationDraws, columns: Mapping[str, np.ndarray]
-) -> Float[np.ndarray, "n_draw n_obs"]:
-    """Return posterior draws of f at any rows, user's units."""
-    return equation.frame.target_scale * equation.design.at(equation.frame, columns, draws)
 
 
 def predictive_group(

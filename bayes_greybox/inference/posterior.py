@@ -22,7 +22,7 @@ from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 
-from .kept.groups import drawn
+from .kept.groups import drawn, row_dimension
 from .sampler.programs import Programs, programs_for
 from .settings import Sampling
 
@@ -123,8 +123,7 @@ class Posterior:
     def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
         """Return the slab of each draw if criticism can sum over the inclusion patterns in closed form.
 
-        There is no closed form if Gibbs moves drew the patterns or coefficients have bounds: then this is None, and
-        the drawn pattern is conditioned on like η.
+        It cannot if Gibbs moves drew the patterns or coefficients have bounds: then the drawn pattern is conditioned on.
         """
         return None if self.equations[equation].design.coefficients.bounded else self.slab(equation, at_most)
 
@@ -160,6 +159,25 @@ class Posterior:
         """Return the inclusion pattern of each draw; all terms under a prior without inclusion."""
         values = self.values(equation)
         return values.get("gamma", np.ones(values["theta"].shape)).astype(bool)
+
+    def add_group(self, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None) -> None:
+        """Add a group with variables [n_chain, n_draw, n_obs] to `idata`.
+
+        `draw` are the numbers of the draws, if not all were kept.
+        """
+        n_chain, n_draw = next(iter(values.values())).shape[:2]
+        rows = {self.sites[key].rate: row_dimension(entry) for key, entry in self.equations.items()}
+        variables, numbers = {}, {}
+        for key, value in values.items():
+            dimension, number = rows[key]
+            if value.shape[2] == len(number):
+                numbers[dimension] = number
+            else:
+                # Under spectral noise the observations are whitened coefficients, fewer than rows and without a time.
+                dimension = f"{key}_coefficient"
+            variables[key] = (("chain", "draw", dimension), value)
+        coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw) if draw is None else draw}
+        self.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords | numbers))
 
     def learned(self) -> dict[str, "Learned"]:
         """Return equation and frame of each learned state, also of those that share their rows."""

@@ -15,8 +15,7 @@ from bayes_greybox.running.errors import InputError
 
 from .cross_validate import cross_validate
 from .folds import FUTURE_START, check_scheme, make_folds
-from .loo import Loo
-from .weighted_rows import require_weighted_alike
+from .loo import Loo, weighted
 
 TIE_NATS = 4.0
 """Differences smaller than this are inconclusive, whatever their standard error (Sivula et al. 2020)."""
@@ -60,7 +59,7 @@ def compare(
     if len(fits) < 2:
         raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
-    require_weighted_alike(fits)
+    _require_weighted_alike(fits)
     chosen = ()
     if scheme in ("block", "future") and block is None:
         longest = max((make_folds(fit, scheme, None, start) for fit in fits.values()), key=lambda each: each.block or 0)
@@ -142,6 +141,17 @@ def stacking_weights(pointwise: Float[np.ndarray, "n_obs n_model"]) -> Float[np.
     )
     weights = np.clip(result.x, 0.0, None)
     return weights / weights.sum()
+
+
+def _require_weighted_alike(fits: Mapping[str, Posterior]) -> None:
+    kinds = {name: weighted(fit) for name, fit in fits.items()}
+    if any(kinds.values()) and not all(kinds.values()):
+        (heavy, *_), (plain, *_) = ([n for n, w in kinds.items() if w is which] for which in (True, False))
+        raise InputError(
+            f"compare: {heavy!r} has Noise(tails=...), which weighs each row by its own residual and so predicts what "
+            f"it has seen, and {plain!r} has not: fit all with the same Noise(tails=4.0), say, or all without, and ask "
+            "fit.checks() which noise the data want."
+        )
 
 
 def _require_same_data(fits: Mapping[str, Posterior]) -> None:

@@ -6,9 +6,8 @@ from bayes_greybox.inference.posterior import Posterior
 
 from .fold_densities import fold_parameters, past_densities
 from .folds import Folds
-from .loo import Estimates, Loo, Refit, refit_without, refitted_without, result
+from .loo import WEIGHTED_NOTE, Estimates, Loo, Refit, refit_without, refitted_without, result, weighted
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
-from .weighted_rows import WEIGHTED_NOTE, weighted
 
 
 def leave_future_out(

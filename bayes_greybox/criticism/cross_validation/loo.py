@@ -14,10 +14,15 @@ from .fold_densities import fold_densities, fold_parameters
 from .folds import Folds
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 from .row_densities import kept_densities, row_densities
-from .weighted_rows import WEIGHTED_NOTE, weighted
 
 Refit = Callable[[Posterior, str, list[int]], Posterior]
 """(posterior, equation, observations) -> posterior of that equation without these observations."""
+
+WEIGHTED_NOTE = (
+    "Noise(tails=...) gave each row its weight by its own residual, which a prediction cannot know: elpd is too high, "
+    "and compares with that of fits with the same tails alone."
+)
+"""Warning about the densities of rows that the noise weights by their own residuals."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +187,13 @@ def refitted_without(
     if not verdict.mixed:
         notes.append(f"The refit without {about} of {equation!r} has not converged: {verdict.reasons[0]}")
     return without
+
+
+def weighted(posterior: Posterior) -> bool:
+    """Return True if the noise weights rows by their residuals, so that a row influences its own prediction."""
+    noise = posterior.model.noise
+    asked, estimates = getattr(noise, "tails", None), getattr(noise, "found", None)
+    return asked is not None and (estimates is None or any("degrees" in each for each in estimates.values()))
 
 
 def result(estimates: Mapping[str, Estimates], threshold: float, notes: Sequence[str], folds: Folds | None) -> Loo:

@@ -30,7 +30,6 @@ from bayes_greybox.running.whole_files import whole_file
 
 from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
 from .draws import require_draws
-from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
 from .model_record import describe, rebuild
 from .packing import TEXT
@@ -88,7 +87,7 @@ def save(
         "versions": versions(),
     }
     tree = posterior.idata.copy()
-    if type(posterior.model.prior) not in PRIORS.values() and (slab := slab_group(posterior)):
+    if type(posterior.model.prior) not in PRIORS.values() and (slab := _slab_group(posterior)):
         tree[SLAB] = xr.DataTree(slab)
     if (samples := posterior.data.samples) is not None:
         record["samples"] = samples.metadata()
@@ -254,6 +253,16 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     names = {s: rate_name(s, measured) for s in metadata["derivatives"]}
     rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
     return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
+
+
+def _slab_group(posterior: Posterior) -> xr.Dataset:
+    """Return scales and log odds of θ at the draws, for equations whose patterns the sampler summed over."""
+    group, variables = posterior.idata["posterior"].dataset, {}
+    for name, own in posterior.sites.items():
+        if (slab := posterior.slab(name)) is not None:
+            for variable, value in ((own.theta_sd, slab.sd), (own.log_odds, slab.log_odds)):
+                variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
+    return xr.Dataset(variables)
 
 
 def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:

@@ -14,7 +14,6 @@ from jaxtyping import Bool
 from threadpoolctl import threadpool_limits
 
 from bayes_greybox.inference.checkpoint import Checkpoint, run_facts
-from bayes_greybox.inference.kept.further_groups import add_group
 from bayes_greybox.inference.kept.groups import DETAILS, data_table, tree_of, user_units
 from bayes_greybox.inference.path_starts import path_of
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
@@ -179,7 +178,7 @@ def _posterior(
         rng, rows = np.random.default_rng(sampling.seed), equation.rows
         white = rng.standard_normal((n_chain * n_draw, rows.n_row))
         noise = rows.noise.error.correlated(white).reshape(predicted.shape)
-        add_group(result, "posterior_predictive", {own.rate: predicted + sigma * noise})
+        result.add_group("posterior_predictive", {own.rate: predicted + sigma * noise})
         if likelihood.independent:
-            add_group(result, "log_likelihood", {own.rate: likelihood.log_density(predicted, sigma)})
+            result.add_group("log_likelihood", {own.rate: likelihood.log_density(predicted, sigma)})
     return result
