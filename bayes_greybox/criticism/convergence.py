@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 from jaxtyping import Array, Float
 
 from bayes_greybox.inference.posterior import Posterior
@@ -112,12 +113,7 @@ def convergence(posterior: Posterior) -> Verdict:
     stats = posterior.idata["sample_stats"].dataset
     n_chain, n_draw = stats.sizes["chain"], stats.sizes["draw"]
     apart, sizes = list(_agreement(varying, n_chain)), list(_sample_sizes(varying, n_chain, n_draw))
-    others = [
-        *_divergences(stats["diverging"].to_numpy()),
-        *_energy(stats["energy"].to_numpy()),
-        *_tree_depth(stats["n_steps"].to_numpy()),
-        *_resolution(posterior),
-    ]
+    others = [*_sampler_failures(stats), *_resolution(posterior)]
     reasons = (*apart, *sizes, *others)
     ess = varying[["ess_bulk", "ess_tail"]].to_numpy(float)
     short = bool(sizes) and not apart and not others and bool(ess.size and np.all(ess >= SHORT_SHARE * MIN_ESS))
@@ -248,16 +244,13 @@ def _beyond(value: float, limit: float) -> str:
     return next((text for text in texts if float(text) > limit), texts[-1])
 
 
-def _divergences(diverging: np.ndarray) -> Iterator[str]:
-    count = int(diverging.sum())
-    if count:
+def _sampler_failures(stats: xr.Dataset) -> Iterator[str]:
+    diverging, energy = stats["diverging"].to_numpy(), stats["energy"].to_numpy()
+    if count := int(diverging.sum()):
         yield (
             f"There were {count} divergences in {diverging.size} draws: parts of the posterior were not "
             "reached; raise target_accept towards 0.99."
         )
-
-
-def _energy(energy: Float[np.ndarray, "n_chain n_draw"]) -> Iterator[str]:
     # E-BFMI = Σ (E_n − E_{n−1})² / Σ (E_n − Ē)²  (Betancourt 2016, Eq. 22)
     spread = np.sum((energy - energy.mean(axis=1, keepdims=True)) ** 2, axis=1)
     steps = np.sum(np.diff(energy, axis=1) ** 2, axis=1)
@@ -267,10 +260,7 @@ def _energy(energy: Float[np.ndarray, "n_chain n_draw"]) -> Iterator[str]:
             f"E-BFMI is {worst:.2g}, below {MIN_E_BFMI}: the sampler crosses the tails of the posterior too "
             "slowly; raise tune, or choose a prior with lighter tails."
         )
-
-
-def _tree_depth(n_steps: np.ndarray) -> Iterator[str]:
-    share = float(np.mean(n_steps >= 2**MAX_TREE_DEPTH - 1))
+    share = float(np.mean(stats["n_steps"].to_numpy() >= 2**MAX_TREE_DEPTH - 1))
     if share > SATURATED_SHARE:
         yield (
             f"{share:.0%} of the draws used up the tree depth of {MAX_TREE_DEPTH}: the steps are far too "

@@ -123,7 +123,7 @@ class Posterior:
     def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
         """Return the slab of each draw if criticism can sum over the inclusion patterns in closed form.
 
-        It cannot if Gibbs moves drew the patterns or coefficients have bounds: then the drawn pattern is conditioned on.
+        It cannot if Gibbs moves drew the patterns or coefficients have bounds; then drawn patterns are conditioned on.
         """
         return None if self.equations[equation].design.coefficients.bounded else self.slab(equation, at_most)
 

@@ -31,6 +31,8 @@ from .methods import Method
 from .programs import Argument, ProgramKey, exact_programs
 
 
+# One thread from the beginning: how sums are split must not decide where chains start.
+@threadpool_limits.wrap(limits=1)
 def refine(
     posterior: Posterior, sampling: Sampling, starts: Stated | None, noise: Stated | None, progress: bool,
     checkpoint: Checkpoint | None = None,
@@ -54,15 +56,6 @@ def refine(
     if checkpoint is not None:
         of = {"starts": starts, "noise": noise, "fit": asdict(posterior.sampling)}
         checkpoint.require("refined", run_facts(posterior.model, posterior.data, sampling, **of))
-    # One thread from the beginning: how sums are split must not decide where chains start.
-    with threadpool_limits(1):
-        return _refined(posterior, sampling, starts or {}, noise or {}, progress, checkpoint)
-
-
-def _refined(
-    posterior: Posterior, sampling: Sampling, starts: Stated, noise: Stated, progress: bool,
-    checkpoint: Checkpoint | None,
-) -> Posterior:  # fmt: skip
     path = path_of(posterior)
     name, equation = _only(posterior)
     own, active = posterior.sites[name], posterior.likeliest_pattern(name)
@@ -73,7 +66,7 @@ def _refined(
 
     def likelihood_by(method: Method) -> ExactLikelihood:
         paths, along = ExactPaths(rate, method, columns), course.along(method, rate)
-        return likelihood_of(posterior, equation, path, starts, noise, paths, along)
+        return likelihood_of(posterior, equation, path, starts or {}, noise or {}, paths, along)
 
     likelihood = likelihood_by(course.methods[0])
     first = first_draws(posterior, equation, path, own, active, likelihood)
