@@ -69,14 +69,10 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     `correlation` the largest posterior |corr(θ_j, j-th coefficient of f projected on Φ)|; `..._none` are the same for
     the plain kernel at the same hyperparameters.
 
-    Args:
-        posterior: Fitted model.
-        level: Probability of the interval of the discrepancy's share.
-
     Returns:
         Table indexed by equation: simulation, dictionary, discrepancy, noise (shares), discrepancy_lower,
-        discrepancy_upper, rms (of f, user's units), sigma (noise, user's units), overlap, correlation, term (the one
-        with this correlation), overlap_none, correlation_none.
+        discrepancy_upper (at the level), rms (of f, user's units), sigma (noise, user's units), overlap, correlation,
+        term (the one with this correlation), overlap_none, correlation_none.
     """
     posterior.require_rows("Shares of the variance are found")
     rows, plain = {}, plain_trade_offs(posterior).to_dict("index")

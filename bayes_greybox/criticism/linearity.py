@@ -83,14 +83,8 @@ def linearity_of_paths(
 
     Each draw of the coefficients has a draw of the starts; both densities are those of the sensors' noise. k̂ and its
     limit are those of Vehtari, Simpson, Gelman, Yao & Gabry (2024), eq. 10; Yao, Vehtari, Simpson & Gelman (2018, ICML)
-    judge approximations by it.
-
-    Args:
-        rows: Rows, linear around a model.
-        added: Contribution of each draw to the rates of the learned states, user's units.
-        sigma: Standard deviation of the noise of each draw, user's units.
-        beside: Part of the rows that is not on the path, such as sensor errors in the model; user's units.
-        seed: Seed of the draws of the starts.
+    judge approximations by it. In user's units, each draw adds `added` to the rates of the learned states and has noise
+    `sigma`; `beside` is the part of the rows that is not on the path, such as sensor errors in the model.
     """
     if len(sigma) < MIN_DRAWS:
         return Linearity(math.nan, math.nan)

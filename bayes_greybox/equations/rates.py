@@ -136,14 +136,7 @@ class LearnedRates:
 def learned_rates(
     system: LearnedSystem, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False
 ) -> LearnedRates:
-    """Return the right-hand side of a system of learned equations.
-
-    Args:
-        system: Learned equations.
-        backend: "numpy" or "jax"; JAX's can be compiled, mapped and differentiated.
-        draws: Number of posterior draws, evenly spaced among all, each with its own terms and nonlinear parameters;
-            None: the equations as they are printed, coefficients at their means.
-        discrepancy: If true, f is added, if the model has one.
+    """Return the right-hand side of a system of learned equations; see `Fit.to_callable` for the arguments.
 
     Raises:
         InputError: An unknown backend, an impossible number of draws, or a request for f without finite expansion.

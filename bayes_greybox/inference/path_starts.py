@@ -23,15 +23,8 @@ def start_draws(
 
         x₀ = x̄₀ + s b,  b | θ, w, σ, y ~ N(b̂, σ² C), see `RowNoise.starts_given`
 
-    with x̄₀ the start of the reference path and s the prior standard deviations of the starts.
-
-    Args:
-        equation: Rows, frame and design; no unknown force moves their path.
-        path: Reference path of the rows.
-        theta: Coefficients, scaled units.
-        weight: Weights of the features of f, scaled units.
-        sigma: Standard deviation of the noise, scaled units.
-        seed: Random seed.
+    with x̄₀ the start of the reference path and s the prior standard deviations of the starts. No unknown force moves
+    the path; θ, w and σ are in scaled units.
     """
     rows, scale = equation.rows, equation.frame.target_scale
     Phi, Psi, y = equation.parts()

@@ -7,7 +7,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.criticism import trial as module
-from bayes_greybox.criticism.kept.trial import kept_trial, restore_trial
+from bayes_greybox.criticism.kept.file import kept_trial, restore_trial
 from bayes_greybox.criticism.trial import trial, try_on
 from bayes_greybox.greybox import Fit
 from bayes_greybox.running.errors import InputError

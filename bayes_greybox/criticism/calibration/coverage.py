@@ -29,12 +29,9 @@ LEAST_DISTANCE = 0.1
 
 @dataclass(frozen=True)
 class Places:
-    """Places at which the band of f is compared with the truth.
+    """Places at which the band of f is compared with the truth: index in REGIONS, orthogonal features, row of the data.
 
-    Attributes:
-        region: Index of the region of each place in REGIONS.
-        Psi: Orthogonal features at the places; no columns on the exact path.
-        row: Row of the data at each place, −1 for other places, of which there are none on the exact path.
+    The row is −1 away from the data; on the exact path there are no features and no such places.
     """
 
     region: Int[np.ndarray, " n_place"]

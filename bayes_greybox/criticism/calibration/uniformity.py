@@ -12,13 +12,7 @@ EVALUATION_POINTS = 100
 
 
 class Band(NamedTuple):
-    """Simultaneous band of the ECDF of uniform values.
-
-    Attributes:
-        at: Points z at which the ECDF is evaluated, in (0, 1).
-        lower: Lower limit of F̂(z) − z.
-        upper: Upper limit of F̂(z) − z.
-    """
+    """Simultaneous band of F̂(z) − z, the ECDF of uniform values less their distribution, at points z in (0, 1)."""
 
     at: Float[np.ndarray, " n_point"]
     lower: Float[np.ndarray, " n_point"]

@@ -36,7 +36,7 @@ def fold_densities(
     posterior: Posterior, equation: str, parameters: tuple[Hyperparameters, Scales], folds: Members,
     index: np.ndarray | None = None,
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:  # fmt: skip
-    """Yield the densities log p(y_F | y₋F, η) of every fold and draw, θ and f integrated out.
+    """Yield numbers of folds, and log p(y_F | y₋F, η) of these and every draw, θ and f integrated out; user's units.
 
     With g = C⁻¹y and P = (C⁻¹)_FF,
 
@@ -54,17 +54,8 @@ def fold_densities(
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
     with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are conditioned on
-    like η; so are patterns and coefficients if any of these has bounds.
-
-    Args:
-        posterior: Posterior with data, frame and design.
-        equation: Learned state.
-        parameters: Draws from `fold_parameters`, possibly of another run.
-        folds: Observations of each fold, in increasing order.
-        index: Numbers of the folds; None: all.
-
-    Yields:
-        Numbers of some folds, and their densities in user's units.
+    like η; so are patterns and coefficients if any of these has bounds. The draws, from `fold_parameters`, may be those
+    of another run.
     """
     index = np.arange(len(folds)) if index is None else index
     entry = posterior.equations[equation]

@@ -25,18 +25,8 @@ def leave_future_out(
 
     The steps go backwards from the end (the backward mode of that paper). If k̂ is above the threshold the model is
     fitted again to the past of that step, which makes this step exact, and earlier ones use that run. Choices made
-    before sampling (scaling, measure, features) are those of all the data.
-
-    Args:
-        posterior: Fitted model.
-        folds: Folds from `make_folds(posterior, "future")`.
-        at_most: Thin the draws evenly to this many; None: all.
-        refit: Function that fits again without the future; None: no refits.
-        max_refits: Most refits over all equations; afterwards earlier steps use the last one.
-        progress: If true, refits show their progress.
-
-    Raises:
-        InputError: Fewer than 25 draws.
+    before sampling (scaling, measure, features) are those of all the data. After the last refit over all equations,
+    earlier steps use the last one. Other arguments are those of `cross_validate`.
     """
     posterior.require_rows("Leave-one-out and other folds are found")
     n_draw = count_draws(posterior, at_most)

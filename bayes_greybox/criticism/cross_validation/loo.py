@@ -113,20 +113,8 @@ def loo(
     """Leave one observation out at a time, by Pareto-smoothed importance sampling over the draws of one run.
 
     elpd_i = log Σ_s w_is p(y_i | y₋ᵢ, η_s), with w_is ∝ 1/p(y_i | y₋ᵢ, η_s) smoothed (Vehtari et al. 2024;
-    Bürkner, Gabry & Vehtari 2021, section 2.3, for models whose observations are not independent given η).
-
-    Args:
-        posterior: Fitted model.
-        at_most: Thin the draws evenly to this many; None: all.
-        refit: Function that fits again without the observations whose k̂ is above the threshold; None: no refits.
-        max_refits: Most refits; if more are needed there are none, and `notes` says so.
-        progress: If true, refits show their progress.
-
-    Returns:
-        The result; its `pointwise` values are comparable between models of the same data.
-
-    Raises:
-        InputError: Fewer than 25 draws.
+    Bürkner, Gabry & Vehtari 2021, section 2.3, for models whose observations are not independent given η). Arguments
+    are those of `cross_validate`; the `pointwise` values are comparable between models of the same data.
     """
     return leave_folds_out(posterior, None, at_most, refit=refit, max_refits=max_refits, progress=progress)
 

@@ -1,17 +1,28 @@
 """Saved fits with the results of model criticism: checks, trade-offs and trials."""
 
+import json
 import os
 
 import xarray as xr
 
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
+from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import recall, remember
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
-from .checks import kept_checks, kept_trade_offs, restore_checks, restore_trade_offs
-from .trial import kept_trial, restore_trial
+from ..bands import Band
+from ..free_run import FreeRun
+from ..trial import Trial, trial
+from .checks import draws_sum, kept_checks, kept_trade_offs, restore_checks, restore_trade_offs
+
+TRIAL_FORMAT = 1
+"""Version of the group; other versions are not read, and the trial is made again, on the training data."""
+
+TRIAL_CLASSES = (Band, FreeRun, Trial)
+"""Classes in the group."""
 
 
 def save_checked(
@@ -51,6 +62,24 @@ def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None)
     if tried is not None:
         restore_trial(posterior, tried.to_dataset())
     return posterior
+
+
+def kept_trial(posterior: Posterior) -> dict[str, xr.Dataset]:
+    """Return groups of a file with the trial of a posterior, if it was made."""
+    made = recall(posterior, trial)
+    if made is None:
+        return {}
+    packer = Packer(TRIAL_CLASSES)
+    record = {"format": TRIAL_FORMAT, "of": draws_sum(posterior), "trial": packer.pack(made, "trial")}
+    return {netcdf.TRIED: as_group(json.dumps(record), packer.arrays)}
+
+
+def restore_trial(posterior: Posterior, group: xr.Dataset) -> None:
+    """Restore the trial from a group of the file, if it belongs to these draws."""
+    text, arrays = group_arrays(group)
+    record = json.loads(text)
+    if record["format"] == TRIAL_FORMAT and record["of"] == draws_sum(posterior):
+        remember(posterior, trial, Unpacker(TRIAL_CLASSES, arrays).unpack(record["trial"]))
 
 
 def _results(posterior: Posterior) -> tuple[dict[str, str], dict[str, xr.Dataset]]:

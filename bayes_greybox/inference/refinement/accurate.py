@@ -52,13 +52,10 @@ AT_ESTIMATE, AT_LINEAR_DRAWS, AT_EXACT_DRAWS = (
 
 
 class Sampled(NamedTuple):
-    """Result of sampling with one integration method.
+    """Sites, deterministics and statistics, [n_chain, n_draw, ...], sampled with one integration method.
 
-    Attributes:
-        drawn: Sites and deterministics, each [n_chain, n_draw, ...]; empty if paths are not accurate.
-        stats: Statistics of the sampler.
-        error: Largest error of a path over its limit; infinite if a path is missing.
-        where: Place of this error, in words.
+    There are none if paths are not accurate: then the largest error over its limit, infinite for a missing path, and
+    its place in words tell why.
     """
 
     drawn: dict[str, np.ndarray]

@@ -72,13 +72,9 @@ class ExactPaths:
 
 
 class Course(NamedTuple):
-    """Segments of a reference path with the samples on them.
+    """Segments of a reference path, typical sizes of the states, and segment, sample and state of each row.
 
-    Attributes:
-        segments: Times and inputs.
-        held: True if inputs have a zero-order hold between samples.
-        sizes: Typical sizes of the states.
-        at: Segment, sample within the segment, and state of each row.
+    Inputs have a zero-order hold between samples if `held`.
     """
 
     segments: tuple[Segment, ...]

@@ -20,12 +20,9 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SoFar:
-    """A chain between two iterations.
+    """A chain between two iterations: leaves of the sampler's state, iterations done, records after the warm-up.
 
-    Attributes:
-        state: Leaves of the sampler's state. Further draws depend on nothing else but the model's argument.
-        done: Iterations that are done, warm-up included.
-        records: Records of the iterations after the warm-up, in consecutive parts.
+    Further draws depend on the state and the model's argument only; the records are consecutive parts.
     """
 
     state: list[Any]

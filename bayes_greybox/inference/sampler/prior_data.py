@@ -22,13 +22,10 @@ from bayes_greybox.model.program import Program
 
 @dataclass(frozen=True)
 class OpenEquation:
-    """One equation whose targets are still to be drawn.
+    """One equation whose targets are still to be drawn, with the design that the sampler gets.
 
-    Attributes:
-        equation: Rows, frame, and the design that the sampler gets.
-        Phi: Dictionary at the whitened rows, before compression, scaled units.
-        Psi: Orthogonal features there; no columns on the exact path.
-        compress: From targets at the whitened rows to those of the design.
+    Φ and the orthogonal Ψ, scaled units, are those at the whitened rows before compression; `compress` takes targets
+    from there to the rows of the design.
     """
 
     equation: Equation
