@@ -1,5 +1,6 @@
 """Exact draws of the quantities that were integrated out: inclusion patterns, coefficients, f."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -47,7 +48,8 @@ def by_chain(program: Callable[..., dict[str, Array]]) -> Callable[..., dict[str
 
     def run(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray], *further: Array) -> dict[str, np.ndarray]:
         shape = next(iter(draws.values())).shape[:2]
-        flat = on_device({name: value.reshape(-1, *value.shape[2:]) for name, value in draws.items()})
+        # Not −1, which an array without columns leaves open.
+        flat = on_device({name: value.reshape(math.prod(shape), *value.shape[2:]) for name, value in draws.items()})
         result = program(designs, flat, *further)
         return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in result.items()}
 
