@@ -34,13 +34,11 @@ def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., 
         given the hyperparameters if the patterns are summed, else γ_j itself.
     """
 
-    def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
+    def draw_all(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
         keys = jax.random.split(key, len(next(iter(flat.values()))))
         return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
 
-    draw_all = kept(draw_all_of, identity, "conditional", once=True)
-
-    return by_chain(draw_all)
+    return by_chain(kept(draw_all, identity, "conditional", once=True))
 
 
 def by_chain(program: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, np.ndarray]]:
