@@ -136,7 +136,7 @@ def convergence_table(posterior: Posterior) -> pd.DataFrame:
 def precision_of(draws: Float[np.ndarray, "n_chain n_draw"]) -> tuple[float, float, float, float]:
     """Return R̂, bulk and tail effective sample size, and the Monte Carlo error of the mean; NaN without variation."""
     if not np.ptp(draws) > 0 or draws.shape[1] < 4:
-        return (np.nan,) * 4
+        return np.nan, np.nan, np.nan, np.nan
     stats, sd = array_stats(), draws.std()
     scaled = (draws - draws.mean()) / sd
     # Chains that are each stuck at a different value have no variance within: R̂ is rightly infinite.

@@ -31,7 +31,7 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
         draws = values[START][alike]
     else:
         drawn = posterior.draws(block)
-        chosen = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))
-        draws = start_draws(equation, path_of(posterior), *chosen, posterior.sampling.seed)
+        theta, weight, sigma = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))
+        draws = start_draws(equation, path_of(posterior), theta, weight, sigma, posterior.sampling.seed)
     states = model.simulator(posterior.data).states
     return {name: Value.of(draws[:, 0, k]) for k, name in enumerate(states)}
