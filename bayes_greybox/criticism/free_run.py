@@ -64,7 +64,7 @@ class FreeRun:
 
 
 def free_run(
-    posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = FREE_RUN_DRAWS, seed: int = 0,
+    posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = FREE_RUN_DRAWS,
     interpolation: str | Sequence[str] | None = None,
 ) -> FreeRun:  # fmt: skip
     """Integrate simulation + dictionary + f over each run, for several posterior draws and starts.
@@ -94,7 +94,7 @@ def free_run(
             f"simulation={{{idle[0]!r}: '...'}}."
         )
     n_draw = posterior.idata["posterior"].sizes["chain"] * posterior.idata["posterior"].sizes["draw"]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     pick = rng.permutation(n_draw)[: min(at_most, n_draw)]
     starts = estimate_starts(data)
     parameters = {}

@@ -77,7 +77,7 @@ def draws_followed(rows: EquationRows) -> int:
 
 def linearity_of_paths(
     rows: EquationRows, added: Callable[[Columns, int], Float[np.ndarray, "n n_learned"]],
-    sigma: Float[np.ndarray, " n_draw"], beside: Float[np.ndarray, "n_draw n_row"] | float = 0.0, seed: int = 0,
+    sigma: Float[np.ndarray, " n_draw"], beside: Float[np.ndarray, "n_draw n_row"] | float = 0.0,
 ) -> Linearity:  # fmt: skip
     """Judge the weights w = p(y | exact path) / p(y | linear rows) at posterior draws.
 
@@ -93,7 +93,7 @@ def linearity_of_paths(
         return Linearity(0.0, limit)
     if rows.noise.moved:
         return Linearity(math.nan, limit)
-    white = np.random.default_rng(seed).standard_normal((rows.noise.n_start, len(sigma)))
+    white = np.random.default_rng(0).standard_normal((rows.noise.n_start, len(sigma)))
     residual = rows.target - _linear_response(rows, added, len(sigma)) - beside
     starts, linear = rows.noise.starts_given((residual / sigma[:, None]).T, white)
     exact = (rows.measured - rows.exact(added, (starts * sigma).T) - beside) / sigma[:, None]

@@ -63,7 +63,7 @@ class LooPit:
         return "of the wrong shape"
 
 
-def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> LooPit:
+def loo_pit(posterior: Posterior, equation: str) -> LooPit:
     """Return the probability integral transforms under the closed-form leave-one-out predictive distributions.
 
     Given η, γ (θ and f integrated out) y_i | y₋ᵢ is normal with mean y_i − g_i/c_i and variance 1/c_i (notation of
@@ -85,7 +85,7 @@ def loo_pit(posterior: Posterior, equation: str, at_most: int | None = None) -> 
     n = entry.rows.n_white
     index = np.unique(np.linspace(0, n - 1, min(n, OBSERVATIONS)).round().astype(int))
     rows = entry.weighted()(index)
-    draws = posterior.draws(equation, at_most)
+    draws = posterior.draws(equation)
     precision, g = (np.asarray(part) for part in precision_terms(entry.design, rows, parameters_of(draws)))
     z = g / np.sqrt(precision)
     log_p = 0.5 * (np.log(precision) - z**2)

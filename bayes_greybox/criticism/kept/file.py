@@ -41,16 +41,16 @@ def save_found(posterior: Posterior, saved: str | os.PathLike[str], path: str | 
     netcdf.add(saved, path, *_results(posterior))
 
 
-def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | FMU | None = None) -> Posterior:
+def load_checked(path: str | os.PathLike[str]) -> Posterior:
     """Read a saved fit with its checks and its trial, if the file has them.
 
-    `simulation` is the function of the simulation, if the model had one. InputError is raised as by `netcdf.read`, if
-    the function is missing, and for the file of a study whose model was not sampled.
+    InputError is raised as by `netcdf.read`, for a simulation that was a function, and for the file of a study whose
+    model was not sampled.
     """
     tree = netcdf.read(path)
     netcdf.require_sampled(tree, path)
     with made_of(path):
-        return checked_of(tree, simulation)
+        return checked_of(tree)
 
 
 def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:

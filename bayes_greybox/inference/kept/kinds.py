@@ -1,17 +1,17 @@
 """Type checks of objects that were read from a file, against the annotations of their classes."""
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from bayes_greybox.running.errors import InputError
 
 
-def require_kinds(made: Any, leave_out: Collection[str] = ()) -> None:
-    """Require that all fields but some have the types of their annotations, or raise InputError."""
+def require_kinds(made: Any) -> None:
+    """Require that all fields have the types of their annotations, or raise InputError."""
     for name, hint in get_type_hints(type(made), include_extras=True).items():
-        if name not in leave_out and hasattr(made, name) and not fits(getattr(made, name), hint):
+        if hasattr(made, name) and not fits(getattr(made, name), hint):
             raise InputError(f"the file is damaged: {name} of {type(made).__name__} is not what it must be.")
 
 
