@@ -1,4 +1,4 @@
-"""The two objects that users hold: GreyBox, the model, and Fit, its posterior. Every method is one call into a room."""
+"""The two objects that users hold: GreyBox, the model, and Fit, its posterior. Each method calls one room."""
 
 import json
 import logging
@@ -30,12 +30,12 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.equations.starts import estimated_starts
-from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, given_checkpoint, run_facts
-from bayes_greybox.inference.kept.further_groups import add_group
-from bayes_greybox.inference.kept.inference_data import to_inferencedata
+from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, given_checkpoint, run_facts
+from bayes_greybox.inference.kept.groups import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.refinement.refine import refine
-from bayes_greybox.inference.sampling import sample_posterior
+from bayes_greybox.inference.sampler.nuts import SAMPLING_LABEL
+from bayes_greybox.inference.sampling import RunOptions, sample_posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
@@ -53,10 +53,10 @@ from bayes_greybox.running.stages import stage, stages
 log = logging.getLogger(__name__)
 
 AGAIN = "Sampling again, with finer features"
-"""What the bar says of a fit that is repeated."""
+"""Text of the progress bar of a repeated fit."""
 
-MOST_REFITS, MARGIN = 2, 1.15
-"""How often a fit is repeated with more features, and by how much these exceed what the last posterior asked for."""
+MOST_REFITS, FEATURE_MARGIN = 2, 1.15
+"""Most repetitions of a fit with more features, and the ratio of their number to what the last posterior needs."""
 
 
 class GreyBox(Program):
@@ -77,7 +77,7 @@ class GreyBox(Program):
         target_accept: float = 0.9,
         checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
         resume: bool = False,
-        checkpoint_every: float = EVERY,
+        checkpoint_every: float = CHECKPOINT_EVERY,
     ) -> "Fit":
         """Sample the posterior with NUTS; the same seed gives the same posterior.
 
@@ -91,44 +91,45 @@ class GreyBox(Program):
             tune: Warm-up iterations of each chain.
             chains: Number of chains, run in parallel threads.
             seed: Seed of everything random in the run.
-            progress: Whether to show a progress bar.
+            progress: If true, a progress bar is shown.
             target_accept: Target acceptance probability of NUTS.
-            checkpoint: A folder that keeps the chains while they run, for `resume`; it goes when the fit is there.
-            resume: Whether the chains in that folder go on: the draws are those of a run that was never stopped.
-            checkpoint_every: Seconds between two times that a chain is kept.
+            checkpoint: Folder that keeps the chains while they run, for `resume`; removed when the fit is complete.
+            resume: If true, the chains in that folder are continued, with the draws of an uninterrupted run.
+            checkpoint_every: Seconds between two checkpoints of a chain.
 
         Raises:
-            InputError: Data or settings that cannot be used; a folder that cannot be written to, that another process
-                writes to, or that holds the chains of something else; the message names what and the remedy.
+            InputError: The data or settings cannot be used, or the folder cannot be written to, is in use by another
+                process, or keeps the chains of another run; the message names the remedy.
         """
-        with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
-            return self._fit(data, Sampling(draws, tune, chains, seed, target_accept), progress, held)
+        with given_checkpoint(checkpoint, resume, checkpoint_every) as opened:
+            return self._fit(data, Sampling(draws, tune, chains, seed, target_accept), progress, opened)
 
     def _fit(
-        self, given: Trajectories | RowStream, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None
+        self, source: Trajectories | RowStream, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None
     ) -> "Fit":
         keep_programs()
         make_room()
         # One thread as in `sample_posterior`, here also for what completes the fit.
         with threadpool_limits(1), seldom_collected(), stages(progress):
             with stage("Reading the data"):
-                model, data, rows = taken(self, given)
+                model, data, rows = taken(self, source)
             whole = None if rows is None else rows.statistics(model)
             if checkpoint is not None:
                 further = {} if whole is None else {"all rows": {name: each.digest for name, each in whole.items()}}
                 checkpoint.require("fit", run_facts(model, data, sampling, **further))
-            files = None if checkpoint is None else checkpoint.next_run()
-            posterior = sample_posterior(model, data, sampling, progress=progress, files=files, whole=whole)
+
+            def sampled(model: Program, label: str = SAMPLING_LABEL) -> Posterior:
+                options = RunOptions(label, None if checkpoint is None else checkpoint.next_run())
+                return sample_posterior(model, data, sampling, progress=progress, whole=whole, options=options)
+
+            posterior = sampled(model)
             for _ in range(MOST_REFITS):
                 refined = _refined(posterior.model, self.discrepancy, posterior)
                 if refined is None:
                     break
                 log.info("sampling again, with more features: %s", refined.discrepancy)
-                files = None if checkpoint is None else checkpoint.next_run()
                 whole = None if rows is None else rows.statistics(refined)
-                posterior = sample_posterior(
-                    refined, data, sampling, progress=progress, what=AGAIN, files=files, whole=whole
-                )
+                posterior = sampled(refined, AGAIN)
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made, whole)
             with stage("Predicting the measurements"):
                 fit._complete()
@@ -140,65 +141,66 @@ class Fit(Posterior):
 
     @property
     def verdict(self) -> Verdict:
-        """Whether the chains can be trusted, with reasons in words and what to try."""
+        """Verdict on the convergence of the chains, with reasons in words and what to try."""
         return convergence(self)
 
     def summary(self, level: float = 0.9) -> pd.DataFrame:
-        """Coefficients, noise and kernel of every equation with intervals, R̂ and effective sample sizes."""
+        """Return coefficients, noise and kernel of every equation with intervals, R̂ and effective sample sizes."""
         return summary(self, level)
 
     @property
     def noise(self) -> pd.DataFrame:
-        """What `bg.Noise` found in each equation; no columns where it is white or none was asked for."""
-        found = getattr(self.model.noise, "found", None) or {}
+        """Estimates of `bg.Noise` for each equation; no columns if the noise is white or was not to be estimated."""
+        estimates = getattr(self.model.noise, "found", None) or {}
         equations = pd.Index(self.model.equations, name="equation")
-        return pd.DataFrame([dict(found.get(self.model.block_of(name), {})) for name in equations], index=equations)
+        return pd.DataFrame([dict(estimates.get(self.model.block_of(name), {})) for name in equations], index=equations)
 
     def inclusion(self, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
-        """Coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""
+        """Return coefficients by (equation, term), with P(γ_j = 1) under a spike-and-slab prior."""
         return inclusion(self, level, rope)
 
     def discrepancy(self, level: float = 0.9) -> pd.DataFrame:
-        """Variance shares of simulation, dictionary, f and noise, and how f keeps off the dictionary."""
+        """Return variance shares of simulation, dictionary, f and noise, and the overlap of f with the dictionary."""
         return discrepancy_table(self, level)
 
     def discrepancy_grid(
         self, equation: str | None = None, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
     ) -> DiscrepancyGrid:
-        """Posterior of f over one or two variables; the first equation unless named."""
+        """Return the posterior of f over one or two variables; the first equation unless named."""
         return discrepancy_grid(self, equation or next(iter(self.equations)), variables, size, level)
 
     def trade_off(self, equation: str | None = None) -> TradeOff:
-        """The term whose coefficient trades off most with f; the first equation unless named."""
+        """Return the term whose coefficient trades off most with f; the first equation unless named."""
         return strongest_trade_off(self, equation or next(iter(self.equations)))
 
     def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
-        """Posterior bands of the rates at the rows of any data, with `nmse()`."""
+        """Return posterior bands of the rates at the rows of any data, with `nmse()`."""
         return predict(self, completed(self, data), level)
 
     def simulate(
         self, data: Trajectories, level: float = 0.9, draws: int = 50, interpolation: str | Sequence[str] | None = None
     ) -> FreeRun:
-        """Free run of the whole model from the measured start of each run, with bands and `nrmse()`.
+        """Integrate the whole model from the measured start of each run, with bands and `nrmse()`.
 
-        The inputs between samples follow lines or splines, as their samples suggest, or `interpolation` ("zoh": held).
+        Between samples the inputs follow lines or splines, as their samples suggest, or `interpolation` ("zoh":
+        zero-order hold).
         """
         return free_run(self, completed(self, data), level, draws, interpolation=interpolation)
 
     def checks(self) -> Checks:
-        """LOO-PIT, whiteness of the residuals and sensitivity to the prior: one table, with what to try."""
+        """Check LOO-PIT, whiteness of the residuals and sensitivity to the prior; the table has remedies."""
         return checks(self)
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
-        """Where each measurement falls in its leave-one-out prediction; the first equation unless named."""
+        """Return the place of each measurement in its leave-one-out prediction; the first equation unless named."""
         return checks(self).loo_pit[self.model.block_of(equation)]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
-        """Autocorrelation of the whitened residuals; the first equation unless named."""
+        """Return the autocorrelation of the whitened residuals; the first equation unless named."""
         return checks(self).whiteness[self.model.block_of(equation)]
 
     def sensitivity(self) -> pd.DataFrame:
-        """Power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
+        """Return the power-scaling sensitivity of θ and P(γ) to prior and likelihood, by (equation, quantity)."""
         return checks(self).sensitivity
 
     def refine(
@@ -214,15 +216,15 @@ class Fit(Posterior):
         progress: bool = True,
         checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
         resume: bool = False,
-        checkpoint_every: float = EVERY,
+        checkpoint_every: float = CHECKPOINT_EVERY,
     ) -> "Fit":
-        """The exact trajectory posterior of a fit to samples, by NUTS through the integrated paths.
+        """Sample the exact trajectory posterior of a fit to samples, by NUTS through the integrated paths.
 
             y ~ N(h(x(·; θ, f, x₀)), σ² R₀),   dx/dt = g(x, u) + e_k (Φ(x, u) θ + Ψ̃(x, u) w),   x₀ ~ N(m, s²)
 
-        The rows of a fit are linear near its model; here paths are followed anew at every step. Draws of the fit are
-        where the chains start, and their covariance is the metric. Under a prior with inclusion the likeliest pattern
-        is given, and f keeps its orthogonal basis. Starts are those of the path's segments.
+        The rows of a fit are linearised around its model; here paths are integrated anew at every step. The chains
+        start at draws of the fit, whose covariance is the metric. Under a prior with inclusion the likeliest pattern
+        is fixed, and f keeps its orthogonal basis. Each segment of the path has a start.
 
         Args:
             draws: Draws kept in each chain.
@@ -230,88 +232,90 @@ class Fit(Posterior):
             chains: Number of chains, run in parallel threads.
             seed: Seed of everything random in the run.
             target_accept: Target acceptance probability of NUTS.
-            starts: Prior mean and standard deviation of states where runs start, by state, user's units; by default
-                ten times the states' sizes around the reference path.
+            starts: Prior mean and standard deviation of states at the start of runs, by state, user's units; by
+                default ten times the states' sizes around the reference path.
             noise: Prior median of the noise of each sensor and standard deviation of its logarithm, by state, user's
-                units: each sensor then has its own. By default they have one, in the proportions of the path's
-                residuals.
-            progress: Whether to show a progress bar.
-            checkpoint: A folder that keeps the chains while they run, for `resume`; it goes when they are complete.
-            resume: Whether the chains in that folder go on: the draws are those of a run that was never stopped.
-            checkpoint_every: Seconds between two times that a chain is kept.
+                units: each sensor then has its own noise. By default there is one noise, shared in the proportions of
+                the path's residuals.
+            progress: If true, a progress bar is shown.
+            checkpoint: Folder that keeps the chains while they run, for `resume`; removed when they are complete.
+            resume: If true, the chains in that folder are continued, with the draws of an uninterrupted run.
+            checkpoint_every: Seconds between two checkpoints of a chain.
 
         Returns:
-            A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` where sensors have their own.
-            Checks, leave-one-out and pages, which are found from linear rows, are those of this fit.
+            A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` if each sensor has its own noise.
+            Checks, leave-one-out and pages need linear rows: ask the fit that was refined.
 
         Raises:
             InputError: Rows of rates, whose posterior is exact already; an unknown force in the noise; priors of
-                states that there are not; a folder that cannot be used, or that holds the chains of something else.
+                unknown states; a folder that cannot be used, or that keeps the chains of another run.
         """
         sampling = Sampling(draws, tune, chains, seed, target_accept, exact=True)
-        with given_checkpoint(checkpoint, resume, checkpoint_every) as held:
-            refined = refine(self, sampling, starts, noise, progress, held)
+        with given_checkpoint(checkpoint, resume, checkpoint_every) as opened:
+            refined = refine(self, sampling, starts, noise, progress, opened)
         return Fit(refined.model, refined.data, sampling, refined.idata)
 
     def to_inferencedata(self) -> Any:
-        """The groups of `idata` as what the functions of the installed `arviz` take.
+        """Return the groups of `idata` in the form that the functions of the installed `arviz` take.
 
-        Returns:
-            With ArviZ 0.2x, the newest for Python 3.11, an `arviz.InferenceData`; with ArviZ 1, which has no such
-            class, a `DataTree` like `idata` itself. The object is new, its arrays are those of the fit.
+        This is an `arviz.InferenceData` with ArviZ 0.2x, the newest for Python 3.11, and a `DataTree` like `idata`
+        itself with ArviZ 1. The object is new, its arrays are those of the fit.
         """
         return to_inferencedata(self.idata)
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Right-hand sides of all equations by state or output, over real symbols with the names of the columns.
+        """Return the right-hand sides by state or output, over real symbols with the names of the columns.
 
             d(x_i)/dt = g_i(x, u) + Σ_j E[θ_ij] φ_ij(x, u) + f_i(x, u)
 
         Terms and coefficients are those that `print(fit)` shows, with all digits. f is an undefined function
-        `f_name(...)` where it is left, and a simulation that is a function `g_name(t, x, u)`.
+        `f_name(...)` in the equations that keep it, as is a simulation given as a function, `g_name(t, x, u)`.
         """
         return fitted_system(self).to_sympy()
 
     def to_latex(self) -> str:
-        """All equations in LaTeX, `aligned`, coefficients with their standard deviations: 1.23(4) is 1.23 ± 0.04."""
+        """Return all equations in LaTeX, `aligned`, with standard deviations: 1.23(4) is 1.23 ± 0.04."""
         return equations_latex(fitted_system(self))
 
     def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """The right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
+        """Return the right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
 
         x `[*n, n_state]` and u `[*n, n_input]` have the columns `rates.states` and `rates.inputs` along their last
-        axis, in the units of the data; t is a number or `[*n]`. What is returned, `[*n, n_equation]`, are the rates of
-        `rates.equations` in `rates.units`: of all states where each has an equation, then outputs.
+        axis, in the units of the data; t is a number or `[*n]`. The function returns, `[*n, n_equation]`, the rates of
+        `rates.equations` in `rates.units`: those of the states that have an equation, then outputs.
 
         Args:
             backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
             draws: Posterior draws along a first axis, `[draws, *n, n_equation]`, each with all its terms;
                 `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
-            discrepancy: Whether f is added; beyond its features' domain these are held, and their projection goes on.
+            discrepancy: If true, f is added. Outside their domain the features stay constant, but not their projection.
 
         Raises:
-            InputError: An unknown backend; more draws than there are; f of a model on the exact path.
+            InputError: An unknown backend, too many draws, or f of a model on the exact path.
         """
         return learned_rates(fitted_system(self), backend, draws, discrepancy)
 
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the ending of the path.
 
-        Terms are those that `print(fit)` shows, coefficients their means; standard deviations, intervals and units
-        stand in comments. f is not in it, which the header says. An FMU is of FMI 2.0 for Model Exchange
-        and Co-Simulation, and is compiled for this system: that takes FMPy and a C compiler.
+        The program has the terms that `print(fit)` shows, with their mean coefficients; standard deviations, intervals
+        and units stand in comments. It leaves out f, as its header says. An FMU follows FMI 2.0 for Model Exchange and
+        Co-Simulation, and is compiled for this system, which takes FMPy and a C compiler.
 
         Raises:
-            InputError: Another ending; a simulation that is a function, but for .py; what an FMU takes is not there; a
-                file that cannot be written.
+            InputError: Another ending; a simulation that is a function, except for .py; FMPy or the compiler is
+                missing; the file cannot be written.
         """
         system = fitted_system(self)
-        left = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
-        f = dict.fromkeys(left, "which the data tell from zero")
+        f = {
+            name: "which the data tell from zero"
+            for name, each in system.learned.items()
+            if each.discrepancy is not None and each.discrepancy.left
+        }
         export_system(system, path, Notes(str(self.verdict), discrepancy=f, estimated=estimated_starts(self)))
 
     def to_json(self) -> str:
-        """The equations as JSON text: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
+        """Return the equations as JSON: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
         return json.dumps(equations_record(fitted_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def save(self, path: str | os.PathLike, test: Trajectories | None = None) -> None:
@@ -322,7 +326,7 @@ class Fit(Posterior):
             test: Held-out data, whose error and free run go into the file, for its page.
 
         Raises:
-            InputError: The destination cannot be written; held-out data that lack a column.
+            InputError: The destination cannot be written, or the held-out data lack a column.
         """
         if test is not None:
             try_on(self, test)
@@ -333,20 +337,20 @@ class Fit(Posterior):
 
         Args:
             path: Destination.
-            test: Held-out data, whose error and free run are shown; else the free run is that over the training data.
+            test: Held-out data, whose error and free run are shown; without them, the free run over the training data.
 
         Raises:
-            InputError: The destination cannot be written; held-out data that lack a column.
+            InputError: The destination cannot be written, or the held-out data lack a column.
         """
         if test is not None:
             try_on(self, test)
-        # Matplotlib is imported only where a page is wanted.
+        # Matplotlib is imported only if a page is wanted.
         from bayes_greybox.report.pages.fit_page import fit_html
 
         fit_html(self, path)
 
     def __repr__(self) -> str:
-        """Model in one line, the verdict in words, and the learned equations."""
+        """Show the model in one line, the verdict in words, and the learned equations."""
         s = self.sampling
         terms = ", ".join(f"{name}: {len(e.frame.dictionary)} terms" for name, e in self.equations.items())
         exact = " of exact paths" if s.exact else ""
@@ -357,42 +361,38 @@ class Fit(Posterior):
 
     def _complete(self) -> None:
         """Add the groups that need more than one row at a time."""
-        log_likelihood = log_likelihood_group(self)
-        if log_likelihood is not None:
-            add_group(self, "log_likelihood", log_likelihood)
+        if (log_likelihood := log_likelihood_group(self)) is not None:
+            self.add_group("log_likelihood", log_likelihood)
         for source in ("posterior", "prior"):
-            predictive = predictive_group(self, source)
-            if predictive is not None:
-                values, kept = predictive
-                add_group(self, f"{source}_predictive", values, draw=kept)
+            if (predictive := predictive_group(self, source)) is not None:
+                self.add_group(f"{source}_predictive", *predictive)
 
 
 def greybox_of(program: Program) -> GreyBox:
-    """A model in users' hands."""
+    """Return a model as the class that users hold."""
     return GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
 
 
 def fit_of(posterior: Posterior) -> Fit:
-    """A posterior that was read from a file, in users' hands."""
+    """Return a posterior that was read from a file as the class that users hold."""
     fit = Fit(greybox_of(posterior.model), posterior.data, posterior.sampling, posterior.idata, whole=posterior.whole)
     fit.memory.update(posterior.memory)
     return fit
 
 
-def _refined(model: Program, given: OrthogonalGP | None, posterior: Posterior) -> Program | None:
-    """The model with the domain and the features that the posterior asks for, if the package may choose and can."""
+def _refined(model: Program, asked: OrthogonalGP | None, posterior: Posterior) -> Program | None:
+    """Return the model with the domain and features that the posterior needs, if the package is free to choose them."""
     gp = model.discrepancy
-    if gp is None or given is None or given.features is not None:
+    if gp is None or asked is None or asked.features is not None:
         return None
     wider = boundary_needed(posterior)
     wanted = tuple(np.max(list(wider.values()), axis=0).tolist()) if wider else None
-    # Features that a wider domain needs may be too many; then the one there is gets its own.
+    # A wider domain may need too many features; then the present domain gets those that it needs.
     for boundary in dict.fromkeys((wanted, None)):
         refined = gp if boundary is None else replace(gp, boundary=boundary)
-        needed = features_needed(posterior, boundary)
-        if needed:
+        if needed := features_needed(posterior, boundary):
             # A finer basis finds somewhat shorter length scales again, hence the margin.
-            per_variable = tuple(int(np.ceil(MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
+            per_variable = tuple(int(np.ceil(FEATURE_MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
             if HilbertBasis(refined.boundary, per_variable).size > LARGEST_BASIS:
                 continue
             refined = replace(refined, features=per_variable)

@@ -22,7 +22,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, investigate
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.equations.starts import estimated_starts
-from bayes_greybox.inference.checkpoint import EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
+from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.settings import Sampling
@@ -231,7 +231,7 @@ def find_missing_effects(
     progress: bool = True,
     checkpoint: str | os.PathLike[str] | Checkpoint | None = None,
     resume: bool = False,
-    checkpoint_every: float = EVERY,
+    checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> Study:
     """Find what a simulation lacks: where it disagrees with the data, which effect is missing, and the gap after.
 

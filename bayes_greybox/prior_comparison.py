@@ -9,7 +9,7 @@ import pandas as pd
 from rich.console import Console
 
 from bayes_greybox.criticism.cross_validation.compare import compare
-from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
+from bayes_greybox.criticism.cross_validation.folds import FUTURE_START, check_scheme, require_divisible
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.priors import Laplace, Normal, Prior, RegularisedHorseshoe, SpikeAndSlab
 from bayes_greybox.running.errors import InputError
@@ -22,7 +22,7 @@ FOUR_PRIORS: Mapping[str, Prior] = {
     "Laplace": Laplace(),
     "Normal": Normal(),
 }
-"""What `compare_priors` fits besides the user's own."""
+"""Priors that `compare_priors` fits besides those of the user."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,8 +30,8 @@ class PriorComparison:
     """The same model under several priors.
 
     Attributes:
-        fits: The fits by name of the prior.
-        comparison: What `compare` says of them, best first.
+        fits: Fits by name of the prior.
+        comparison: Table of `compare`, best first.
         inclusion: Inclusion tables side by side, indexed (equation, term), with columns (prior, quantity); only a
             spike-and-slab prior has the quantity `inclusion`, see `Fit.inclusion`.
     """
@@ -41,7 +41,7 @@ class PriorComparison:
     inclusion: pd.DataFrame
 
     def __repr__(self) -> str:
-        """Verdicts that are bad, the comparison with its notes, and how probable each term is under each prior."""
+        """Show the comparison with its notes, and the probability of each term under each prior."""
         with pd.option_context("display.width", 160, "display.max_columns", 40):
             parts = [
                 f"Predictive accuracy, leaving out {self.comparison.attrs['folds']} (elpd in nats, best first)",
@@ -55,16 +55,15 @@ class PriorComparison:
 
     @property
     def probability(self) -> pd.DataFrame:
-        """`inclusion` where a prior has it, else `outside_rope`, by (equation, term), one column for each prior."""
-        columns = {}
-        for name in self.fits:
-            table = self.inclusion[name]
-            columns[name] = table["inclusion" if "inclusion" in table else "outside_rope"]
-        return pd.DataFrame(columns)
+        """`inclusion` if a prior has it, else `outside_rope`, by (equation, term), one column for each prior."""
+        tables = {name: self.inclusion[name] for name in self.fits}
+        return pd.DataFrame(
+            {name: table["inclusion" if "inclusion" in table else "outside_rope"] for name, table in tables.items()}
+        )
 
     def to_html(self, path: str | os.PathLike) -> None:
         """Write the report as one self-contained page."""
-        # Matplotlib is imported only where a page is wanted.
+        # Matplotlib is imported only if a page is wanted.
         from bayes_greybox.report.pages.comparison_page import comparison_html
 
         comparison_html(self.fits, self.comparison, path)
@@ -77,7 +76,7 @@ def compare_priors(
     *,
     scheme: str = "loo",
     block: int | None = None,
-    start: float = START,
+    start: float = FUTURE_START,
     max_refits: int = 10,
     draws: int = 1000,
     tune: int = 1000,
@@ -92,7 +91,7 @@ def compare_priors(
         model: The model; its own prior is replaced.
         data: Training data, the same for all.
         priors: Further priors by name. One named like one of the four ("SpikeAndSlab", "RegularisedHorseshoe",
-            "Laplace", "Normal") takes its place, and None in its stead leaves it out.
+            "Laplace", "Normal") replaces it, and None leaves it out.
         scheme: As for `compare`.
         block: As for `compare`.
         start: As for `compare`.
@@ -102,10 +101,10 @@ def compare_priors(
         chains: Number of chains.
         seed: Seed of each run.
         target_accept: Target acceptance probability of NUTS.
-        progress: Whether to name each prior as its fit begins, and show progress bars.
+        progress: If true, each prior is named as its fit begins, and progress bars are shown.
 
     Raises:
-        InputError: Something that is not a prior; fewer than two priors; whatever `fit` and `compare` refuse.
+        InputError: Something that is not a prior, fewer than two priors, or anything that `fit` or `compare` refuses.
     """
     check_scheme(scheme, block, start)
     require_measured(data)

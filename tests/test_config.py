@@ -13,7 +13,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.config import load_config, sources, study
 from bayes_greybox.config.file import Compare, Sampling
-from bayes_greybox.criticism.cross_validation.compare import SCHEMES
+from bayes_greybox.criticism.cross_validation.folds import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
 from bayes_greybox.model.gp.discrepancy import Path as PathKind
 from bayes_greybox.model.gp.kernels import KERNELS

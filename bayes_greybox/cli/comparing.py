@@ -7,7 +7,7 @@ from typing import Any
 
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
-from bayes_greybox.criticism.cross_validation.folds import START, check_scheme, require_divisible
+from bayes_greybox.criticism.cross_validation.folds import FUTURE_START, check_scheme, require_divisible
 from bayes_greybox.report.folders.comparison import save_comparison
 from bayes_greybox.report.folders.holding import require_own
 from bayes_greybox.report.folders.saved import load_fits
@@ -29,7 +29,7 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
     given = settings.compare.given()
-    check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or START)
+    check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or FUTURE_START)
     with output_folder(place_of(settings, "compare", output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}

@@ -1,1 +1,1 @@
-"""Can the fit be trusted: convergence, inclusion, discrepancy, leave-one-out, comparison."""
+"""Model criticism: convergence, inclusion, discrepancy, predictions, cross-validation, checks, calibration."""

@@ -1,4 +1,4 @@
-"""What posterior draws say of a quantity at many rows: mean, standard deviation and interval."""
+"""Bands: mean, standard deviation and interval of posterior draws at many rows."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,32 +25,27 @@ class Band:
 
     @classmethod
     def surviving(cls, draws: Float[np.ndarray, "n_draw n_obs"], level: float) -> "Band":
-        """Summarise draws that may end in NaN: of those that have not yet, and NaN once all have."""
-        found = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
-        left = np.isfinite(draws)
-        # Runs end one by one, so few different sets of draws are left: one call of quantile for each.
-        sets, which = np.unique(np.packbits(left, axis=0), axis=1, return_inverse=True)
+        """Summarise the finite draws of each row; NaN where there are none."""
+        bands = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
+        finite = np.isfinite(draws)
+        # Draws end one by one, so there are few different sets of finite ones: one call of quantile for each.
+        sets, which = np.unique(np.packbits(finite, axis=0), axis=1, return_inverse=True)
         for i in range(sets.shape[1]):
             rows = np.flatnonzero(which.ravel() == i)
-            alive = left[:, rows[0]]
+            alive = finite[:, rows[0]]
             if alive.any():
                 band = cls.of(draws[np.ix_(alive, rows)], level)
-                for field, values in found.items():
+                for field, values in bands.items():
                     values[rows] = getattr(band, field)
-        return cls(**found)
+        return cls(**bands)
 
     @classmethod
     def join(cls, parts: "list[Band]") -> "Band":
-        """Bands of consecutive rows as one."""
+        """Join the bands of consecutive rows."""
         return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("mean", "sd", "lower", "upper")))
 
 
 def band_holds(level: float, sources: Mapping[str, bool]) -> str:
-    """What a band holds, in words, for its legend; "" where nothing varies.
-
-    Args:
-        level: Probability of the band.
-        sources: Sources of uncertainty, in order, and whether each is in it.
-    """
+    """Return a legend of a band with the sources of uncertainty in it; "" if there are none."""
     named = [name for name, inside in sources.items() if inside]
     return f"{level * 100:.3g} % band: {', '.join(named)}" if named else ""

@@ -1,4 +1,4 @@
-"""What f does: its share of the variance, and its shape on a grid."""
+"""The discrepancy f: its share of the variance, and its shape on a grid."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,14 +13,14 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
 from .bands import Band
-from .prediction import PREDICTION_DRAWS, discrepancy_draws
+from .prediction import PREDICTION_DRAWS
 from .trade_off import known_equation, plain_trade_offs, trade_offs
 
-ROWS = 5000
+SHARE_ROWS = 5000
 """Rows, evenly spaced, that variance shares are computed on."""
 
 SUPPORT = 0.2
-"""A grid point this close to a measured row, in half-widths of the box, lies inside the data."""
+"""Distance to a measured row, in half-widths of the box, up to which a grid point lies inside the data."""
 
 
 @dataclass(frozen=True)
@@ -62,27 +62,23 @@ class DiscrepancyGrid:
 
 
 def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
-    """Where the variance goes, and how well f keeps off the dictionary.
+    """Return the variance shares, and the overlap of f with the dictionary.
 
     With y = g + Φθ + f + ε the share of a part c is cov(c, y)/var(y), so the four shares add up to one whatever the
     correlations between the parts. `overlap` is the largest |⟨φ_j, f⟩|/(‖φ_j‖ ‖f‖) over the terms on the data, and
     `correlation` the largest posterior |corr(θ_j, j-th coefficient of f projected on Φ)|; `..._none` are the same for
     the plain kernel at the same hyperparameters.
 
-    Args:
-        posterior: Fitted model.
-        level: Probability of the interval of the discrepancy's share.
-
     Returns:
         Table indexed by equation: simulation, dictionary, discrepancy, noise (shares), discrepancy_lower,
-        discrepancy_upper, rms (of f, user's units), sigma (noise, user's units), overlap, correlation, term (the one it
-        belongs to), overlap_none, correlation_none.
+        discrepancy_upper (at the level), rms (of f, user's units), sigma (noise, user's units), overlap, correlation,
+        term (the one with this correlation), overlap_none, correlation_none.
     """
     posterior.require_rows("Shares of the variance are found")
     rows, plain = {}, plain_trade_offs(posterior).to_dict("index")
     for name, equation in posterior.equations.items():
         frame, n_row = equation.frame, equation.rows.n_row
-        index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
+        index = np.unique(np.linspace(0, n_row - 1, min(n_row, SHARE_ROWS)).astype(int))
         draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
         y, g = equation.rows.measured[index], equation.rows.simulated[index]
         Phi = equation.parts(index)[0] * frame.target_scale
@@ -92,20 +88,20 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         def share(part: np.ndarray, centred: np.ndarray = centred) -> np.ndarray:
             return np.asarray(part @ centred / (centred @ centred))
 
-        black = share(f)
-        parts = {"simulation": share(g), "dictionary": share(draws.theta @ Phi.T).mean(), "discrepancy": black.mean()}
+        of_f = share(f)
+        parts = {"simulation": share(g), "dictionary": share(draws.theta @ Phi.T).mean(), "discrepancy": of_f.mean()}
         parts["noise"] = 1.0 - sum(parts.values())
         tail = (1 - level) / 2
-        own = trade_offs(equation, draws)
-        worst = int(np.argmax(np.abs(own.correlation)))
+        trade = trade_offs(equation, draws)
+        worst = int(np.argmax(np.abs(trade.correlation)))
         rows[name] = {
             **{key: float(value) for key, value in parts.items()},
-            "discrepancy_lower": float(np.quantile(black, tail)),
-            "discrepancy_upper": float(np.quantile(black, 1 - tail)),
+            "discrepancy_lower": float(np.quantile(of_f, tail)),
+            "discrepancy_upper": float(np.quantile(of_f, 1 - tail)),
             "rms": float(np.sqrt(np.mean(f**2))),
             "sigma": float(np.mean(np.asarray(draws.hyper.sigma)) * frame.target_scale),
-            "overlap": float(own.overlap.max()),
-            "correlation": float(np.abs(own.correlation).max()),
+            "overlap": float(trade.overlap.max()),
+            "correlation": float(np.abs(trade.correlation).max()),
             "term": frame.dictionary.names[worst],
             "overlap_none": plain[name]["overlap"],
             "correlation_none": plain[name]["correlation"],
@@ -114,23 +110,12 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
 
 
 def discrepancy_grid(
-    posterior: Posterior,
-    equation: str,
-    variables: tuple[str, ...] | None = None,
-    size: int = 41,
-    level: float = 0.9,
+    posterior: Posterior, equation: str, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
 ) -> DiscrepancyGrid:
-    """Posterior of f over one or two of its variables, the others held at their median.
+    """Return the posterior of f over one or two of its variables, the first two by default, with the others at medians.
 
-    Args:
-        posterior: Fitted model.
-        equation: Learned state.
-        variables: One or two of the variables of f; None: the first two.
-        size: Grid points in each direction (five times as many for one variable).
-        level: Probability of the intervals.
-
-    Raises:
-        InputError: Unknown equation or variables; a model without discrepancy.
+    There are `size` grid points in each direction, five times as many for one variable. InputError is raised for an
+    unknown equation or variable, and for a model without discrepancy.
     """
     entry = posterior.equations[known_equation(posterior, equation)]
     frame, data = entry.frame, posterior.data
@@ -147,10 +132,9 @@ def discrepancy_grid(
     columns = {name: np.full(mesh[0].size, value) for name, value in others.items()}
     columns |= {name: values.ravel() for name, values in zip(variables, mesh, strict=True)}
     draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
-    band = Band.of(discrepancy_draws(entry, draws, columns), level)
+    band = Band.of(frame.target_scale * entry.design.at(frame, columns, draws), level)
     points = data.matrix(variables)
-    shape = mesh[0].shape
-    units = dict(data.units)
+    shape, units = mesh[0].shape, dict(data.units)
     return DiscrepancyGrid(
         equation=equation,
         variables=variables,
@@ -171,12 +155,7 @@ def discrepancy_grid(
 def support(
     points: Float[np.ndarray, "n_obs n_var"], axes: tuple[Float[np.ndarray, " _"], ...]
 ) -> Bool[np.ndarray, "*grid"]:
-    """Where a grid lies within the data: no farther than SUPPORT half-widths of the grid from a row.
-
-    Args:
-        points: Positions of the rows.
-        axes: Positions of the grid along each variable.
-    """
+    """Return True at grid points that are at most SUPPORT half-widths of the grid away from a row."""
     half = np.array([np.ptp(axis) / 2 for axis in axes])
     mesh = np.meshgrid(*axes, indexing="ij")
     nodes = np.stack([values.ravel() for values in mesh], axis=1)

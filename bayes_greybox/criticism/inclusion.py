@@ -1,4 +1,4 @@
-"""Which terms are in: coefficient tables with inclusion under each prior's own name for it."""
+"""Coefficient tables with the inclusion of each term."""
 
 import numpy as np
 import pandas as pd
@@ -8,16 +8,16 @@ from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
 
 ROPE = 0.01
-"""Default region of practical equivalence: terms that move the target by less than one percent of its RMS."""
+"""Default half-width of the region of practical equivalence: one percent of the RMS of the target."""
 
 
 def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> pd.DataFrame:
-    """Coefficients of every equation and term.
+    """Return the coefficients of every equation and term.
 
-    `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value
-    (Rao–Blackwell). Only a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
-    κ_j = 1/(1 + ‖Wφ_j‖² sd_j²/σ²), 0 for a coefficient the data decide and 1 for one the prior holds at zero
-    (Piironen & Vehtari 2017, Eq. 2.6, where ‖φ_j‖² is n); W whitens the rows.
+    `inclusion` is P(γ_j = 1 | y), averaged over the hyperparameters from its exact conditional value (Rao–Blackwell).
+    Only a spike-and-slab prior has it. Every prior has P(|θ_j| > ROPE) and the shrinkage factor
+    κ_j = 1/(1 + ‖Wφ_j‖² sd_j²/σ²), 0 for a coefficient that the data determine and 1 for one that the prior keeps at
+    zero (Piironen & Vehtari 2017, Eq. 2.6, where ‖φ_j‖² is n); W whitens the rows.
 
     Args:
         posterior: Fitted model.
@@ -26,11 +26,11 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
 
     Returns:
         Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
-        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0. Where anything is stated
-        of single coefficients there is a column `stated` that has it in a few signs: "N(-40, 10²), ≤ 0", "= -1".
+        shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0. If single coefficients
+        have priors or bounds of their own, a column `stated` has them in short: "N(-40, 10²), ≤ 0", "= -1".
 
     Raises:
-        InputError: If level is not a probability or rope is negative.
+        InputError: `level` is not a probability, or `rope` is negative.
     """
     if not 0 < level < 1:
         raise InputError(f"level={level:g} must lie between 0 and 1.")
@@ -58,17 +58,16 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
             ),
         }
         stated = posterior.model.stated(name, posterior.data)
-        known = stated.fixed
         table = pd.DataFrame(columns, index=list(frame.dictionary.names))
-        for term, value in known:
+        for term, value in stated.fixed:
             size = np.sqrt(np.mean(np.asarray(term.evaluate(learned.equation.rows.columns)) ** 2))
             moves = float(abs(value) * size > rope * frame.target_scale)
-            certain = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
-            certain |= {"outside_rope": moves, "shrinkage": 1.0}
-            table.loc[term.name] = [certain[column] for column in table]
+            row = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
+            row |= {"outside_rope": moves, "shrinkage": 1.0}
+            table.loc[term.name] = [row[column] for column in table]
         units = dict(posterior.data.units)
         target = target_unit(name, posterior.data)
-        terms = (*frame.dictionary.terms, *(term for term, _ in known))
+        terms = (*frame.dictionary.terms, *(term for term, _ in stated.fixed))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
         if any(posterior.model.coefficients.values()):
             table["stated"] = [str(stated.priors.get(term.name, "")) for term in terms]

@@ -1,4 +1,4 @@
-"""How far a posterior on linear rows is from that of the exact paths: importance weights, and their k̂."""
+"""Distance of a posterior on linear rows from that on exact paths: importance weights and their k̂."""
 
 import math
 from collections.abc import Callable
@@ -10,30 +10,29 @@ from jaxtyping import Float
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
 
-from .convergence import array_stats
-from .cross_validation.psis import MIN_DRAWS, khat_threshold
+from .cross_validation.psis import MIN_DRAWS, khat_threshold, smoothed_weights
 
-DRAWS = 200
-"""Posterior draws whose exact paths are followed."""
+MOST_FOLLOWED = 200
+"""Most posterior draws whose exact paths are followed."""
 
-POINTS = 2_000_000
-"""Points of all paths together: of long records fewer draws are followed, down to `MIN_DRAWS`."""
+MOST_PATH_POINTS = 2_000_000
+"""Most points of all paths together: for long records fewer draws are followed, down to `MIN_DRAWS`."""
 
 ELSEWHERE = 0.2
-"""Probability that may lie elsewhere in the exact posterior, where k̂ is large."""
+"""Largest share of the exact posterior that may lie elsewhere if k̂ is large."""
 
-FAINT = 700.0
-"""Logarithm of what a weight is over the largest, at least: exp still has a value."""
+LOG_WEIGHT_RANGE = 700.0
+"""Largest difference of log weights, for which exp does not underflow."""
 
 
 class Linearity(NamedTuple):
-    """How far a posterior on linear rows is from the exact one.
+    """Distance of a posterior on linear rows from the exact one.
 
     Attributes:
-        khat: k̂ of the weights exact over linear; zero where rows are linear, NaN where it is not known.
-        limit: k̂ up to which the draws can stand for the exact posterior by their weights.
-        elsewhere: ½ E|w/E w − 1|, the total variation distance, which no probability is off by more than; estimated,
-            and too small where hardly a draw is where the exact posterior is.
+        khat: k̂ of the weights, exact over linear density; zero for linear rows, NaN if unknown.
+        limit: k̂ up to which weighted draws can represent the exact posterior.
+        elsewhere: ½ E|w/E w − 1|, the total variation distance, which bounds the error of any probability. The estimate
+            is too small if hardly any draw lies where the exact posterior is.
     """
 
     khat: float
@@ -42,22 +41,17 @@ class Linearity(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """Whether draws can be weighed to the exact posterior, or are so near that they need not be.
+        """True if the draws, weighted or as they are, represent the exact posterior.
 
-        A k̂ speaks of the tail of the weights alone, and of few draws it is rough; the distance is neither.
+        k̂ describes only the tail of the weights, and is rough for few draws; the distance complements it.
         """
         return not (self.khat > self.limit and self.elsewhere > ELSEWHERE)
 
 
 def linearity(posterior: Posterior, equation: str) -> Linearity:
-    """Follow exact paths at posterior draws, and weigh them.
+    """Follow exact paths at posterior draws, and weight the draws by them.
 
-    Args:
-        posterior: Fitted model.
-        equation: Learned state, or the rows that several share.
-
-    Returns:
-        k̂ is not known where f has no value off the data (`path="exact"`), or an unknown force is in the noise.
+    k̂ is unknown if f has no values off the data (`path="exact"`), or if the noise has an unknown force.
     """
     entry = posterior.equations[equation]
     design, frame, rows = entry.design, entry.frame, entry.rows
@@ -71,32 +65,26 @@ def linearity(posterior: Posterior, equation: str) -> Linearity:
     def added(columns: Columns, draw: int) -> np.ndarray:
         Phi = np.asarray(frame.dictionary_rows(columns))
         f = frame.f(columns, Phi, weight[draw]) if weight.shape[1] else 0.0
-        return frame.target_scale * np.column_stack([Phi[:, own] @ draws.theta[draw, own] + f for own in acting])
+        return frame.target_scale * np.column_stack([Phi[:, terms] @ draws.theta[draw, terms] + f for terms in acting])
 
     return linearity_of_paths(rows, added, frame.target_scale * np.asarray(draws.hyper.sigma))
 
 
 def draws_followed(rows: EquationRows) -> int:
-    """How many draws are worth following."""
-    return int(np.clip(POINTS // rows.n_sample, MIN_DRAWS, DRAWS))
+    """Return the number of draws whose exact paths are followed."""
+    return int(np.clip(MOST_PATH_POINTS // rows.n_sample, MIN_DRAWS, MOST_FOLLOWED))
 
 
 def linearity_of_paths(
     rows: EquationRows, added: Callable[[Columns, int], Float[np.ndarray, "n n_learned"]],
-    sigma: Float[np.ndarray, " n_draw"], beside: Float[np.ndarray, "n_draw n_row"] | float = 0.0, seed: int = 0,
+    sigma: Float[np.ndarray, " n_draw"], beside: Float[np.ndarray, "n_draw n_row"] | float = 0.0,
 ) -> Linearity:  # fmt: skip
-    """Weights w = p(y | exact path) / p(y | linear rows) at posterior draws.
+    """Judge the weights w = p(y | exact path) / p(y | linear rows) at posterior draws.
 
-    A draw of the starts belongs to each draw of the coefficients; both densities are those of the sensors' noise. k̂ is
-    that of Vehtari, Simpson, Gelman, Yao & Gabry (2024), eq. 10 for its limit; as a judge of an approximation, Yao,
-    Vehtari, Simpson & Gelman (2018, ICML).
-
-    Args:
-        rows: That are linear near a model.
-        added: What each draw adds to the rates of the learned states, user's units.
-        sigma: Noise of each draw, user's units.
-        beside: What is in the rows and not on the path, as errors of sensors that are in the model; user's units.
-        seed: Of the draws of starts.
+    Each draw of the coefficients has a draw of the starts; both densities are those of the sensors' noise. k̂ and its
+    limit are those of Vehtari, Simpson, Gelman, Yao & Gabry (2024), eq. 10; Yao, Vehtari, Simpson & Gelman (2018, ICML)
+    judge approximations by it. In user's units, each draw adds `added` to the rates of the learned states and has noise
+    `sigma`; `beside` is the part of the rows that is not on the path, such as sensor errors in the model.
     """
     if len(sigma) < MIN_DRAWS:
         return Linearity(math.nan, math.nan)
@@ -105,34 +93,34 @@ def linearity_of_paths(
         return Linearity(0.0, limit)
     if rows.noise.moved:
         return Linearity(math.nan, limit)
-    white = np.random.default_rng(seed).standard_normal((rows.noise.n_start, len(sigma)))
-    residual = rows.target - _answered(rows, added, len(sigma)) - beside
+    white = np.random.default_rng(0).standard_normal((rows.noise.n_start, len(sigma)))
+    residual = rows.target - _linear_response(rows, added, len(sigma)) - beside
     starts, linear = rows.noise.starts_given((residual / sigma[:, None]).T, white)
     exact = (rows.measured - rows.exact(added, (starts * sigma).T) - beside) / sigma[:, None]
     error = rows.noise.error
-    # Paths that leave all bounds weigh nothing.
+    # Paths that diverge have no weight.
     with np.errstate(over="ignore", invalid="ignore"):
         square = np.sum(error.whiten(exact.T) ** 2, axis=0) - np.sum(error.whiten(linear) ** 2, axis=0)
     log_weight = np.where(np.isfinite(square), -square / 2, -np.inf)
     if not np.any(np.isfinite(log_weight)):
         return Linearity(math.inf, limit, 1.0)
-    log_weight = np.maximum(log_weight - np.max(log_weight), -FAINT)
+    log_weight = np.maximum(log_weight - np.max(log_weight), -LOG_WEIGHT_RANGE)
     if np.ptp(log_weight) == 0:
         return Linearity(0.0, limit)
-    # One weight may be all of them.
+    # A single weight may have all of the sum.
     with np.errstate(divide="ignore", invalid="ignore"):
-        khat = float(np.asarray(array_stats().psislw(-log_weight[None], r_eff=1.0, axis=-1)[1])[0])
+        khat = float(smoothed_weights(log_weight[None])[1][0])
     weight = np.exp(log_weight)
     return Linearity(khat, limit, float(np.mean(np.abs(weight / np.mean(weight) - 1)) / 2))
 
 
-def _answered(
+def _linear_response(
     rows: EquationRows, added: Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], n_draw: int
 ) -> Float[np.ndarray, "n_draw n_row"]:
-    """What linear rows say of the forces of each draw."""
-    found = np.zeros((rows.n_row, n_draw))
+    """Return the response of linear rows to the forces of each draw."""
+    response = np.zeros((rows.n_row, n_draw))
     for k, acting in enumerate(rows.learned.values()):
-        found += acting.operator.of(
+        response += acting.operator.of(
             lambda columns, k=k: np.column_stack([added(columns, draw)[:, k] for draw in range(n_draw)]), rows.columns
         )
-    return found.T
+    return response.T

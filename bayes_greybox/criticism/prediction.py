@@ -10,21 +10,19 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
-from bayes_greybox.model.design import EquationDraws
-from bayes_greybox.model.equation import Equation
 from bayes_greybox.physics.units import require_units_of
 from bayes_greybox.running.errors import InputError
 
 from .bands import Band
 
 PREDICTION_DRAWS = 500
-"""Posterior draws behind a prediction; bands change by less than their Monte Carlo error beyond."""
+"""Most posterior draws behind a prediction; further ones change bands by less than their Monte Carlo error."""
 
 PREDICTIVE_ROWS, PREDICTIVE_DRAWS = 2000, 1000
-"""Largest data set for which the posterior predictive group is kept, and most draws of it where they are thinned."""
+"""Most rows for which the posterior predictive group is stored, and most draws of it after thinning."""
 
-ROWS = 4096
-"""Rows predicted at once."""
+ROWS_AT_ONCE = 4096
+"""Rows that are predicted at once."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +31,10 @@ class EquationPrediction:
 
     Attributes:
         rate: dx/dt, or an output itself, without noise: simulation + dictionary + f.
-        measurement: The same as it would be measured, noise included.
+        measurement: The rate or output with noise, as it would be measured.
         discrepancy: f alone.
-        simulation: The simulation's rate.
-        inside: Rows inside the box of the training data; elsewhere f extrapolates.
+        simulation: Rate of the simulation.
+        inside: True for rows inside the box of the training data; elsewhere f extrapolates.
     """
 
     rate: Band
@@ -48,7 +46,7 @@ class EquationPrediction:
 
 @dataclass(frozen=True)
 class Prediction(Mapping[str, EquationPrediction]):
-    """Predictions by equation, and the data they are for."""
+    """Predictions of some data, by equation."""
 
     data: Trajectories
     level: float
@@ -64,10 +62,10 @@ class Prediction(Mapping[str, EquationPrediction]):
         return len(self.equations)
 
     def nmse(self) -> pd.Series:
-        """Normalised mean square error of the predicted rate or output, mean((ẏ − ŷ)²)/var(ẏ), by equation.
+        """Return the normalised mean square error of the rates or outputs, mean((ẏ − ŷ)²)/var(ẏ), by equation.
 
         Raises:
-            InputError: If the data have no derivative, or no output, to compare with.
+            InputError: The data have no derivative, or no output, to compare with.
         """
         errors = {}
         for name, predicted in self.equations.items():
@@ -78,7 +76,7 @@ class Prediction(Mapping[str, EquationPrediction]):
         return pd.Series(errors, name="nmse")
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per (equation, time): bands of rate, measurement and discrepancy."""
+        """Return one row per (equation, time) with bands of rate, measurement and discrepancy."""
         tables = {}
         for name, predicted in self.equations.items():
             columns = {"t": self.data.time, "run": self.data.run, "simulation": predicted.simulation}
@@ -92,24 +90,14 @@ class Prediction(Mapping[str, EquationPrediction]):
 def nmse(
     measured: Float[np.ndarray, " n_obs"], predicted: Float[np.ndarray, "*batch n_obs"]
 ) -> Float[np.ndarray, "*batch"] | float:
-    """Normalised mean square error, mean((ẏ − ŷ)²)/var(ẏ)."""
+    """Return the normalised mean square error, mean((ẏ − ŷ)²)/var(ẏ)."""
     return np.mean((measured - predicted) ** 2, axis=-1) / np.var(measured)
 
 
 def predict(
     posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = PREDICTION_DRAWS
 ) -> Prediction:
-    """Posterior of the rates at the states and inputs of any data.
-
-    Args:
-        posterior: Fitted model.
-        data: Rows to predict at; derivatives are not needed.
-        level: Probability of the intervals.
-        at_most: Posterior draws used.
-
-    Raises:
-        InputError: If the data lack a state or input of the model.
-    """
+    """Return the posterior of the rates at the states and inputs of any data; raise InputError if one is missing."""
     require_columns(posterior, data)
     simulation = posterior.model.simulator(data, lacking=True)
     predictions = {}
@@ -118,12 +106,12 @@ def predict(
         draws = learned.of(posterior.draws(learned.block, design.worthwhile(at_most)))
         rng = np.random.default_rng(posterior.sampling.seed)
         parts: dict[str, list[Band]] = {"rate": [], "measurement": [], "discrepancy": []}
-        for start in range(0, data.n_obs, ROWS):
-            columns = {key: column[start : start + ROWS] for key, column in data.columns.items()}
+        for start in range(0, data.n_obs, ROWS_AT_ONCE):
+            columns = {key: column[start : start + ROWS_AT_ONCE] for key, column in data.columns.items()}
             explained = draws.theta @ np.asarray(frame.dictionary_rows(columns)).T
             f = design.at(frame, columns, draws)
             scale = frame.target_scale
-            rate = g[start : start + ROWS] + scale * (explained + f)
+            rate = g[start : start + ROWS_AT_ONCE] + scale * (explained + f)
             noise = scale * np.asarray(draws.hyper.sigma)[:, None] * rng.standard_normal(rate.shape)
             parts["rate"].append(Band.of(rate, level))
             parts["measurement"].append(Band.of(rate + noise, level))
@@ -133,27 +121,15 @@ def predict(
     return Prediction(data, level, predictions)
 
 
-def discrepancy_draws(
-    equation: Equation, draws: EquationDraws, columns: Mapping[str, np.ndarray]
-) -> Float[np.ndarray, "n_draw n_obs"]:
-    """Posterior draws of f at any rows, user's units."""
-    return equation.frame.target_scale * equation.design.at(equation.frame, columns, draws)
-
-
 def predictive_group(
     posterior: Posterior, source: str = "posterior"
 ) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
-    """Predictive draws of the measured rates, or samples, at the training rows, noise with its correlation included.
-
-    Args:
-        posterior: Fitted model.
-        source: Group whose draws are used: "posterior", or "prior" for the prior predictive.
+    """Draw the measured rates, or samples, at the training rows from the posterior or prior predictive distribution.
 
     Returns:
-        `e_rate` by equation [n_chain, n_kept, n_obs], and the draws kept: all of them up to as many numbers as the
-        `log_likelihood` group may hold, as ArviZ's `loo_pit` needs both at every draw; beyond, at most
-        PREDICTIVE_DRAWS over all chains. None above PREDICTIVE_ROWS rows, where the group would dwarf everything else
-        in the file.
+        `e_rate` by equation [n_chain, n_kept, n_obs], and the numbers of the draws. These are all up to the size of the
+        `log_likelihood` group, as ArviZ's `loo_pit` needs both at every draw, and beyond at most PREDICTIVE_DRAWS over
+        all chains. None above PREDICTIVE_ROWS rows, as the group would dwarf everything else in the file.
     """
     data, equations = posterior.data, posterior.equations
     if data.n_obs > PREDICTIVE_ROWS:
@@ -166,11 +142,11 @@ def predictive_group(
     rng = np.random.default_rng(posterior.sampling.seed)
     groups = {}
     for name, equation in equations.items():
-        # As NumPy's: JAX compiles a program for each shape that it indexes.
+        # NumPy, because JAX compiles a program for each shape that it indexes.
         every = jax.tree.map(np.asarray, posterior.draws(name, group_name=source))
         Phi, Psi, _ = equation.parts()
         rates = np.empty((n_chain, len(kept), equation.rows.n_row))
-        # One chain at a time, as each step holds as many numbers as its result.
+        # One chain at a time, as each step needs as much memory as its result.
         for chain, rate in enumerate(rates):
             draws = jax.tree.map(lambda leaf: leaf[chain * n_draw + kept], every)  # noqa: B023
             mean = draws.theta @ Phi.T + equation.design.at_data(Psi, slice(None), draws)
@@ -182,26 +158,14 @@ def predictive_group(
 
 
 def completed(posterior: Posterior, data: Trajectories) -> Trajectories:
-    """Data that a fit is asked about, with what its model adds to them.
-
-    Args:
-        posterior: Fitted model.
-        data: As they were measured.
-
-    Raises:
-        InputError: Data in other units than those that the model was fitted with, or that it cannot be asked about.
-    """
-    # Before a path is followed, which in other units ends anywhere.
+    """Return measured data with the columns that the model adds; raise InputError for other units or columns."""
+    # First, since a path in other units would end anywhere.
     require_units_of(data, posterior.data)
     return posterior.model.complete(data)
 
 
 def require_columns(posterior: Posterior, data: Trajectories) -> None:
-    """Refuse data that lack a state or input of the model.
-
-    Raises:
-        InputError: The column that is missing.
-    """
+    """Require every state and input of the model, or raise InputError."""
     missing = [name for name in posterior.data.columns if name not in data.columns]
     if missing:
         raise InputError(f"The data lack {missing[0]!r}, which the model was fitted with.")

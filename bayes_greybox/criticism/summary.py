@@ -1,4 +1,4 @@
-"""One table with everything that was estimated, and how well it was sampled."""
+"""One table of all estimates with the precision of their sampling."""
 
 import numpy as np
 import pandas as pd
@@ -6,25 +6,19 @@ import pandas as pd
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 
+from .convergence import precision_of
 from .inclusion import inclusion
 
 
 def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
-    """Coefficients, noise and kernel of every equation.
-
-    Args:
-        posterior: Fitted model.
-        level: Probability of the equal-tailed interval.
+    """Return coefficients, noise and kernel of every equation, with equal-tailed intervals.
 
     Returns:
         Table indexed by (equation, quantity): mean, sd, lower, upper, unit, r_hat, ess_bulk, ess_tail. Quantities
-        are the terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is zero
-        in every draw has no R̂ or effective sample size, nor has a fixed one.
-        Equations that share their rows have one `sigma`, that of
-        "x_and_y".
+        are the terms, `sigma`, `amplitude` and `length_scale[variable]`, in user's units. A coefficient that is fixed,
+        or zero in every draw, has no R̂ or effective sample size. Equations that share their rows have one `sigma`,
+        that of "x_and_y".
     """
-    from arviz_stats.base.array import array_stats  # three seconds, so not at the top
-
     group = posterior.idata["posterior"].dataset
     tail = (1 - level) / 2
     terms = inclusion(posterior, level)
@@ -48,21 +42,17 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
                 quantities[label] = (np.full(shape, terms.loc[label, "mean"]), terms.loc[label, "unit"])
         for quantity, (draws, unit) in quantities.items():
             moving = np.ptp(draws) > 0
+            r_hat, bulk, tail_size, _ = precision_of(draws)
             rows[quantity] = {
-                # The mean of many times one number is not quite that number.
+                # The mean of many equal numbers is not exactly that number.
                 "mean": draws.mean() if moving else float(draws.flat[0]),
                 "sd": draws.std() if moving else 0.0,
                 "lower": np.quantile(draws, tail),
                 "upper": np.quantile(draws, 1 - tail),
                 "unit": unit,
-                "r_hat": float(np.asarray(array_stats.rhat(draws, chain_axis=0, draw_axis=1))) if moving else np.nan,
-                "ess_bulk": _ess(array_stats, draws, "bulk") if moving else np.nan,
-                "ess_tail": _ess(array_stats, draws, "tail") if moving else np.nan,
+                "r_hat": r_hat,
+                "ess_bulk": bulk,
+                "ess_tail": tail_size,
             }
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
     return pd.DataFrame(list(rows.values()), index=index)
-
-
-def _ess(array_stats, draws: np.ndarray, method: str) -> float:
-    prob = (0.05, 0.95) if method == "tail" else None
-    return float(np.asarray(array_stats.ess(draws, chain_axis=0, draw_axis=1, method=method, prob=prob)))

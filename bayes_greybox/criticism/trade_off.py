@@ -1,4 +1,4 @@
-"""How f trades off with the coefficients, with the orthogonal kernel and without."""
+"""Trade-offs of f with the coefficients, under the orthogonal kernel and the plain one."""
 
 from dataclasses import dataclass
 
@@ -25,14 +25,14 @@ from .prediction import PREDICTION_DRAWS
 
 @dataclass(frozen=True)
 class TradeOff:
-    """The coefficient that f can stand in for most: posterior draws of both, user's units.
+    """The coefficient that f can mimic most: posterior draws of both, user's units.
 
     Attributes:
         equation: Learned state.
-        term: The dictionary's term.
-        theta: Its coefficient.
-        projection: The coefficient that f mimics: that of its least-squares projection on the dictionary.
-        correlation: Posterior correlation of the two; 0 when f has no such part.
+        term: Term of the dictionary.
+        theta: Coefficient of the term.
+        projection: Coefficient of the term in the least-squares projection of f on the dictionary.
+        correlation: Posterior correlation of the two; 0 if f has no such part.
         unit: Unit of both.
     """
 
@@ -46,7 +46,7 @@ class TradeOff:
 
 @dataclass(frozen=True)
 class TradeOffs:
-    """Draws of θ and of the projection of f on the dictionary, and how they go together, for every term."""
+    """Draws of θ and of the projection of f on the dictionary, with their correlation and overlap by term."""
 
     theta: Float[np.ndarray, "n_draw n_term"]
     projection: Float[np.ndarray, "n_draw n_term"]
@@ -55,12 +55,9 @@ class TradeOffs:
 
 
 def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False) -> TradeOffs:
-    """θ against the least-squares projection (ΦᵀΦ)⁻¹ Φᵀ f of f on the fitted rows, scaled units.
+    """Compare θ with the least-squares projection (ΦᵀΦ)⁻¹ Φᵀ f of f on the fitted rows, scaled units.
 
-    Args:
-        equation: Equation.
-        draws: Posterior draws of it.
-        plain: Take the plain kernel `none` instead, with θ and f drawn anew given the same hyperparameters.
+    With `plain` this is for the plain kernel `none`, with θ and f drawn anew given the same hyperparameters.
     """
     design = equation.design
     if plain:
@@ -73,7 +70,7 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
     alive = norms > 0
     cosines = np.abs(f[alive] @ (Phi / np.linalg.norm(Phi, axis=0))) / norms[alive, None]
     overlap = cosines.mean(axis=0) if alive.any() else np.zeros(Phi.shape[1])
-    # A projection that is zero but for rounding has no correlation with anything.
+    # A projection that is zero up to rounding has no correlation with anything.
     still = np.sqrt(np.mean(projection**2, axis=0)) <= 1e-9 * max(1e-300, float(np.sqrt(np.mean(f**2))))
     correlation = np.zeros(Phi.shape[1])
     for j in np.flatnonzero(~still & (theta.std(axis=0) > 0)):
@@ -83,12 +80,7 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
 
 @remembered
 def plain_trade_offs(posterior: Posterior) -> pd.DataFrame:
-    """What orthogonality spares: how f would go with the coefficients under the plain kernel `none`.
-
-    Found once, as θ and f are drawn anew for it; a saved fit keeps it.
-
-    Args:
-        posterior: Fitted model.
+    """Return the trade-offs that the plain kernel `none` would have, for which θ and f are drawn anew.
 
     Returns:
         Table indexed by equation: overlap and correlation, each the largest among the terms (see `discrepancy_table`).
@@ -102,7 +94,7 @@ def plain_trade_offs(posterior: Posterior) -> pd.DataFrame:
 
 
 def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
-    """The term whose coefficient trades off most with f, for a pair plot."""
+    """Return the term whose coefficient trades off most with f, for a pair plot."""
     posterior.require_rows("Trade-offs are found")
     entry = posterior.equations[known_equation(posterior, equation)]
     both = trade_offs(entry, posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS)))
@@ -120,18 +112,14 @@ def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
 
 
 def known_equation(posterior: Posterior, equation: str) -> str:
-    """The name of an equation of the model.
-
-    Raises:
-        InputError: There is none of that name.
-    """
+    """Return the name of an equation if the model has it, else raise InputError."""
     if equation not in posterior.equations:
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(posterior.equations)}.")
     return equation
 
 
 def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
-    """θ and f drawn anew given the hyperparameters and prior scales of other draws, coefficients without bounds."""
+    """Draw θ and f anew given the hyperparameters and prior scales of other draws, without bounds."""
     keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
     def every(design: Design, items: tuple[Array, Hyperparameters, Array]) -> dict[str, Array]:
@@ -142,5 +130,4 @@ def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:
         return jax.lax.map(one, items)
 
     drawn = kept(every, (), "redrawn", once=True)(design, (keys, *on_device((draws.hyper, draws.prior_sd))))
-    found = {name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn}
-    return draws._replace(**found)
+    return draws._replace(**{name: np.asarray(drawn[name]) for name in ("theta", "weight", "f") if name in drawn})

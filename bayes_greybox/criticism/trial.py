@@ -1,4 +1,4 @@
-"""How a fit does on data: error of what it predicts, and its free run, found once and kept with it."""
+"""Trials of a fit on data: the error of its predictions and its free run, computed once and kept with it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,21 +11,21 @@ from bayes_greybox.running.errors import InputError
 from .free_run import FreeRun, free_run
 from .prediction import completed, predict
 
-MOST_ROWS = 20_000
-"""Rows over which a free run is made without being asked for: some seconds of work."""
+FREE_RUN_ROWS = 20_000
+"""Most rows over which a free run is made without request, which takes some seconds."""
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A fit on data.
+    """Predictions of a fit on data.
 
     Attributes:
-        held_out: Whether it did not learn from them.
-        n_obs: Rows of the data.
-        n_run: Their runs.
+        held_out: True if the fit did not learn from the data.
+        n_obs: Number of rows.
+        n_run: Number of runs.
         nmse: Normalised mean square error of the predicted rate or output on held-out data, by equation.
-        run: Free run over the data; None where there is none.
-        why: Why there is none, in words; empty where outputs alone were learned, which move nothing.
+        run: Free run over the data, if there is one.
+        why: Reason why there is none; empty if only outputs were learned.
     """
 
     held_out: bool
@@ -38,37 +38,28 @@ class Trial:
 
 @remembered
 def trial(posterior: Posterior) -> Trial:
-    """A fit on the data that `try_on` was given; without such on those that it learned from.
-
-    Args:
-        posterior: Fitted model.
-    """
+    """Return the trial on the data of `try_on`; before that, on the training data."""
     data = posterior.data
     return Trial(False, data.n_obs, data.n_run, {}, *_free_run(posterior, data))
 
 
 def try_on(posterior: Posterior, data: Trajectories) -> Trial:
-    """A fit on held-out data, which `trial` returns from then on.
+    """Try a fit on held-out data; `trial` returns the result from then on.
 
-    Args:
-        posterior: Fitted model.
-        data: Data that it did not learn from.
-
-    Raises:
-        InputError: Data that lack a state, an input or the rates of the model, or have one in another unit.
+    It raises InputError if the data lack a state, an input or the rates of the model, or have one in another unit.
     """
     data = completed(posterior, data)
     nmse = {str(name): float(value) for name, value in predict(posterior, data).nmse().items()}
-    found = Trial(True, data.n_obs, data.n_run, nmse, *_free_run(posterior, data))
-    remember(posterior, trial, found)
-    return found
+    result = Trial(True, data.n_obs, data.n_run, nmse, *_free_run(posterior, data))
+    remember(posterior, trial, result)
+    return result
 
 
 def _free_run(posterior: Posterior, data: Trajectories) -> tuple[FreeRun | None, str]:
-    """The free run, or why there is none; no word where what was learned moves nothing."""
+    """Return the free run, or the reason why there is none; neither if only outputs were learned."""
     if all(posterior.data.is_output(name) for name in posterior.learned()):
         return None, ""
-    if data.n_obs > MOST_ROWS:
+    if data.n_obs > FREE_RUN_ROWS:
         return None, f"Over {data.n_obs:,} rows it would take long: fit.simulate(data) makes it."
     try:
         return free_run(posterior, data), ""

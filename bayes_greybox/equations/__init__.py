@@ -1,1 +1,1 @@
-"""What was learned as equations: terms with coefficients, right-hand sides as formulas and as functions."""
+"""Learned equations: terms with coefficients, right-hand sides as formulas and as functions."""

@@ -1,9 +1,9 @@
-"""Learned equations as plain parts, which text, LaTeX, JSON, SymPy and functions are made of.
+"""Learned equations as plain data, from which text, LaTeX, JSON, SymPy and functions are made.
 
     d(x_i)/dt = g_i(x, u) + Σ_j θ_ij φ_ij(x, u) + f_i(x, u)
 
-An equation has the terms of the likeliest inclusion pattern alone, each coefficient with its posterior given that
-pattern, so that all that is printed or exported is one and the same model.
+An equation has only the terms of the likeliest inclusion pattern, each coefficient with its posterior given that
+pattern, so that everything that is printed or exported is the same model.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,16 +21,16 @@ from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
-LEVEL = 0.9
+INTERVAL_LEVEL = 0.9
 """Probability of the intervals."""
 
 Features = Callable[[Mapping[str, Array] | Mapping[str, np.ndarray]], Array | np.ndarray]
-"""Features of f [n_row, n_basis] at columns; of NumPy's arrays NumPy's."""
+"""Features of f [n_row, n_basis] at columns, NumPy arrays for NumPy columns."""
 
 
 @dataclass(frozen=True)
 class Value:
-    """Posterior of one number: mean, standard deviation (NaN of a single draw), equal-tailed interval."""
+    """Posterior of one number: mean, standard deviation (NaN for a single draw), equal-tailed interval."""
 
     mean: float
     sd: float
@@ -39,13 +39,13 @@ class Value:
 
     @classmethod
     def exact(cls, number: float) -> "Value":
-        """A number that is known."""
+        """Return the value of a number without uncertainty."""
         return cls(number, 0.0, number, number)
 
     @classmethod
     def of(cls, draws: Float[np.ndarray, " n_draw"]) -> "Value":
-        """Moments of draws."""
-        lower, upper = np.quantile(draws, [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
+        """Summarise draws."""
+        lower, upper = np.quantile(draws, [(1 - INTERVAL_LEVEL) / 2, (1 + INTERVAL_LEVEL) / 2])
         sd = float(np.std(draws, ddof=1)) if len(draws) > 1 else np.nan
         return cls(float(np.mean(draws)), sd, float(lower), float(upper))
 
@@ -55,12 +55,12 @@ class LearnedTerm:
     """A term with its coefficient.
 
     Attributes:
-        name: What tables call it: the term's name, or the slug of an effect.
-        term: Its formula, inner parameters at their means.
+        name: Name in tables: that of the term, or the slug of an effect.
+        term: Formula, with nonlinear parameters at their means.
         value: Coefficient, in `unit`.
-        unit: "1" for a plain number, "" where it cannot be told.
+        unit: Unit of the coefficient; "1" for a plain number, "" if unknown.
         probability: P(γ = 1 | y) of a term, or the probability of an effect; None under a prior without inclusion.
-        stated: What was stated of the coefficient; None where nothing was.
+        stated: Prior or bounds that the user stated for the coefficient, if any.
     """
 
     name: str
@@ -73,7 +73,7 @@ class LearnedTerm:
 
 @dataclass(frozen=True)
 class InnerValue:
-    """An inner parameter of an effect, such as the gap of a dead zone; `effect` is the effect's slug."""
+    """A nonlinear parameter of an effect, such as the gap of a dead zone; `effect` is the effect's slug."""
 
     name: str
     effect: str
@@ -87,10 +87,10 @@ class LearnedDiscrepancy:
     """The f of one equation.
 
     Attributes:
-        variables: What it depends on.
-        left: Whether it stands in the equation: whether something is left to it.
-        features: Its features; None where f has no finite expansion.
-        mean: Posterior mean of their weights beside the terms of the equation, user's units of the rate.
+        variables: Variables of f.
+        left: True if f stands in the equation.
+        features: Features of f; None if f has no finite expansion.
+        mean: Posterior mean of their weights given the terms of the equation, user's units of the rate.
     """
 
     variables: tuple[str, ...]
@@ -105,8 +105,8 @@ class Drawn:
 
     Attributes:
         terms: All terms that any draw has.
-        coefficients: Theirs, user's units; zeros where a draw is without a term.
-        weights: Of the features of f, user's units of the rate; no columns without f.
+        coefficients: Coefficients of the terms, user's units; zero if a draw excludes a term.
+        weights: Weights of the features of f, user's units of the rate; no columns without f.
     """
 
     terms: tuple[Term, ...]
@@ -116,16 +116,16 @@ class Drawn:
 
 @dataclass(frozen=True)
 class LearnedEquation:
-    """What was learned of one state's rate, or of an output.
+    """The learned part of one state's rate, or of an output.
 
     Attributes:
         terms: Terms of the equation.
-        left_out: Terms that are not in it; their coefficients are those of the whole posterior.
+        left_out: Excluded terms; their coefficients are those of the whole posterior.
         pattern: Probability of the pattern; None under a prior without inclusion.
-        discrepancy: f; None in a model without.
+        discrepancy: f, if the model has it.
         drawn: Posterior draws.
-        inner: Inner parameters of the terms.
-        given: Terms whose coefficients are fixed; the simulation of the system has them.
+        inner: Nonlinear parameters of the terms.
+        given: Terms with fixed coefficients, which the simulation of the system includes.
     """
 
     terms: tuple[LearnedTerm, ...]
@@ -139,14 +139,14 @@ class LearnedEquation:
 
 @dataclass(frozen=True)
 class LearnedSystem:
-    """All equations of a model, those learned and those of the simulation alone.
+    """All equations of a model, including those of the simulation only.
 
     Attributes:
         origin: "fit" or "study".
         simulation: g, with hidden states and with terms whose coefficients are fixed.
         data: Training data, for names, units and labels.
-        learned: What was learned, by state or output.
-        rule: Which terms stand in an equation, and when f does, in words.
+        learned: Learned parts, by state or output.
+        rule: Criteria for the terms in an equation, and for f, in words.
     """
 
     origin: str
@@ -168,42 +168,38 @@ class LearnedSystem:
     @property
     def names(self) -> tuple[str, ...]:
         """States and outputs that have an equation: the states in their order, then the outputs."""
-        known = (*self.simulation.equations, *self.learned)
-        states = tuple(name for name in self.states if name in known)
-        return (*states, *dict.fromkeys(name for name in known if name not in states))
+        equations = (*self.simulation.equations, *self.learned)
+        states = tuple(name for name in self.states if name in equations)
+        return (*states, *dict.fromkeys(name for name in equations if name not in states))
 
     @property
     def hidden(self) -> tuple[str, ...]:
-        """States that no sensor shows."""
+        """States that no sensor measures."""
         measured = (self.data.samples or self.data).state_names
         return tuple(name for name in self.states if name not in measured)
 
     @property
     def shown(self) -> tuple[str, ...]:
-        """Equations that are printed: those learned, and those of hidden states that their terms use."""
-        found = list(self.learned)
-        for name in found:
+        """Equations that are printed: the learned ones, and those of hidden states in their terms."""
+        printed = list(self.learned)
+        for name in printed:
             used = {used for each in self._terms(name) for used in each.term.symbols}
             # The rate of a hidden state may depend on another one.
             used |= set(symbol_names(self.simulation.formula(name))) if name in self.hidden else set()
-            found += [state for state in self.hidden if state in used and state not in found]
-        return tuple(found)
+            printed += [state for state in self.hidden if state in used and state not in printed]
+        return tuple(printed)
 
     def is_output(self, name: str) -> bool:
-        """Whether an equation gives a measured quantity, and no rate."""
+        """Return True if an equation gives a measured quantity, not a rate."""
         return name not in self.states
 
     def expression(self, name: str) -> sympy.Expr:
-        """Right-hand side of one equation: g + Σ E[θ_j] φ_j, and f as an undefined function where it is left.
-
-        Args:
-            name: A state or an output.
-        """
+        """Return the right-hand side of a state or output: g + Σ E[θ_j] φ_j, and f as an undefined function."""
         terms = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
         return cast(sympy.Expr, sympy.Add(self.simulation.formula(name), *terms, self._f(name)))
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Right-hand sides by state or output."""
+        """Return the right-hand sides by state or output."""
         return {name: self.expression(name) for name in self.names}
 
     def _terms(self, name: str) -> tuple[LearnedTerm, ...]:

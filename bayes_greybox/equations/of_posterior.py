@@ -1,4 +1,4 @@
-"""The equations that a posterior says: its likeliest pattern, with coefficients given that pattern."""
+"""Equations of a posterior: its likeliest pattern, with coefficients given that pattern."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
-from bayes_greybox.criticism.judged import TOLD
+from bayes_greybox.criticism.judged import IDENTIFIABLE_RATIO
 from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
 from bayes_greybox.inference.posterior import Learned, Posterior
 from bayes_greybox.inference.remembering import remembered
@@ -19,49 +19,55 @@ from bayes_greybox.model.frame import Frame
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Term
 
-from .learned import LEVEL, Drawn, Features, LearnedDiscrepancy, LearnedEquation, LearnedSystem, LearnedTerm, Value
+from .learned import (
+    INTERVAL_LEVEL,
+    Drawn,
+    Features,
+    LearnedDiscrepancy,
+    LearnedEquation,
+    LearnedSystem,
+    LearnedTerm,
+    Value,
+)  # fmt: skip
 
-LIKELY = 0.5
-"""Under a prior without inclusion a term stands in the equation if it is likelier than this to matter."""
+LIKELY_TO_MATTER = 0.5
+"""Probability to matter from which on a term stands in the equation, under a prior without inclusion."""
 
-ROWS = 500
-"""Rows, evenly spaced, on which f is told from zero."""
+DISCREPANCY_ROWS = 500
+"""Most rows, evenly spaced, on which f is told from zero."""
 
-FEWEST = 10
-"""Draws of the likeliest pattern below which f is told from zero by those of all patterns: so few have no spread."""
+FEWEST_PATTERN_DRAWS = 10
+"""Fewest draws of the likeliest pattern by which f is told from zero; with fewer, those of all patterns are used."""
 
 
 @remembered
 def fitted_system(posterior: Posterior) -> LearnedSystem:
-    """The equations of a fitted model.
+    """Return the equations of a fitted model.
 
-    Under a prior with inclusion the terms are those of the commonest pattern among the draws, jointly for equations
-    that share their rows, and coefficients are those of the draws that have this pattern. Under another prior all draws
-    count, and terms are left out that are unlikely to move the rate by more than one per cent of the RMS of what the
-    simulation leaves of it. f stands in an equation where it moves the rate by more than that and is told from zero, by
-    the draws of the same pattern: what f is beside other terms, it is not beside these.
-
-    Args:
-        posterior: The fit.
+    Under a prior with inclusion the terms are those of the most frequent pattern among the draws, jointly for equations
+    that share their rows, and coefficients are those of the draws with this pattern. Under another prior all draws
+    count, and a term is left out if it is unlikely to move the rate by more than one per cent of the RMS of its target.
+    f stands in an equation if it moves the rate by more than that and is told from zero, by the draws of the same
+    pattern, since f depends on the terms beside it.
     """
-    table = inclusion(posterior, LEVEL)
+    table = inclusion(posterior, INTERVAL_LEVEL)
     patterned = "inclusion" in table
-    parts = {name: _Part.of(posterior, learned) for name, learned in posterior.learned().items()}
-    found = {}
-    for name, part in parts.items():
-        rows = table.loc[name].loc[list(part.learned.frame.dictionary.names)]
-        inside = part.active if patterned else (rows["outside_rope"] > LIKELY).to_numpy()
+    equations = {}
+    for name, learned in posterior.learned().items():
+        part = _Part.of(posterior, learned)
+        rows = table.loc[name].loc[list(learned.frame.dictionary.names)]
+        inside = part.active if patterned else (rows["outside_rope"] > LIKELY_TO_MATTER).to_numpy()
         probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
         stated = posterior.model.stated(name, posterior.data)
         every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)
-        given = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
+        in_pattern = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
         units = table.loc[name]["unit"]
-        found[name] = LearnedEquation(
-            terms=tuple(term for term, there in zip(given, inside, strict=True) if there),
+        equations[name] = LearnedEquation(
+            terms=tuple(term for term, there in zip(in_pattern, inside, strict=True) if there),
             left_out=tuple(term for term, there in zip(every, inside, strict=True) if not there),
             pattern=float(np.mean(part.alike)) if patterned else None,
             discrepancy=part.discrepancy(posterior),
-            drawn=Drawn(part.learned.frame.dictionary.terms, part.theta, part.weight),
+            drawn=Drawn(learned.frame.dictionary.terms, part.theta, part.weight),
             given=tuple(
                 LearnedTerm(term.name, term, Value.exact(value), units[term.name], None, stated.priors[term.name])
                 for term, value in stated.fixed
@@ -73,7 +79,9 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         terms = f"Terms: those likely to move the rate by {leaves}"
     f = f"; f where the data tell it from zero and it moves the rate by {leaves}"
     rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
-    return LearnedSystem("fit", posterior.model.simulator(posterior.data, lacking=True), posterior.data, found, rule)
+    return LearnedSystem(
+        "fit", posterior.model.simulator(posterior.data, lacking=True), posterior.data, equations, rule
+    )
 
 
 @dataclass(frozen=True)
@@ -93,20 +101,16 @@ class _Part:
     def of(cls, posterior: Posterior, learned: Learned) -> "_Part":
         draws, frame = posterior.draws(learned.block), learned.frame
         active = posterior.likeliest_pattern(learned.block)
-        patterns = posterior.values(learned.block).get("gamma", np.ones(draws.theta.shape, bool))
-        alike = np.all(patterns.astype(bool) == active, axis=1)
-        own = learned.of(draws)
-        weight = np.asarray(own.weight) * frame.target_scale
-        return cls(learned, own.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
+        alike = np.all(posterior.patterns(learned.block) == active, axis=1)
+        draws = learned.of(draws)
+        weight = np.asarray(draws.weight) * frame.target_scale
+        return cls(learned, draws.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
 
     def terms(
-        self,
-        rows: Bool[np.ndarray, " n_draw"],
-        units: Sequence[str],
-        probability: Sequence[float | None],
+        self, rows: Bool[np.ndarray, " n_draw"], units: Sequence[str], probability: Sequence[float | None],
         stated: Mapping[str, Coefficient],
-    ) -> list[LearnedTerm]:
-        """All terms, with what some draws say of their coefficients."""
+    ) -> list[LearnedTerm]:  # fmt: skip
+        """Return all terms, with the coefficients of some draws."""
         terms: tuple[Term, ...] = self.learned.frame.dictionary.terms
         return [
             LearnedTerm(term.name, term, Value.of(draws), unit, p, stated.get(term.name))
@@ -114,29 +118,28 @@ class _Part:
         ]
 
     def discrepancy(self, posterior: Posterior) -> LearnedDiscrepancy | None:
-        """The f beside the terms; None without."""
+        """Return f given the terms; None if the model has none."""
         frame, design = self.learned.frame, self.learned.equation.design
         if not frame.variables:
             return None
         columns = self.learned.equation.rows.columns
         n_row = len(next(iter(columns.values())))
-        index = np.unique(np.linspace(0, n_row - 1, min(n_row, ROWS)).astype(int))
-        f = np.asarray(
-            design.at(frame, {name: column[index] for name, column in columns.items()}, self._telling(posterior))
-        )
+        index = np.unique(np.linspace(0, n_row - 1, min(n_row, DISCREPANCY_ROWS)).astype(int))
+        columns = {name: column[index] for name, column in columns.items()}
+        f = np.asarray(design.at(frame, columns, self._draws_of_f(posterior)))
         mean, variance = np.mean(f, axis=0), np.var(f, axis=0)
         size = np.sqrt(np.mean(mean**2))
-        left = bool(size > max(ROPE, TOLD * np.sqrt(np.mean(variance))))
+        left = bool(size > max(ROPE, IDENTIFIABLE_RATIO * np.sqrt(np.mean(variance))))
         return LearnedDiscrepancy(frame.variables, left, self._features(), self.weight[self.alike].mean(axis=0))
 
-    def _telling(self, posterior: Posterior) -> EquationDraws:
-        """Draws that tell f from zero, of the likeliest pattern where there are enough, no more than are worthwhile."""
+    def _draws_of_f(self, posterior: Posterior) -> EquationDraws:
+        """Return draws that tell f from zero, of the likeliest pattern if there are enough."""
         alike = np.flatnonzero(self.alike)
-        draws = alike if len(alike) >= FEWEST else np.arange(len(self.alike))
+        draws = alike if len(alike) >= FEWEST_PATTERN_DRAWS else np.arange(len(self.alike))
         most = self.learned.equation.design.worthwhile(PREDICTION_DRAWS)
         if len(draws) > most:
             draws = draws[np.linspace(0, len(draws) - 1, most).round().astype(int)]
-        # As NumPy's: JAX compiles a program for each shape that it indexes.
+        # NumPy, because JAX compiles a program for each shape that it indexes.
         every = jax.tree.map(np.asarray, self.learned.of(posterior.draws(self.learned.block)))
         return jax.tree.map(lambda values: values[draws], every)
 
@@ -145,5 +148,5 @@ class _Part:
 
 
 def _features_of(frame: Frame, columns: Mapping[str, Any]) -> Array | np.ndarray:
-    """Ψ̃ at columns; what is remembered of a posterior can be pickled."""
+    """Return Ψ̃ at columns; a module function, so that it can be pickled."""
     return frame.rows(columns)[1]

@@ -24,7 +24,7 @@ BACKENDS: Mapping[str, ModuleType] = {"numpy": np, "jax": jnp}
 
 @dataclass(frozen=True, eq=False)
 class _Added:
-    """What one equation adds to the simulation, a row of coefficients for each draw."""
+    """The terms and features that one equation adds to the simulation, with a row of coefficients for each draw."""
 
     terms: tuple[Term, ...]
     coefficients: Float[np.ndarray, "n_draw n_term"]
@@ -36,15 +36,15 @@ class _Added:
 class LearnedRates:
     """(t, x, u) -> the rate of every state, as `GreyBox(simulation=...)` takes a function; made by `learned_rates`.
 
-    Jumps such as sign(v) are exact; an integrator wants steps that are short beside them, or an event.
+    Jumps such as sign(v) are exact; an integrator needs short steps there, or an event.
 
     Attributes:
         states: Names of x, in order; units as in the data.
         inputs: Names of u, in order; units as in the data.
-        equations: Names of what is returned, in order: the states that have an equation, then outputs. Where every
+        equations: Names of the returned quantities, in order: the states that have an equation, then outputs. If every
             state has one and there are no outputs these are the states.
-        units: Units of what is returned, by name; "" where they are not known.
-        n_draw: Number of posterior draws, along the first axis of what is returned; None: one model, and no such axis.
+        units: Units of the returned quantities, by name; "" if unknown.
+        n_draw: Number of posterior draws, along the first axis of the result; None: one model, and no such axis.
     """
 
     states: tuple[str, ...]
@@ -57,7 +57,7 @@ class LearnedRates:
     backend: str
 
     def __call__(self, t: Any, x: Any, u: Any = None) -> Any:
-        """Rates at one point or at many.
+        """Return the rates at one point or at many.
 
         Args:
             t: Time, a number or an array `[*n]`; only a simulation that is code may use it.
@@ -68,7 +68,7 @@ class LearnedRates:
             Rates `[*n, n_equation]`, or `[n_draw, *n, n_equation]` of posterior draws.
 
         Raises:
-            InputError: States or inputs that are not as many as the model has.
+            InputError: The numbers of states or inputs are not those of the model.
         """
         xp = BACKENDS[self.backend]
         x = xp.asarray(x, float)
@@ -87,14 +87,14 @@ class LearnedRates:
             xp.broadcast_to(x, (*shape, x.shape[-1])).reshape(n, x.shape[-1]),
             xp.broadcast_to(u, (*shape, u.shape[-1])).reshape(n, u.shape[-1]),
         )
-        found = rows.reshape(self.n_draw or 1, *shape, len(self.equations))
-        return found[0] if self.n_draw is None else found
+        rates = rows.reshape(self.n_draw or 1, *shape, len(self.equations))
+        return rates[0] if self.n_draw is None else rates
 
     def draw(self, k: int) -> "LearnedRates":
-        """The right-hand side of one posterior draw alone.
+        """Return the right-hand side of one posterior draw alone.
 
         Args:
-            k: Its number, from 0 on.
+            k: Number of the draw, from 0 on.
 
         Raises:
             InputError: There is no such draw.
@@ -108,13 +108,13 @@ class LearnedRates:
         return replace(self, n_draw=None, added=added)
 
     def _rows(self, t: Any, x: Any, u: Any) -> Any:
-        """Rates [n_draw, n, n_equation] at rows."""
+        """Return the rates [n_draw, n, n_equation] at rows."""
         xp = BACKENDS[self.backend]
         columns = {name: x[:, i] for i, name in enumerate(self.states)}
         columns |= {name: u[:, i] for i, name in enumerate(self.inputs)}
         each = self.simulation.rates if xp is np else jax.vmap(self.simulation.rate)
         simulated = each(t, x, u) if self.states else x
-        found = []
+        rates = []
         for name in self.equations:
             if name in self.states:
                 rate = simulated[:, self.states.index(name)]
@@ -129,24 +129,17 @@ class LearnedRates:
             if added is not None and added.features is not None:
                 # f(x) = Ψ̃(x) w
                 rate = rate + xp.asarray(added.weights) @ added.features(columns).T
-            found.append(rate)
-        return xp.stack(found, axis=-1)
+            rates.append(rate)
+        return xp.stack(rates, axis=-1)
 
 
 def learned_rates(
     system: LearnedSystem, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False
 ) -> LearnedRates:
-    """The right-hand side of a system of learned equations.
-
-    Args:
-        system: The equations.
-        backend: "numpy" or "jax"; JAX's can be compiled, mapped and differentiated.
-        draws: Number of posterior draws, evenly spaced among all, each with terms and inner parameters of its own;
-            None: the equations as they are printed, coefficients at their means.
-        discrepancy: Whether f is added, where the model has one.
+    """Return the right-hand side of a system of learned equations; see `Fit.to_callable` for the arguments.
 
     Raises:
-        InputError: An unknown backend; more draws than there are, or none; f is asked for and is dense.
+        InputError: An unknown backend, an impossible number of draws, or a request for f without finite expansion.
     """
     if backend not in BACKENDS:
         raise InputError(f"backend={backend!r} is not known: use {' or '.join(map(repr, BACKENDS))}.")

@@ -1,4 +1,4 @@
-"""Where the record starts, as a fit to samples estimates it beside its coefficients."""
+"""States at the start of a record, as estimated by a fit to samples."""
 
 from collections.abc import Mapping
 
@@ -14,15 +14,10 @@ from .learned import Value
 
 @remembered
 def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
-    """States at the first sample of the first run, measured or not, with their standard deviations; user's units.
+    """Return all states at the first sample of the first run, by state; user's units.
 
-    Draws are those of the likeliest pattern, as in the equations of `fitted_system`.
-
-    Args:
-        posterior: The fit.
-
-    Returns:
-        By state; empty where rows follow no path from its start, or an unknown force moves it.
+    Draws are those of the likeliest pattern, as in the equations of `fitted_system`. There are no starts if rows follow
+    no path from its start, or an unknown force moves it.
     """
     model = posterior.model
     if not model.rows.integrated:
@@ -31,16 +26,12 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
     if equation.rows.noise.moved:
         return {}
     values = posterior.values(block)
-    active = posterior.likeliest_pattern(block)
-    patterns = values.get("gamma", np.ones((len(values["sigma"]), len(active)), bool))
-    alike = np.all(patterns.astype(bool) == active, axis=1)
+    alike = np.all(posterior.patterns(block) == posterior.likeliest_pattern(block), axis=1)
     if START in values:
         draws = values[START][alike]
     else:
         drawn = posterior.draws(block)
-        draws = start_draws(
-            equation, path_of(posterior), np.asarray(drawn.theta)[alike], np.asarray(drawn.weight)[alike],
-            np.asarray(drawn.hyper.sigma)[alike], posterior.sampling.seed,
-        )  # fmt: skip
+        theta, weight, sigma = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))
+        draws = start_draws(equation, path_of(posterior), theta, weight, sigma, posterior.sampling.seed)
     states = model.simulator(posterior.data).states
     return {name: Value.of(draws[:, 0, k]) for k, name in enumerate(states)}

@@ -1,11 +1,11 @@
-"""Checkpoints: a folder that holds the chains of a run so far, from which a stopped run goes on."""
+"""Checkpoints: folders that keep the chains of a run, so that a stopped run can be resumed."""
 
 import hashlib
 import json
 import os
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -23,46 +23,37 @@ from .kept.groups import data_table
 from .kept.model_record import describe
 from .kept.netcdf import versions
 from .sampler.chain_file import ChainFile
+from .sampler.nuts import Files
 from .settings import Sampling
 
-EVERY = 10.0
+CHECKPOINT_EVERY = 10.0
 """Seconds between two checkpoints of a chain."""
 
 FILES = re.compile(r"(of-[a-z]+\.json|chain-\d+-\d+\.npz)")
-"""Names of what is in the folder."""
+"""Names of the files in the folder."""
 
-SAID = 3
-"""Differences between two runs that a refusal names."""
+MOST_DIFFERENCES_NAMED = 3
+"""Differences between two runs that an error message names."""
 
 
 class Checkpoint:
     """The folder of one run, which may sample more than once; made by `checkpoint_in`.
 
     Attributes:
-        accepted: Whether chains in it are, or will be, of what was said last.
+        accepted: True if the chains in the folder belong to the run that was last passed to `require`.
     """
 
     def __init__(self, folder: Path, resume: bool, every: float) -> None:
-        """Touch nothing yet.
-
-        Args:
-            folder: The folder.
-            resume: Whether chains in it go on; else they are removed before the first is sampled.
-            every: Seconds between two checkpoints of a chain.
-        """
+        """Touch no file yet; see `checkpoint_in` for the arguments."""
         self.folder, self.resume, self.every = folder, resume, every
         self._runs, self._begun, self._complete = 0, False, False
         self.accepted = False
 
     def require(self, what: str, record: Mapping[str, Any]) -> None:
-        """Say what is about to be sampled, which must be what was sampled before.
+        """Require that this run, described by a record of plain values, is the one whose chains the folder keeps.
 
-        Args:
-            what: A word for this record.
-            record: All that the draws depend on, as plain values.
-
-        Raises:
-            InputError: The folder holds the chains of something else; it cannot be written to.
+        The file of the record has `what` in its name. InputError is raised if the folder keeps the chains of another
+        run, or cannot be written to.
         """
         self._begin()
         self.accepted = False
@@ -75,29 +66,31 @@ class Checkpoint:
             raise _unusable(self.folder, error) from error
         differences = [] if before is None else list(_differences(now, before))
         if differences:
-            said = "; ".join(differences[:SAID]) + ("; …" if len(differences) > SAID else "")
+            more = ["…"] if len(differences) > MOST_DIFFERENCES_NAMED else []
+            named = "; ".join(differences[:MOST_DIFFERENCES_NAMED] + more)
             raise InputError(
-                f'The draws in "{self.folder}" are of another run: {said}. Go on with what it was, or start anew '
+                f'The draws in "{self.folder}" are of another run: {named}. Go on with what it was, or start anew '
                 "without resuming."
             )
         self.accepted = True
 
-    def next_run(self) -> "RunFiles":
-        """Files for the next time that chains are run."""
+    def next_run(self) -> Files:
+        """Return the files of the next run of the sampler, by number of the chain and name of its target."""
         self._runs += 1
-        return RunFiles(self, self._runs)
+        run = self._runs
+        return lambda chain, name: ChainFile(self.folder / f"chain-{run}-{chain}.npz", self.every, name)
 
     @property
     def holds_draws(self) -> bool:
-        """Whether a run that begins here can go on with something."""
+        """True if the folder has chains that a run can resume from."""
         return any(file.suffix == ".npz" for file in self._files())
 
     def complete(self) -> None:
-        """The run is over and its results are where they belong: the folder goes when it is closed."""
+        """Mark the run as finished and its results as stored, so that closing removes the files."""
         self._complete = True
 
     def close(self) -> None:
-        """Remove what is of no more use."""
+        """Remove files that are no longer needed."""
         if self._complete or not self.holds_draws:
             self._remove()
 
@@ -122,36 +115,19 @@ class Checkpoint:
                 file.unlink()
 
 
-class RunFiles:
-    """The chains of one run of the sampler in a checkpoint."""
-
-    def __init__(self, checkpoint: Checkpoint, run: int) -> None:
-        """Touch nothing yet."""
-        self._checkpoint, self._run = checkpoint, run
-
-    def chain(self, chain: int, name: str) -> ChainFile:
-        """The file of a chain.
-
-        Args:
-            chain: Its number.
-            name: Of what is sampled.
-        """
-        return ChainFile(self._checkpoint.folder / f"chain-{self._run}-{chain}.npz", self._checkpoint.every, name)
-
-
 @contextmanager
 def checkpoint_in(
-    folder: str | os.PathLike[str], *, resume: bool = False, every: float = EVERY
+    folder: str | os.PathLike[str], *, resume: bool = False, every: float = CHECKPOINT_EVERY
 ) -> Iterator[Checkpoint]:
-    """Hold the folder of a checkpoint for as long as a run lasts.
+    """Lock the folder of a checkpoint for the duration of a run.
 
     Args:
-        folder: The folder, made where it is missing. If nothing in it is of use any more, it goes again.
-        resume: Whether chains in it go on.
+        folder: The folder; made if missing, removed at the end if nothing in it is needed any more.
+        resume: If true, chains in the folder are resumed, else they are removed before sampling.
         every: Seconds between two checkpoints of a chain.
 
     Raises:
-        InputError: It cannot be written to; another process writes to it; seconds that are negative.
+        InputError: The folder cannot be written to, another process uses it, or `every` is negative.
     """
     if not every >= 0:
         raise InputError(f"checkpoint_every={every:g} must be a number of seconds, 0 or more.")
@@ -175,38 +151,24 @@ def checkpoint_in(
 
 @contextmanager
 def given_checkpoint(
-    given: "str | os.PathLike[str] | Checkpoint | None", resume: bool, every: float
+    place: "str | os.PathLike[str] | Checkpoint | None", resume: bool, every: float
 ) -> Iterator[Checkpoint | None]:
-    """The checkpoint of a call: one that is held around it, or a folder's, which is complete when the call is.
+    """Yield the checkpoint of a call: an open one as it is, that of a folder opened and completed with the call.
 
-    Args:
-        given: What the call was given.
-        resume: Whether chains in the folder go on.
-        every: Seconds between two checkpoints of a chain.
-
-    Raises:
-        InputError: What `checkpoint_in` refuses; nothing to resume from.
+    InputError is raised as by `checkpoint_in`, and for `resume` without a checkpoint.
     """
-    if given is None and resume:
+    if place is None and resume:
         raise InputError("resume=True needs checkpoint=, the folder that the run was kept in.")
-    if given is None or isinstance(given, Checkpoint):
-        with nullcontext(given) as checkpoint:
-            yield checkpoint
+    if place is None or isinstance(place, Checkpoint):
+        yield place
         return
-    with checkpoint_in(given, resume=resume, every=every) as checkpoint:
+    with checkpoint_in(place, resume=resume, every=every) as checkpoint:
         yield checkpoint
         checkpoint.complete()
 
 
 def run_facts(model: Program, data: Trajectories, sampling: Sampling, **further: Any) -> dict[str, Any]:
-    """All that the draws of a run depend on, as plain values.
-
-    Args:
-        model: Model.
-        data: Training data.
-        sampling: Settings.
-        **further: Whatever else they depend on.
-    """
+    """Return everything that the draws of a run depend on, `further` included, as plain values."""
     return {
         **asdict(sampling),
         "model": describe(model, data),
@@ -216,8 +178,8 @@ def run_facts(model: Program, data: Trajectories, sampling: Sampling, **further:
     }
 
 
-def data_facts(data: Trajectories | None) -> Any:
-    """Data as two words: how many rows, and a digest of them and of all that is known of them."""
+def data_facts(data: Trajectories | None) -> str | None:
+    """Return the number of rows and a digest of the data, metadata included."""
     if data is None:
         return None
     digest = hashlib.sha256()

@@ -1,4 +1,4 @@
-"""Where the path of samples starts, given what was learned along it."""
+"""States at the start of each path segment, given the coefficients learned along the path."""
 
 import numpy as np
 from jaxtyping import Array, Float
@@ -10,14 +10,7 @@ from .posterior import Posterior
 
 
 def path_of(posterior: Posterior) -> ReferencePath:
-    """The path that the rows of a fit to samples are linear along.
-
-    Args:
-        posterior: The fit.
-
-    Raises:
-        InputError: Rows of rates, which follow none.
-    """
+    """Return the path along which the rows of a fit to samples are linearised; raise InputError for rows of rates."""
     model, data = posterior.model, posterior.data
     return model.rows.path(data, model.equations, model.simulator(data))
 
@@ -26,25 +19,18 @@ def start_draws(
     equation: Equation, path: ReferencePath, theta: Float[Array | np.ndarray, "n_draw n_term"],
     weight: Float[Array | np.ndarray, "n_draw n_basis"], sigma: Float[Array | np.ndarray, " n_draw"], seed: int,
 ) -> Float[np.ndarray, "n_draw n_segment n_state"]:  # fmt: skip
-    """Draws of the states at the start of each segment, one for each draw of the coefficients; user's units.
+    """Draw the states at the start of each segment given each draw of the coefficients; user's units.
 
-        x₀ = x̄₀ + s b,  b | θ, w, σ, y ~ N(b̂, σ² C) as `RowNoise.starts_given` has it
+        x₀ = x̄₀ + s b,  b | θ, w, σ, y ~ N(b̂, σ² C), see `RowNoise.starts_given`
 
-    with x̄₀ the start of the reference path and s the prior standard deviations of the starts.
-
-    Args:
-        equation: Rows, frame and design; no unknown force moves their path.
-        path: Of the rows.
-        theta: Coefficients, scaled units.
-        weight: Of the features of f, scaled units.
-        sigma: Noise of the rows, scaled units.
-        seed: Of the draws.
+    with x̄₀ the start of the reference path and s the prior standard deviations of the starts. No unknown force moves
+    the path; θ, w and σ are in scaled units.
     """
     rows, scale = equation.rows, equation.frame.target_scale
     Phi, Psi, y = equation.parts()
-    left = (y[:, None] - Phi @ theta.T - Psi @ weight.T) / sigma
+    residual = (y[:, None] - Phi @ theta.T - Psi @ weight.T) / sigma
     white = np.random.default_rng(seed).standard_normal((rows.noise.n_start, len(theta)))
     typical = np.sqrt(np.mean(path.sensor_sd**2))
-    unit = (rows.noise.starts_given(left, white)[0] * (sigma * scale) * rows.gain / typical).T
+    unit = (rows.noise.starts_given(residual, white)[0] * (sigma * scale) * rows.gain / typical).T
     n_state = len(path.start_sd)
     return path.segments.points[:, 0, 1 : 1 + n_state] + unit.reshape(len(theta), -1, n_state) * path.start_sd

@@ -22,15 +22,15 @@ from bayes_greybox.model.streams.statistics import RowStatistics, equations_of
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 
-from .kept.groups import drawn
+from .kept.groups import drawn, row_dimension
 from .sampler.programs import Programs, programs_for
 from .settings import Sampling
 
 MOST_NUMBERS = 10_000_000
-"""Groups with a number for each observation and draw are kept up to so many numbers."""
+"""Largest size of a group with one number for each observation and draw."""
 
 SLAB = "slab"
-"""Group with the scales and odds that only a prior of the user's own can tell: a file cannot hold that prior."""
+"""Group with the scales and odds of a user-defined prior, which a file cannot hold."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Posterior:
             units), `e_sigma`, `e_amplitude`, `e_length_scale` (user's units) and the scales of the prior (scaled
             units). The group `posterior_details`, of the same chains and draws, has `e_prior_sd` (scaled units),
             `e_weight` or `e_f`, and under a spike-and-slab prior `e_gamma` and `e_inclusion`.
-        made: What the run left beside its draws; None for a posterior read from a file.
-        whole: What all rows say, by equation, where `data` are some of them that are looked at; else None.
-        memory: What `remembered` functions found of it.
+        made: Equations and programs of the run; None for a posterior read from a file.
+        whole: Statistics of all rows, by equation, if `data` are only a sample of them; else None.
+        memory: Results of `remembered` functions.
     """
 
     model: Program
@@ -60,32 +60,29 @@ class Posterior:
 
     @cached_property
     def equations(self) -> Mapping[str, Equation]:
-        """Rows, frames and designs by equation, or by block of equations that share their rows.
-
-        They are rebuilt from the data if the posterior was read from a file.
-        """
-        if self._own is not None:
-            return self._own.equations
+        """Rows, frames and designs by equation, or by block of equations that share their rows."""
+        if self._made is not None:
+            return self._made.equations
         return self.model.assemble(self.data) if self.whole is None else equations_of(self.model, self.data, self.whole)
 
     @property
     def n_obs(self) -> int:
-        """Rows that the draws are of."""
+        """Number of rows that the draws are conditioned on."""
         return self.data.n_obs if self.whole is None else max(each.n_row for each in self.whole.values())
 
     @property
     def rows_in_words(self) -> str:
-        """How many rows the draws are of, how many of them are looked at, and what they are."""
-        said = self.model.rows.in_words(self.data)
+        """Number and kind of the rows, and how many of them are looked at one by one."""
+        kind = self.model.rows.in_words(self.data)
         if self.whole is None:
-            return f"{self.data.n_obs} rows ({said})"
-        return f"{self.n_obs:,} rows ({said}), of which {self.data.n_obs} are looked at one by one"
+            return f"{self.data.n_obs} rows ({kind})"
+        return f"{self.n_obs:,} rows ({kind}), of which {self.data.n_obs} are looked at one by one"
 
     @cached_property
     def programs(self) -> Programs:
-        """The compiled programs of this fit, for fits to other data of the same shapes."""
-        if self._own is not None:
-            return self._own.programs
+        """Compiled programs of this fit, for fits to other data of the same shapes."""
+        if self._made is not None:
+            return self._made.programs
         return programs_for(self.model, {name: entry.design for name, entry in self.equations.items()}, self.sampling)
 
     @property
@@ -94,21 +91,11 @@ class Posterior:
         return self.model.sites
 
     def drawn(self, group_name: str = "posterior") -> xr.Dataset:
-        """Every variable that was drawn, details among them.
-
-        Args:
-            group_name: "posterior", "prior", or another group of draws.
-        """
+        """Return every variable of a group of draws, details included."""
         return drawn(self.idata, group_name)
 
     def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
-        """Draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`.
-
-        Args:
-            equation: A key of `equations`.
-            at_most: Most draws; None: all.
-            group_name: "posterior" or "prior".
-        """
+        """Return draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`."""
         frame = self.equations[equation].frame
         values = self.values(equation, at_most, group_name)
         n_draw = len(next(iter(values.values())))
@@ -134,49 +121,29 @@ class Posterior:
         )
 
     def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
-        """Slab standard deviations and log prior odds [n_draw, n_term] where criticism may sum over the patterns.
+        """Return the slab of each draw if criticism can sum over the inclusion patterns in closed form.
 
-        Args:
-            equation: Learned state.
-            at_most: As for `draws`.
-
-        Returns:
-            The scales of each draw; None where there is no closed form for the sum, as Gibbs moves drew the patterns or
-            coefficients have bounds: then the drawn pattern is given with η.
-
-        Raises:
-            InputError: The prior's odds of inclusion cannot be told from the draws.
+        It cannot if Gibbs moves drew the patterns or coefficients have bounds; then drawn patterns are conditioned on.
         """
         return None if self.equations[equation].design.coefficients.bounded else self.slab(equation, at_most)
 
     def slab(self, equation: str, at_most: int | None = None) -> Scales | None:
-        """Slab standard deviations and log prior odds [n_draw, n_term] where the sampler summed over the patterns.
-
-        Args:
-            equation: Learned state.
-            at_most: As for `draws`.
+        """Return slab standard deviations and log prior odds [n_draw, n_term] if the sampler summed over the patterns.
 
         Raises:
-            InputError: The prior's odds of inclusion cannot be told from the draws.
+            InputError: The odds of inclusion do not follow from the draws.
         """
         values, entry = self.values(equation, at_most, "posterior"), self.equations[equation]
         if "gamma" not in values:
             return None
         if SLAB in self.idata.children:
-            kept = self.values(equation, at_most, SLAB)
-            mean = jnp.broadcast_to(entry.design.coefficients.mean, kept["theta_sd"].shape)
-            return Scales(jnp.asarray(kept["theta_sd"]), jnp.asarray(kept["log_odds"]), mean)
+            slab = self.values(equation, at_most, SLAB)
+            mean = jnp.broadcast_to(entry.design.coefficients.mean, slab["theta_sd"].shape)
+            return Scales(jnp.asarray(slab["theta_sd"]), jnp.asarray(slab["log_odds"]), mean)
         return self.model.slab(entry.design, values, values["sigma"] / entry.frame.target_scale)
 
     def require_rows(self, what: str) -> None:
-        """Refuse what is found from linear rows of draws that are not theirs.
-
-        Args:
-            what: That is asked for.
-
-        Raises:
-            InputError: Draws of `Fit.refine`.
-        """
+        """Require linear rows, not exact paths; `what` begins the error message, such as "Checks are made"."""
         if self.sampling.exact:
             raise InputError(
                 f"{what} from the rows of a fit, which are linear, and these draws are of exact paths: ask the fit "
@@ -184,19 +151,36 @@ class Posterior:
             )
 
     def likeliest_pattern(self, equation: str) -> Bool[np.ndarray, " n_term"]:
-        """Terms that are in, in the commonest pattern of the draws; all of them under a prior without inclusion.
+        """Return the most frequent inclusion pattern of the draws; all terms under a prior without inclusion."""
+        patterns, count = np.unique(self.patterns(equation), axis=0, return_counts=True)
+        return patterns[np.argmax(count)]
 
-        Args:
-            equation: A key of `equations`.
-        """
+    def patterns(self, equation: str) -> Bool[np.ndarray, "n_draw n_term"]:
+        """Return the inclusion pattern of each draw; all terms under a prior without inclusion."""
         values = self.values(equation)
-        if "gamma" not in values:
-            return np.ones(values["theta"].shape[1], bool)
-        patterns, count = np.unique(values["gamma"], axis=0, return_counts=True)
-        return patterns[np.argmax(count)].astype(bool)
+        return values.get("gamma", np.ones(values["theta"].shape)).astype(bool)
+
+    def add_group(self, name: str, values: Mapping[str, np.ndarray], draw: np.ndarray | None = None) -> None:
+        """Add a group with variables [n_chain, n_draw, n_obs] to `idata`.
+
+        `draw` are the numbers of the draws, if not all were kept.
+        """
+        n_chain, n_draw = next(iter(values.values())).shape[:2]
+        rows = {self.sites[key].rate: row_dimension(entry) for key, entry in self.equations.items()}
+        variables, numbers = {}, {}
+        for key, value in values.items():
+            dimension, number = rows[key]
+            if value.shape[2] == len(number):
+                numbers[dimension] = number
+            else:
+                # Under spectral noise the observations are whitened coefficients, fewer than rows and without a time.
+                dimension = f"{key}_coefficient"
+            variables[key] = (("chain", "draw", dimension), value)
+        coords = {"chain": np.arange(n_chain), "draw": np.arange(n_draw) if draw is None else draw}
+        self.idata[name] = xr.DataTree(xr.Dataset(variables, coords=coords | numbers))
 
     def learned(self) -> dict[str, "Learned"]:
-        """Frames by learned state, also of those that share their rows with others."""
+        """Return equation and frame of each learned state, also of those that share their rows."""
         return {
             state: Learned(name, equation, share.frame, share.columns)
             for name, equation in self.equations.items()
@@ -204,33 +188,30 @@ class Posterior:
         }
 
     @property
-    def _own(self) -> "Made | None":
-        """What the run left, unless `dataclasses.replace` put another model or other data in its place."""
+    def _made(self) -> "Made | None":
+        """Equations and programs of the run, unless `dataclasses.replace` changed the model or the data."""
         made = self.made
         return made if made is not None and made.model is self.model and made.data is self.data else None
 
     def values(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> dict[str, np.ndarray]:
-        """Variables of one equation by quantity, chains flattened, evenly thinned."""
+        """Return the variables of one equation by quantity, chains flattened, evenly thinned."""
         group = self.drawn(group_name)
         n_draw = group.sizes["chain"] * group.sizes["draw"]
         index = np.arange(n_draw)
         if at_most is not None and n_draw > at_most:
             index = np.linspace(0, n_draw - 1, at_most).round().astype(int)
-        found = {}
+        values = {}
         for quantity, name in self.sites.owned(equation, map(str, group)).items():
             value = group[name].to_numpy()
-            found[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
-        return found
+            values[quantity] = value.reshape(n_draw, *value.shape[2:])[index]
+        return values
 
 
 class Learned(NamedTuple):
-    """A learned state and where its coefficients are.
+    """A learned state and the place of its coefficients.
 
-    Attributes:
-        block: What its equation, or those that share its rows, are called.
-        equation: Rows, frame and design of that.
-        frame: Of this state alone.
-        columns: Its columns of Φ.
+    Its equation, or the block of equations that share its rows, has a name and the columns of Φ that belong to the
+    state; `frame` is that of the state alone.
     """
 
     block: str
@@ -239,13 +220,13 @@ class Learned(NamedTuple):
     columns: slice
 
     def of(self, draws: EquationDraws) -> EquationDraws:
-        """Its part of the draws of the block."""
+        """Return the part of the draws of the block that belongs to this state."""
         return draws._replace(theta=draws.theta[:, self.columns], prior_sd=draws.prior_sd[:, self.columns])
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What a run of a model on data leaves beside its draws: the sampled equations, and the compiled programs."""
+    """Sampled equations and compiled programs of a run of a model on data."""
 
     model: Program
     data: Trajectories

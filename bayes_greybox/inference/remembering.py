@@ -1,4 +1,4 @@
-"""What was found out about a posterior is kept with it, and found once."""
+"""Results about a posterior that are computed once and kept with it."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -10,7 +10,7 @@ Result = TypeVar("Result")
 
 
 def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior], Result]:
-    """Find something out about a posterior once; later calls return the same object."""
+    """Compute a result about a posterior once; later calls return the same object."""
     name = _name(function)
 
     @wraps(function)
@@ -23,15 +23,15 @@ def remembered(function: Callable[[Posterior], Result]) -> Callable[[Posterior],
 
 
 def recall(posterior: Posterior, function: Callable[[Posterior], Result]) -> Result | None:
-    """What a `remembered` function found of a posterior; None where it was not asked yet."""
+    """Return the result of a `remembered` function if it has been called for this posterior."""
     return posterior.memory.get(_name(function))
 
 
-def remember(posterior: Posterior, function: Callable[[Posterior], Result], found: Result) -> None:
-    """Have a `remembered` function return what was found before, of a posterior that was read from a file."""
-    posterior.memory[_name(function)] = found
+def remember(posterior: Posterior, function: Callable[[Posterior], Result], result: Result) -> None:
+    """Have a `remembered` function return a result that was read from a file."""
+    posterior.memory[_name(function)] = result
 
 
 def _name(function: Callable[..., Any]) -> str:
-    # A name, not the function: a posterior read from a file can be pickled, whatever it was asked.
+    # A name, not the function, so that a posterior can be pickled.
     return f"{function.__module__}.{function.__qualname__}"

@@ -16,7 +16,7 @@ class Sampling:
         chains: Number of chains.
         seed: Seed of everything random in the run.
         target_accept: Target acceptance probability of NUTS.
-        exact: Whether the draws are of the exact trajectory posterior (`Fit.refine`).
+        exact: True if the draws are of the exact trajectory posterior (`Fit.refine`).
     """
 
     draws: int = 1000

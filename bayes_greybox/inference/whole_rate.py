@@ -20,15 +20,10 @@ from .posterior import Learned
 
 
 class Numbers(NamedTuple):
-    """What the data say of the frame of a learned state.
+    """Numbers in the frame of a learned state that depend on the data: scales of target and terms, box of f.
 
-    Attributes:
-        target: Its `target_scale`.
-        terms: Its `term_scale`.
-        centre: Its own.
-        half_width: Its own.
-        projection: Of the features on the terms; zero where none is subtracted.
-        within: Numbers within its formulas, such as the width of a dead zone or of a rounded jump.
+    The projection is that of the features on the terms, zero if none is subtracted; `within` are numbers within the
+    formulas, such as the width of a dead zone or of a smoothed jump.
     """
 
     target: Float[Array, ""]
@@ -40,15 +35,15 @@ class Numbers(NamedTuple):
 
 
 class WholeRate:
-    """dx/dt = g(x, u) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k; jumps are rounded.
+    """dx/dt = g(x, u) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k, with smoothed jumps.
 
-    Two rates of the same formulas are equal, whatever the data of their frames: `numbers` are an argument of the rate,
-    so that what is compiled for one serves the other.
+    Two rates with the same formulas are equal, whatever the data of their frames: `numbers` are an argument of the
+    rate, so that a program compiled for one serves the other.
 
     Args:
         simulation: g.
-        frames: By learned state.
-        columns: Values of states and inputs, which say how jumps are rounded.
+        frames: Frames by learned state.
+        columns: Values of states and inputs, which set the width of smoothed jumps.
     """
 
     def __init__(
@@ -79,13 +74,9 @@ class WholeRate:
     def __call__(
         self, t: Array, x: Array, u: Array, args: tuple[Mapping[str, Numbers], Mapping[str, tuple[Array, Array]]]
     ) -> Array:
-        """Rates of all states.
+        """Return the rates of all states at time t, states x [n_state] and inputs u [n_input].
 
-        Args:
-            t: Time.
-            x: States [n_state].
-            u: Inputs [n_input].
-            args: Numbers, and scaled (θ, weights of f), by learned state.
+        `args` are the numbers, and the scaled (θ, weights of f), by learned state.
         """
         numbers, parameters = args
         states, inputs = self._simulation.states, self._simulation.inputs
@@ -93,16 +84,16 @@ class WholeRate:
         rate = list(self._simulation.rate(t, x, u))
         columns = dict(zip((*states, *inputs), (*x, *u), strict=True))
         for name, (theta, weight) in parameters.items():
-            own, frame = numbers[name], self._frames[name]
-            known = {**columns, **as_columns(own.within)}
-            Phi = jnp.stack([evaluate(formula, known) for formula in self._formulas[name]], axis=-1) / own.terms
+            scale, frame = numbers[name], self._frames[name]
+            values = {**columns, **as_columns(scale.within)}
+            Phi = jnp.stack([evaluate(formula, values) for formula in self._formulas[name]], axis=-1) / scale.terms
             force = sum(Phi[j] * theta[j] for j in range(len(theta)))
             if frame.basis is not None:
-                position = (jnp.stack([columns[each] for each in frame.variables]) - own.centre) / own.half_width
+                position = (jnp.stack([columns[each] for each in frame.variables]) - scale.centre) / scale.half_width
                 # ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩
-                force = force + (held_features(frame.basis, position[None])[0] - Phi @ own.projection) @ weight
+                force = force + (held_features(frame.basis, position[None])[0] - Phi @ scale.projection) @ weight
             k = states.index(name)
-            rate[k] = rate[k] + own.target * force
+            rate[k] = rate[k] + scale.target * force
         return jnp.stack(rate)
 
 
@@ -113,23 +104,17 @@ class RateOfFit:
     rate: WholeRate
 
     def __call__(self, t: Array, x: Array, u: Array, parameters: Mapping[str, tuple[Array, Array]]) -> Array:
-        """Rates of all states; arguments as those of `WholeRate`, but for its numbers."""
+        """Return the rates of all states; see `WholeRate`."""
         return self.rate(t, x, u, (self.rate.numbers, parameters))
 
     @property
     def identity(self) -> Any:
-        """What a program with this rate depends on, for `traces.kept`."""
+        """Key of programs that contain this rate, for `traces.kept`."""
         return self.rate.key, jax.tree.map(np.asarray, self.rate.numbers)
 
 
 def whole_rate(
     simulation: Simulation, learned: Mapping[str, Learned], columns: Mapping[str, Float[np.ndarray, " n"]]
 ) -> RateOfFit:
-    """The rate of a fit.
-
-    Args:
-        simulation: g.
-        learned: Frames by learned state.
-        columns: Values of states and inputs, which say how jumps are rounded.
-    """
+    """Return the rate of a fit; see `WholeRate` for the arguments."""
     return RateOfFit(WholeRate(simulation, {name: each.frame for name, each in learned.items()}, columns))

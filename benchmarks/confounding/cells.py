@@ -13,6 +13,7 @@ from bayes_greybox.criticism.trade_off import trade_offs
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampler.prior_data import open_equation
 from bayes_greybox.inference.sampler.replicates import sample_replicates
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -89,8 +90,7 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
         {"v": equation.design},
         {"v": np.repeat(targets, CHAINS, axis=0)},
         jax.random.split(jax.random.PRNGKey(cell.seed), CHAINS * cell.replicates),
-        draws=cell.draws,
-        tune=cell.tune,
+        Sampling(cell.draws, cell.tune),
         done=lambda _: ends.append(time.perf_counter()),
     )
     # From the first chain that ended to the last: compilation is left out.

@@ -7,11 +7,16 @@ import xarray as xr
 from fabricated import fabricate, oscillator
 from scipy.stats import binom, kstest, norm
 
-from bayes_greybox.criticism.checks.loo_pit import _inverse, _parameters, anderson_darling, loo_pit
-from bayes_greybox.criticism.checks.p_values import LEVEL, combined_p
-from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, FINE, sensitivity
+from bayes_greybox.criticism.checks.loo_pit import (
+    TEST_LEVEL,
+    _inverse,
+    anderson_darling,
+    combined_p,
+    loo_pit,
+)
+from bayes_greybox.criticism.checks.sensitivity import CONFLICT, DOMINANT, NOT_SENSITIVE, sensitivity
 from bayes_greybox.criticism.checks.whiteness import _autocorrelation, whiteness
-from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
+from bayes_greybox.criticism.cross_validation.row_densities import parameters_of, pointwise_loo
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -104,7 +109,7 @@ def test_loo_pit_is_that_of_dense_algebra():
         z.append(inverse @ y / np.sqrt(np.diag(inverse)))
         if s == 0:
             rows = posterior.equations["v"].weighted()(np.arange(40))
-            first, sd, mean = jax.tree.map(lambda leaf: leaf[0], _parameters(draws))
+            first, sd, mean = jax.tree.map(lambda leaf: leaf[0], parameters_of(draws))
             g, found = _inverse(design, rows, np.eye(40), first, sd, mean)
             np.testing.assert_allclose(found, inverse, rtol=1e-6, atol=1e-8 * np.abs(inverse).max())
             np.testing.assert_allclose(g, inverse @ y, rtol=1e-6, atol=1e-8)
@@ -121,7 +126,7 @@ def test_both_tests_keep_their_level_on_data_of_the_model():
         posterior = posterior_of(data_of(60, 0.1 * np.random.default_rng(100 + seed).standard_normal(60), seed), 0.1)
         found = loo_pit(posterior, "v").p, whiteness(posterior, "v").p
         p.append(found)
-        rejected += int(min(found) <= LEVEL)
+        rejected += int(min(found) <= TEST_LEVEL)
     # Level at most 2 % for the two together: more than two of twelve have probability 1.5e-3.
     assert rejected <= 2
     assert np.mean(np.array(p) > 0.1) > 0.5
@@ -131,7 +136,7 @@ def test_both_tests_keep_their_level_on_data_of_the_model():
 def test_wrong_noise_rings_the_loo_pit_alarm(factor, words):
     noise = 0.1 * np.random.default_rng(1).standard_normal(120)
     pit = loo_pit(posterior_of(data_of(120, noise), 0.1 * factor), "v")
-    assert pit.p <= LEVEL and pit.wrong == words
+    assert pit.p <= TEST_LEVEL and pit.wrong == words
 
 
 def test_correlated_residuals_ring_and_name_their_lags():
@@ -140,7 +145,7 @@ def test_correlated_residuals_ring_and_name_their_lags():
     noise = 0.1 / np.sqrt(1.64) * (white[2:] + 0.8 * white[:-2])
     found = whiteness(posterior_of(data_of(200, noise), 0.1), "v")
     # a moving average over rows two apart: r_2 = 0.8/1.64, all others zero
-    assert found.p <= LEVEL and found.standing_out == (2,)
+    assert found.p <= TEST_LEVEL and found.standing_out == (2,)
     assert abs(found.autocorrelation[1] - 0.8 / 1.64) < 4 / np.sqrt(200)
 
 
@@ -164,7 +169,7 @@ def test_a_prior_against_the_data_rings_and_a_wide_one_stays_quiet():
         model = Program(dictionary=MODEL.dictionary, prior=prior, discrepancy=MODEL.discrepancy)
         return sensitivity(posterior_of(data, sigma, model, sd))
 
-    assert (fixed(data, 0.1, 10.0)["diagnosis"] == FINE).all()
+    assert (fixed(data, 0.1, 10.0)["diagnosis"] == NOT_SENSITIVE).all()
     # The data put θ more than ten prior standard deviations from zero.
     assert fixed(data, 0.1, 0.05).loc[("v", "y**3"), "diagnosis"] == CONFLICT
     # Data that say next to nothing leave it to the prior.

@@ -49,7 +49,7 @@ def test_what_is_found_later_is_added_to_a_saved_fit_as_if_all_were_saved_anew(f
     fit.save(tmp_path / "anew.nc")
     added, anew = (netcdf.read(tmp_path / name) for name in ("added.nc", "anew.nc"))
     xr.testing.assert_identical(added, anew)
-    assert netcdf.TRIED in added.children and kept.KEPT in added.attrs
+    assert netcdf.TRIED in added.children and kept.CHECKS_ATTRIBUTE in added.attrs
     assert all(v.encoding["zlib"] for v in added[netcdf.TRIED].data_vars.values())
     # What was there is as it was, and nothing that was sealed can be changed.
     assert netcdf.TRIED not in netcdf.read(tmp_path / "before.nc").children
@@ -76,15 +76,15 @@ def test_without_checks_in_the_file_they_are_made(fit, tmp_path):
 
 def test_checks_of_another_format_are_not_read(fit, tmp_path, monkeypatch):
     fit.checks()
-    monkeypatch.setattr(kept, "FORMAT", kept.FORMAT + 1)
-    text = kept.kept_checks(fit)[kept.KEPT]
+    monkeypatch.setattr(kept, "CHECKS_FORMAT", kept.CHECKS_FORMAT + 1)
+    text = kept.kept_checks(fit)[kept.CHECKS_ATTRIBUTE]
     monkeypatch.undo()
-    assert json.loads(text)["format"] != kept.FORMAT
-    fit.idata.attrs[kept.KEPT] = text
+    assert json.loads(text)["format"] != kept.CHECKS_FORMAT
+    fit.idata.attrs[kept.CHECKS_ATTRIBUTE] = text
     before = dict(fit.memory)
     fit.memory.clear()
     kept.restore_checks(fit)
-    assert fit.memory == {} and kept.KEPT not in fit.idata.attrs
+    assert fit.memory == {} and kept.CHECKS_ATTRIBUTE not in fit.idata.attrs
     fit.memory.update(before)
 
 

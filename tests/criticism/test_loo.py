@@ -14,8 +14,8 @@ from scipy.special import betaln, logsumexp
 
 from bayes_greybox.criticism.convergence import array_stats, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
-from bayes_greybox.criticism.cross_validation.loo import log_likelihood_group, loo, pointwise_loo
-from bayes_greybox.criticism.cross_validation.refits import refit_without
+from bayes_greybox.criticism.cross_validation.loo import loo, refit_without
+from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group, pointwise_loo
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling

@@ -7,7 +7,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.criticism import trial as module
-from bayes_greybox.criticism.kept.trial import kept_trial, restore_trial
+from bayes_greybox.criticism.kept.file import kept_trial, restore_trial
 from bayes_greybox.criticism.trial import trial, try_on
 from bayes_greybox.greybox import Fit
 from bayes_greybox.running.errors import InputError
@@ -104,7 +104,7 @@ def test_where_there_is_no_free_run_it_says_why(fit, parts, monkeypatch, tmp_pat
     open_ended.to_html(tmp_path / "page.html")
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "There is no free run. State" in page and "error of the predicted d(ydot)/dt" in page
-    monkeypatch.setattr(module, "MOST_ROWS", 10)
+    monkeypatch.setattr(module, "FREE_RUN_ROWS", 10)
     assert "fit.simulate(data) makes it" in trial(fit).why
 
 

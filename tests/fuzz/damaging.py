@@ -68,11 +68,11 @@ def attribute(file: h5py.File, rng: random.Random) -> None:
 
 def record(file: h5py.File, rng: random.Random) -> None:
     """Something else in the record of model, settings and data."""
-    content = json.loads(file.attrs[netcdf.RECORD])
+    content = json.loads(file.attrs[netcdf.RECORD_ATTRIBUTE])
     bad = rng.choice([None, -1, 0, 1e400, "x", "", [], {}, [[1]], {"a": None}, True, 10**30, "open('pwned', 'w')"])
     # A part may have come to stand within itself, which no file can hold.
     with suppress(ValueError):
-        file.attrs[netcdf.RECORD] = json.dumps(changed(content, rng.randrange(2**32), bad))
+        file.attrs[netcdf.RECORD_ATTRIBUTE] = json.dumps(changed(content, rng.randrange(2**32), bad))
 
 
 def lost(file: h5py.File, rng: random.Random) -> None:

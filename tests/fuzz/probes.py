@@ -14,7 +14,8 @@ import numpy as np
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
-from bayes_greybox.inference.kept import netcdf, unsummed
+from bayes_greybox.criticism.kept.file import load_checked
+from bayes_greybox.inference.kept import unsummed
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.formula.printing import to_latex, to_text
@@ -141,7 +142,7 @@ def saved(file: Path) -> None:
     before = {each: os.stat(each).st_mtime_ns for each in file.parent.iterdir()}
     with no_code():
         try:
-            found = netcdf.load(file)
+            found = load_checked(file)
         except bg.InputError as error:
             assert str(file) in sentence(error)
             found = None

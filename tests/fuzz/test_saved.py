@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.kept.file import load_checked
 from bayes_greybox.inference.kept import netcdf
 
 SETTINGS = settings(derandomize=True, deadline=None, max_examples=60, database=None)
@@ -30,21 +31,21 @@ def test_damaged_files_are_read_or_refused(whole, how, seed):
 
 def test_a_text_that_was_changed_is_refused(whole, tmp_path):
     path = tmp_path / "run.nc"
-    netcdf.save(netcdf.load(whole), path)
+    netcdf.save(load_checked(whole), path)
     # Whole, it is read.
-    assert netcdf.load(path).model.equations == ("v",)
+    assert load_checked(path).model.equations == ("v",)
     with h5py.File(path, "r+") as file:
-        text = file.attrs[netcdf.RECORD]
+        text = file.attrs[netcdf.RECORD_ATTRIBUTE]
         assert '"noise_floor": 0.0001' in text
         # One bit of one digit: nothing but the seal could tell.
-        file.attrs[netcdf.RECORD] = text.replace('"noise_floor": 0.0001', '"noise_floor": 0.0003')
+        file.attrs[netcdf.RECORD_ATTRIBUTE] = text.replace('"noise_floor": 0.0001', '"noise_floor": 0.0003')
     with pytest.raises(bg.InputError, match=r"run\.nc' is damaged.* 'bayes_greybox' is not what was written; take"):
         bg.load(path)
 
 
 def test_a_changed_byte_is_found_before_the_file_is_opened(whole, tmp_path):
     path = tmp_path / "run.nc"
-    netcdf.save(netcdf.load(whole), path)
+    netcdf.save(load_checked(whole), path)
     raw = path.read_bytes()
     for at in range(0, len(raw) - 40, len(raw) // 40):
         path.write_bytes(raw[:at] + bytes([raw[at] ^ 1]) + raw[at + 1 :])

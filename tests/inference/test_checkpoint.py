@@ -84,7 +84,7 @@ def test_a_stopped_run_goes_on_to_the_same_draws_and_leaves_nothing(data, refere
 
 
 def test_how_iterations_are_divided_changes_no_draw(data, reference, monkeypatch):
-    monkeypatch.setattr("bayes_greybox.inference.sampler.nuts._paced", lambda length, seconds: length % 7 + 1)
+    monkeypatch.setattr("bayes_greybox.inference.sampler.nuts._next_length", lambda length, seconds: length % 7 + 1)
     assert same(model().fit(data, **SETTINGS), reference)
 
 

@@ -137,7 +137,7 @@ def test_paths_that_turn_out_inaccurate_are_sampled_again_on_half_steps(monkeypa
         runs.append((len(points), int(np.min(known.likelihood.along.grid.number))))
         return sampled_on(self, rows, points, known)
 
-    monkeypatch.setattr(accurate, "MARGIN", 1e12)
+    monkeypatch.setattr(accurate, "ERROR_MARGIN", 1e12)
     monkeypatch.setattr(accurate.Paths, "_errors", counted)
     fit = linear().refine(**EXACT, **STATED)
     # One step a sample does at the draws of linear rows, where anything does, and not at the exact ones.
@@ -163,12 +163,12 @@ def test_paths_that_no_steps_follow_are_refused(monkeypatch):
 def test_it_is_said_where_there_is_no_path(lost, message, monkeypatch):
     errors = accurate.Paths._errors
 
-    def some(self, told, points, known):
-        found = errors(self, told, points, known)
-        return accurate.Errors(*(np.where(lost(np.arange(len(points))), np.inf, each) for each in found))
+    def some(self, values, points, argument):
+        found = errors(self, values, points, argument)
+        return tuple(np.where(lost(np.arange(len(points))), np.inf, each) for each in found)
 
     # On the finest steps at once.
-    monkeypatch.setattr(methods, "FIRST", methods.FINEST)
+    monkeypatch.setattr(methods, "FIRST_TOLERANCE", methods.FINEST_TOLERANCE)
     monkeypatch.setattr(Course, "methods", property(stepwise))
     monkeypatch.setattr(accurate.Paths, "_errors", some)
     with pytest.raises(bg.InputError, match=message):
@@ -180,10 +180,11 @@ def test_paths_are_accurate_against_the_noise_of_a_sensor_that_sees_a_small_chan
     t, rng = 1.2 * np.arange(8), np.random.default_rng(4)
     data = bg.Trajectories.from_arrays(t, states={"T": 300 + np.exp(-t) + 1e-3 * rng.standard_normal(len(t))})
     model = bg.GreyBox({"T": ["T - 300"]}, rows=bg.TrajectoryRows(), discrepancy=None, prior=bg.Normal())
-    kept, result = [], refine._result
-    monkeypatch.setattr(refine, "_result", lambda *given: kept.append(given) or result(*given))
+    kept, result = [], refine._posterior
+    monkeypatch.setattr(refine, "_posterior", lambda *given: kept.append(given) or result(*given))
     model.fit(data, **FIT).refine(draws=50, tune=50, chains=1, progress=False)
-    ((_, _, equation, likelihood, own, _, drawn, _),) = kept
+    ((posterior, _, likelihood, _, sampled),) = kept
+    equation, own, drawn = posterior.equations["T"], posterior.sites["T"], sampled.drawn
     rate = drawn[own.theta][0, :, 0] * equation.frame.coefficient_scale[0]
     truth = 300 + (drawn[own["start"]][0, :, 0, 0] - 300)[:, None] * np.exp(rate[:, None] * t)
     off = drawn[own["predicted"]][0] - truth

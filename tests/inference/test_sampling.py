@@ -17,7 +17,7 @@ from scipy.special import betaln, logsumexp
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampler.draws import conditional_sampler
-from bayes_greybox.inference.sampler.gibbs import gamma_move, resample_pattern
+from bayes_greybox.inference.sampler.kernel import gamma_move, resample_pattern
 from bayes_greybox.inference.sampler.nuts import Sampler
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.priors import Laplace, Normal, RegularisedHorseshoe, SpikeAndSlab

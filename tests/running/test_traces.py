@@ -284,7 +284,7 @@ def test_what_a_trace_depends_on_is_in_its_name(folder, design, monkeypatch):
     changed = (
         (numpyro, "__version__", "9.9"),
         (jax, "__version__", "9.9"),
-        (nuts, "CHUNK", 10),
+        (nuts, "ITERATIONS_PER_CHUNK", 10),
         (linalg, "JITTER", 1.0),
         (numpyro.distributions.Distribution, "_validate_args", "as never before"),
         (linalg, "jittered_cholesky", linalg.solve_lower),

@@ -1,1 +1,1 @@
-"""Simulation-based calibration: is the posterior of data drawn from the model what it claims to be?"""
+"""Simulation-based calibration of the posterior of data drawn from the model."""

@@ -1,8 +1,8 @@
-"""Simulation-based calibration: is the posterior of data drawn from the model what it claims to be?
+"""Simulation-based calibration of the posterior of data drawn from the model.
 
-Draw the truth from the prior and data from the truth; then the truth is one more posterior draw, and its rank among
-the others is uniform for every quantity (Talts et al. 2018; Modrák et al. 2023). A density, a sampler or conditional
-draws that are wrong show in some rank.
+If the truth is drawn from the prior and data from the truth, then the truth is one more posterior draw, and its rank
+among the others is uniform for every quantity (Talts et al. 2018; Modrák et al. 2023). An error in the density, the
+sampler or the conditional draws shows in some rank.
 """
 
 import time
@@ -25,16 +25,17 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage, stages
 
 from .coverage import coverage_table, places
-from .quantities import pattern_draws, quantities
+from .quantities import quantities
 from .ranks import Ranks, rank_truths
 from .reliability import Reliability, reliability
 from .uniformity import Band, ecdf_difference, simultaneous_band, uniformity_p
 
 FEWEST_REPLICATES = 20
+"""Fewest replicates whose ranks are worth a test."""
 
 
 class CalibrationVerdict(Verdict):
-    """Whether every test was passed, in words."""
+    """A verdict on the tests of a calibration."""
 
     def __str__(self) -> str:
         if self.ok:
@@ -44,21 +45,21 @@ class CalibrationVerdict(Verdict):
 
 @dataclass(frozen=True, repr=False)
 class Calibration:
-    """What simulation-based calibration of a model found.
+    """Result of the simulation-based calibration of a model.
 
     Attributes:
         level: Probability that a calibrated model fails any of the tests.
-        tests: One row a test: kind ("rank": ranks are uniform; "inclusion": a term is in as often as its probabilities
-            say; "reliability": the expected calibration error is small), p (exact, each by itself), adjusted (Holm,
-            over all rows) and passed (adjusted > level).
+        tests: One row a test: kind ("rank": ranks are uniform; "inclusion": the frequency of a term agrees with its
+            probabilities; "reliability": the expected calibration error is small), p (exact, each by itself), adjusted
+            (Holm, over all rows) and passed (adjusted > level).
         ranks: One row a replicate, one column a quantity: rank of the truth among the thinned draws.
-        kept: How many draws these were.
+        kept: Number of the thinned draws.
         pit: The ranks on (0, 1), ties broken at random: uniform if the model is calibrated.
         ess: Median effective sample size of each quantity.
         inclusion: Reliability of P(γ) by equation; empty without a spike-and-slab prior.
         coverage: Share of true f inside the posterior band, by (equation, region, level), with its standard error;
             regions are "data" (at the rows), "box" (in their box, away from them) and "beyond" (outside, up to 1.3
-            half-widths from its centre). Not among the tests.
+            half-widths from its centre). It is not tested.
         divergences: Divergences of each replicate.
         seconds: Wall time of drawing, compiling and sampling.
     """
@@ -81,7 +82,7 @@ class Calibration:
 
     @property
     def band(self) -> Band:
-        """Where the ECDF differences of calibrated ranks stay, all quantities together, but for `level` at most."""
+        """Band that the ECDF differences of any quantity leave with probability `level` at most."""
         return simultaneous_band(self.replicates, self.level / len(self.tests))
 
     @property
@@ -94,32 +95,31 @@ class Calibration:
 
     @property
     def verdict(self) -> CalibrationVerdict:
-        """Whether the model is calibrated at the stated level, with what failed."""
-        said = {
+        """Verdict at the stated level, with the failed tests."""
+        words = {
             "rank": "the ranks of {} are not uniform",
             "inclusion": "{} is included more or less often than its probabilities say",
             "reliability": "inclusion probabilities of {} are off by more than chance",
         }
         failed = self.tests.loc[~self.tests["passed"].to_numpy(bool)].sort_values("adjusted")
         reasons = (
-            f"{said[row.kind].format(row.quantity)} (adjusted p = {row.adjusted:.2g})."
+            f"{words[row.kind].format(row.quantity)} (adjusted p = {row.adjusted:.2g})."
             for row in failed.reset_index().itertuples()
         )
         return CalibrationVerdict(failed.empty, tuple(reasons))
 
     def __repr__(self) -> str:
-        """Replicates, verdict and the least p-values."""
+        """Show replicates, verdict and the smallest p-values."""
         least = self.tests.sort_values("adjusted").head(5)
         lines = [
             f"Calibration over {self.replicates} replicates; {len(self.tests)} tests, level {self.level:g} in all",
             str(self.verdict),
             least.to_string(float_format=lambda value: f"{value:.3g}"),
         ]
-        for name, found in self.inclusion.items():
-            lines.append(
-                f"Expected calibration error of P(included), {name}: {found.ece:.3f} "
-                f"({found.expected_ece:.3f} if calibrated)"
-            )
+        lines += [
+            f"Expected calibration error of P(included), {name}: {each.ece:.3f} ({each.expected_ece:.3f} if calibrated)"
+            for name, each in self.inclusion.items()
+        ]
         diverged = int(np.sum(self.divergences > 0))
         if diverged:
             lines.append(f"{diverged} replicates had divergences.")
@@ -138,33 +138,33 @@ def calibrate(
     level: float = 0.01,
     progress: bool = True,
 ) -> Calibration:
-    """Simulation-based calibration of a model at the rows of some data, whose measured rates are not used.
+    """Calibrate a model by simulation at the rows of some data, whose measured rates are not used.
 
     For each replicate η and the prior scales are drawn from the prior, then γ, θ, f and y = Φθ + f + σε on the rows
     as they were measured. The posterior is that of a fit: its density, its NUTS kernel and its conditional draws, one
     chain a replicate, compiled once. Ranked are θ, σ, amplitude, length scales and the prior's scalar scales, the
-    number of terms that are in, f at a place of each region and its RMS over the rows, and the log likelihood, which
-    sees what marginal ranks do not (Modrák et al. 2023, Sec. 4). Scaling (of terms and target) stays that of the data.
+    number of included terms, f at a place of each region and its RMS over the rows, and the log likelihood, which is
+    sensitive to errors that marginal ranks miss (Modrák et al. 2023, Sec. 4). Terms and target are scaled as the data.
 
     Args:
-        model: Model to test; its prior must be proper and something one can draw from.
+        model: Model to test; its prior must be proper.
         data: Rows: states, inputs and noise covariance. Few rows and terms keep it fast.
         replicates: Number of replicates.
         draws: Draws of each replicate.
         tune: Warm-up iterations of each.
         seed: Seed of everything random.
         target_accept: Target acceptance probability of NUTS.
-        level: Probability that a calibrated model is called not calibrated: tests are adjusted for their number.
-        progress: Whether to show a progress bar.
+        level: Probability that a calibrated model fails: tests are adjusted for their number.
+        progress: If true, a progress bar is shown.
 
     Raises:
-        InputError: Too few replicates; a level outside (0, 1); what `GreyBox.fit` refuses.
+        InputError: Too few replicates, a level outside (0, 1), or data that `GreyBox.fit` refuses.
     """
     if replicates < FEWEST_REPLICATES:
         raise InputError(f"calibrate(replicates={replicates}) says nothing: give {FEWEST_REPLICATES} at least.")
     if not 0 < level < 1:
         raise InputError(f"calibrate(level={level:g}) must lie between 0 and 1.")
-    Sampling(draws, tune, 1, seed, target_accept)
+    sampling = Sampling(draws, tune, 1, seed, target_accept)
     start = time.perf_counter()
     opened = {name: open_equation(equation) for name, equation in model.assemble(data).items()}
     prior_key, chain_key = jax.random.split(jax.random.PRNGKey(seed))
@@ -174,55 +174,42 @@ def calibrate(
     keys = jax.random.split(chain_key, replicates)
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
     with threadpool_limits(1), stages(progress), stage("Calibrating", replicates) as line:
-        found = sample_replicates(
-            model, designs, targets, keys, draws=draws, tune=tune, target_accept=target_accept, done=line.advance
-        )
+        sampled = sample_replicates(model, designs, targets, keys, sampling, line.advance)
     seconds = time.perf_counter() - start
 
-    samples = found.samples
+    samples = sampled.samples
     where = {name: places(part.equation.frame, data) for name, part in opened.items()}
-    ranks: dict[str, Ranks] = {}
-    for name, truth, drawn in quantities(opened, targets, truths, samples, where):
-        ranks[name] = rank_truths(truth, drawn, generator)
+    ranks = {
+        name: rank_truths(truth, drawn, generator)
+        for name, truth, drawn in quantities(opened, targets, truths, samples, where)
+    }
     inclusion = {
         name: reliability(
             truths[model.sites[name].gamma].astype(float),
             samples[model.sites[name].inclusion].mean(axis=1),
-            pattern_draws(samples, model.sites[name]),
+            samples[model.sites[name].gamma].astype(float),
             part.equation.frame.dictionary.names,
             generator,
         )
         for name, part in opened.items()
         if model.sites[name].inclusion in samples
     }
-    columns = {field: pd.DataFrame({name: getattr(r, field) for name, r in ranks.items()}) for field in Ranks._fields}
-    return Calibration(
-        level=level,
-        tests=_tests(columns["pit"], inclusion, level),
-        ranks=columns["rank"],
-        kept=columns["kept"],
-        pit=columns["pit"],
-        ess=columns["ess"].median(),
-        inclusion=inclusion,
-        coverage=coverage_table(
-            {name: (part, where[name]) for name, part in opened.items()}, truths, samples, generator
-        ),
-        divergences=found.divergences,
-        seconds=seconds,
+    rank, kept, pit, ess = (
+        pd.DataFrame({name: getattr(each, field) for name, each in ranks.items()}) for field in Ranks._fields
     )
+    coverage = coverage_table(opened, where, truths, samples, generator)
+    tests = _tests(pit, inclusion, level)
+    return Calibration(level, tests, rank, kept, pit, ess.median(), inclusion, coverage, sampled.divergences, seconds)
 
 
 def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:
-    """Every test, with Holm's adjustment."""
-    found = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
+    """Return the table of tests, with Holm's adjustment."""
+    tests = [("rank", str(name), uniformity_p(pit[name].to_numpy())) for name in pit]
     for name, part in inclusion.items():
         gamma = Sites([name])[name].gamma
-        found += [
-            ("inclusion", f"{gamma}[{term}]", float(p))
-            for term, p in zip(part.terms.index, part.terms["p"].to_numpy(float), strict=True)
-        ]
-        found += [("reliability", gamma, part.p)]
-    table = pd.DataFrame(found, columns=["kind", "quantity", "p"])
+        tests += [("inclusion", f"{gamma}[{term}]", p) for term, p in part.terms["p"].to_dict().items()]
+        tests += [("reliability", gamma, part.p)]
+    table = pd.DataFrame(tests, columns=["kind", "quantity", "p"])
     order = np.argsort(table["p"].to_numpy(), kind="stable")
     adjusted = np.empty(len(table))
     # Holm 1979: the i-th smallest of m is multiplied by m − i, and none is below its predecessor.

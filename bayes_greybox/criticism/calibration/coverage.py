@@ -1,4 +1,4 @@
-"""Does the posterior band of f hold the true f: at the data, elsewhere in their box, and beyond it?"""
+"""Coverage of the true f by its posterior band: at the data, elsewhere in their box, and beyond it."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -16,26 +16,22 @@ from bayes_greybox.model.sites import EquationSites, Sites
 from .ranks import rank_truths
 
 REGIONS = ("data", "box", "beyond")
-LEVELS = (0.5, 0.9)
-POINTS = 12
-"""Places in each region."""
-
+COVERAGE_LEVELS = (0.5, 0.9)
+PLACES_PER_REGION = 12
 CANDIDATES = 512
-REACH = 1.3
-"""How far out "beyond" goes, in half-widths of the box."""
 
-AWAY = 0.1
-"""A place this far from every row, in half-widths of the box, is away from the data."""
+BEYOND_REACH = 1.3
+"""Outer limit of the region "beyond", in half-widths of the box."""
+
+LEAST_DISTANCE = 0.1
+"""Distance to every row, in half-widths of the box, from which on a place is away from the data."""
 
 
 @dataclass(frozen=True)
 class Places:
-    """Where the band of f is looked at.
+    """Places at which the band of f is compared with the truth: index in REGIONS, orthogonal features, row of the data.
 
-    Attributes:
-        region: Number of the region of each place, an index into REGIONS.
-        Psi: Orthogonal features there; no columns on the exact path.
-        row: Row of the data that each place is; on the exact path there are no other places.
+    The row is −1 away from the data; on the exact path there are no features and no such places.
     """
 
     region: Int[np.ndarray, " n_place"]
@@ -43,94 +39,75 @@ class Places:
     row: Int[np.ndarray, " n_place"]
 
     def first(self) -> Iterator[tuple[str, int]]:
-        """The name of each region that has places, and its first place."""
+        """Yield the name of each region that has places, and its first place."""
         for number, name in enumerate(REGIONS):
-            found = np.flatnonzero(self.region == number)
-            if len(found):
-                yield name, int(found[0])
+            if number in self.region:
+                yield name, int(np.argmax(self.region == number))
 
 
 def places(frame: Frame, data: Trajectories) -> Places:
-    """Rows spread evenly over the data, and quasi-random places away from them inside and outside their box.
+    """Return rows spread evenly over the data, and quasi-random places away from them inside and outside their box.
 
     Places where a term is not finite are left out. On the exact path f is drawn at the rows only, so the other
     regions have no places.
-
-    Args:
-        frame: Frame of the equation.
-        data: Its data.
     """
-    row = np.unique(np.linspace(0, data.n_obs - 1, POINTS + 2).round().astype(int)[1:-1])
+    row = np.unique(np.linspace(0, data.n_obs - 1, PLACES_PER_REGION + 2).round().astype(int)[1:-1])
     chosen = {name: column[row] for name, column in data.columns.items()}
     region = np.zeros(len(row), int)
     if frame.basis is not None:
         low = np.array([column.min() for column in data.columns.values()])
         high = np.array([column.max() for column in data.columns.values()])
         unit = 2 * qmc.Halton(len(low), scramble=False).random(CANDIDATES + 1)[1:] - 1
-        candidates = dict(zip(data.columns, ((low + high) / 2 + REACH * (high - low) / 2 * unit).T, strict=True))
-        beyond = np.any(np.abs(REACH * unit[:, high > low]) > 1, axis=1)
+        candidates = dict(zip(data.columns, ((low + high) / 2 + BEYOND_REACH * (high - low) / 2 * unit).T, strict=True))
+        beyond = np.any(np.abs(BEYOND_REACH * unit[:, high > low]) > 1, axis=1)
         at, rows = np.asarray(frame.position(candidates)), np.asarray(frame.position(data.columns))
-        away = np.array([np.linalg.norm(rows - place, axis=1).min() > AWAY for place in at])
+        away = np.array([np.linalg.norm(rows - place, axis=1).min() > LEAST_DISTANCE for place in at])
         with np.errstate(all="ignore"):
             finite = np.all(np.isfinite(np.asarray(frame.dictionary_rows(candidates))), axis=1)
         outside = ~np.asarray(frame.inside(candidates))
-        for number, of in ((1, ~beyond & away), (2, beyond & outside)):
-            found = np.flatnonzero(of & finite)[:POINTS]
-            region = np.concatenate([region, np.full(len(found), number)])
-            chosen = {name: np.concatenate([column, candidates[name][found]]) for name, column in chosen.items()}
-            row = np.concatenate([row, np.full(len(found), -1)])
+        for number, suitable in ((1, ~beyond & away), (2, beyond & outside)):
+            index = np.flatnonzero(suitable & finite)[:PLACES_PER_REGION]
+            region = np.concatenate([region, np.full(len(index), number)])
+            chosen = {name: np.concatenate([column, candidates[name][index]]) for name, column in chosen.items()}
+            row = np.concatenate([row, np.full(len(index), -1)])
     return Places(region, np.asarray(frame.rows(chosen)[1]), row)
 
 
 def f_at(where: Places, values: Mapping[str, np.ndarray], own: EquationSites, index: int) -> np.ndarray:
-    """F at one place, from truths [n_replicate] or draws [n_replicate, n_draw].
-
-    Args:
-        where: Places.
-        values: With the equation's weights, or values of f.
-        own: Names of the equation's variables.
-        index: Number of the place.
-    """
+    """Return f at the place of a number, from truths [n_replicate] or draws [n_replicate, n_draw]."""
     if where.Psi.shape[1] == 0:
         return values[own.f][..., where.row[index]]
     return values[own.weight] @ where.Psi[index]
 
 
 def coverage_table(
-    equations: Mapping[str, tuple[OpenEquation, Places]],
-    truths: Mapping[str, np.ndarray],
-    samples: Mapping[str, np.ndarray],
-    generator: np.random.Generator,
-) -> pd.DataFrame:
-    """Share of replicates and places whose true f lies in the central band of the thinned posterior.
-
-    Args:
-        equations: Equations and places by name.
-        truths: True values.
-        samples: Posterior draws.
-        generator: Source of random ranks.
+    equations: Mapping[str, OpenEquation], where: Mapping[str, Places], truths: Mapping[str, np.ndarray],
+    samples: Mapping[str, np.ndarray], generator: np.random.Generator,
+) -> pd.DataFrame:  # fmt: skip
+    """Return the share of replicates and places whose true f lies in the central band of the thinned posterior.
 
     Returns:
-        A table by (equation, region, level) with coverage, its standard error (over replicates: places of one are
-        not independent) and the number of places.
+        A table by (equation, region, level) with coverage, its standard error (over replicates, as the places of one
+        are not independent) and the number of places.
     """
-    found, names = {}, Sites(equations)
-    for name, (part, where) in equations.items():
+    rows, names = {}, Sites(equations)
+    for name, part in equations.items():
         if not part.equation.frame.variables:
             continue
-        at = [
-            rank_truths(f_at(where, truths, names[name], i), f_at(where, samples, names[name], i), generator).pit
-            for i in range(len(where.region))
+        own, place = names[name], where[name]
+        pit = [
+            rank_truths(f_at(place, truths, own, i), f_at(place, samples, own, i), generator).pit
+            for i in range(len(place.region))
         ]
-        distance = np.abs(2 * np.column_stack(at) - 1)
+        distance = np.abs(2 * np.column_stack(pit) - 1)
         for number, region in enumerate(REGIONS):
-            chosen = where.region == number
+            chosen = place.region == number
             if not chosen.any():
                 continue
-            for level in LEVELS:
-                # The share of the places of each replicate; replicates are independent, places are not.
+            for level in COVERAGE_LEVELS:
+                # Replicates are independent, places are not.
                 share = np.mean(distance[:, chosen] <= level, axis=1)
                 error = share.std(ddof=1) / np.sqrt(len(share))
-                found[name, region, level] = (share.mean(), error, int(chosen.sum()))
-    index = pd.MultiIndex.from_tuples(found, names=["equation", "region", "level"]) if found else None
-    return pd.DataFrame(list(found.values()), columns=["coverage", "se", "places"], index=index)
+                rows[name, region, level] = (share.mean(), error, int(chosen.sum()))
+    index = pd.MultiIndex.from_tuples(rows, names=["equation", "region", "level"]) if rows else None
+    return pd.DataFrame(list(rows.values()), columns=["coverage", "se", "places"], index=index)

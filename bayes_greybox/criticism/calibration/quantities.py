@@ -1,4 +1,4 @@
-"""What simulation-based calibration ranks: parameters, and functions of parameters and data that see more than them."""
+"""Quantities that simulation-based calibration ranks: parameters, and functions of parameters and data."""
 
 from collections.abc import Iterator, Mapping
 
@@ -12,20 +12,12 @@ from .coverage import Places, f_at
 
 
 def quantities(
-    equations: Mapping[str, OpenEquation],
-    targets: Mapping[str, np.ndarray],
-    truths: Mapping[str, np.ndarray],
-    samples: Mapping[str, np.ndarray],
-    where: Mapping[str, Places],
-) -> Iterator[tuple[str, Float[np.ndarray, " n_replicate"], Float[np.ndarray, "n_replicate n_draw"]]]:
-    """Name, true value and draws of everything that is ranked.
+    equations: Mapping[str, OpenEquation], targets: Mapping[str, np.ndarray], truths: Mapping[str, np.ndarray],
+    samples: Mapping[str, np.ndarray], where: Mapping[str, Places],
+) -> Iterator[tuple[str, Float[np.ndarray, " n_replicate"], Float[np.ndarray, "n_replicate n_draw"]]]:  # fmt: skip
+    """Yield name, true value and draws of every ranked quantity, f at some places among them.
 
-    Args:
-        equations: Equations.
-        targets: Compressed targets.
-        truths: True values under the names of posterior draws.
-        samples: Posterior draws.
-        where: Places where f is ranked.
+    `targets` are the compressed ones; `truths` have the names of posterior draws.
     """
     sites = Sites(equations)
     for name, part in equations.items():
@@ -39,8 +31,7 @@ def quantities(
             if truths[key].ndim == 1 and key not in own.raw:
                 yield key, truths[key], samples[key]
         if own.gamma in truths:
-            number = truths[own.gamma].sum(axis=1), pattern_draws(samples, own).sum(axis=2)
-            yield own["terms_in"], number[0].astype(float), number[1]
+            yield own["terms_in"], *(values[own.gamma].astype(float).sum(axis=-1) for values in (truths, samples))
         truth, drawn = (
             _log_likelihood(part, y, values, own)
             for values, y in ((truths, targets[name]), (samples, targets[name][:, None]))
@@ -54,23 +45,16 @@ def quantities(
             yield own["f_rms"], truth, drawn
 
 
-def pattern_draws(
-    samples: Mapping[str, np.ndarray], own: EquationSites
-) -> Float[np.ndarray, "n_replicate n_draw n_term"]:
-    """Draws of γ as numbers, whether they were drawn afterwards or are a site."""
-    return samples[own.gamma].astype(float)
-
-
 def _f(part: OpenEquation, values: Mapping[str, np.ndarray], own: EquationSites) -> np.ndarray:
-    """F at the compressed rows, which keep its sum of squares; zero without a discrepancy."""
-    nothing = np.zeros((*values[own.theta].shape[:-1], 0))
-    return part.equation.design.on_rows(values.get(own.weight, nothing), values.get(own.f, nothing))
+    """Return f at the compressed rows, which have the same sum of squares; zero without a discrepancy."""
+    absent = np.zeros((*values[own.theta].shape[:-1], 0))
+    return part.equation.design.on_rows(values.get(own.weight, absent), values.get(own.f, absent))
 
 
 def _log_likelihood(
     part: OpenEquation, y: np.ndarray, values: Mapping[str, np.ndarray], own: EquationSites
 ) -> np.ndarray:
-    """−n log σ − ‖y − Φθ − f‖²/(2σ²)."""
+    """Return −n log σ − ‖y − Φθ − f‖²/(2σ²)."""
     design = part.equation.design
     residual = y - values[own.theta] @ np.asarray(design.Phi).T - _f(part, values, own)
     sigma = values[own.sigma]

@@ -1,4 +1,4 @@
-"""Where a true value lies among posterior draws: thinned by their autocorrelation, ties broken at random."""
+"""Ranks of true values among posterior draws: thinned by their autocorrelation, with random ties."""
 
 from typing import NamedTuple
 
@@ -11,9 +11,9 @@ class Ranks(NamedTuple):
     """Ranks of true values, one for each replicate.
 
     Attributes:
-        rank: How many of the kept draws lie below the truth; of those equal to it, a random share.
-        kept: Draws kept.
-        pit: (rank + U)/(kept + 1), U ~ Uniform(0, 1): uniform if the sampler is right, whatever was kept.
+        rank: Number of thinned draws below the truth, and a random share of those equal to it.
+        kept: Number of thinned draws.
+        pit: (rank + U)/(kept + 1), U ~ Uniform(0, 1): uniform if the sampler is right, whatever the thinning.
         ess: Effective sample size of all draws.
     """
 
@@ -24,29 +24,23 @@ class Ranks(NamedTuple):
 
 
 def rank_truths(
-    truth: Float[np.ndarray, " n_replicate"],
-    draws: Float[np.ndarray, "n_replicate n_draw"],
+    truth: Float[np.ndarray, " n_replicate"], draws: Float[np.ndarray, "n_replicate n_draw"],
     generator: np.random.Generator,
-) -> Ranks:
-    """Rank each truth among its replicate's draws, thinned to about as many as are independent.
+) -> Ranks:  # fmt: skip
+    """Rank each truth among the chain of its replicate, thinned to about as many draws as are independent.
 
     Ranks among correlated draws pile up at both ends (Talts et al. 2018, Sec. 5.1). Discrete quantities and exact
     zeros tie; breaking ties at random keeps the rank uniform (Modrák et al. 2023, Sec. 3).
-
-    Args:
-        truth: True values.
-        draws: One chain for each.
-        generator: Source of the random ranks of ties.
     """
     n_draw = draws.shape[1]
     moving = np.ptp(draws, axis=1) > 0
     ess = np.full(len(truth), float(n_draw))
     if moving.any():
-        # One chain whose replicates stand beside each other as coordinates.
+        # One chain, with the replicates as coordinates.
         ess[moving] = effective_sample_size(draws[moving].T[None])
     ess = np.clip(np.where(np.isfinite(ess), ess, 1.0), 1.0, n_draw)
     step = np.ceil(n_draw / ess).astype(int)
-    # The number of a draw from the end, so that the last one, farthest from the start, is always kept.
+    # Counted from the end, so that the last draw, farthest from the start, is always kept.
     kept = (np.arange(n_draw)[::-1] % step[:, None]) == 0
     below = np.sum(kept & (draws < truth[:, None]), axis=1)
     ties = np.sum(kept & (draws == truth[:, None]), axis=1)

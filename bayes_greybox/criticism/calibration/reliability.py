@@ -1,4 +1,4 @@
-"""Are inclusion probabilities what they say: of the terms with P(γ) = 0.8, are eight in ten in the truth?"""
+"""Reliability of inclusion probabilities: of the terms with P(γ) = 0.8, eight in ten should be in the truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-N_BIN = 10
+PROBABILITY_BINS = 10
 SIMULATIONS = 9999
 
 
@@ -20,8 +20,8 @@ class Reliability:
             terms, and lower and upper, between which 99 % of the observed shares of calibrated probabilities lie.
         terms: One row a term: expected and true number of inclusions over all replicates, and p.
         ece: Expected calibration error, Σ_b (n_b/n) |observed_b − predicted_b|.
-        expected_ece: Its mean for calibrated probabilities; it is not zero, for the shares are of finite numbers.
-        p: Share of calibrated probabilities that have an ECE as large.
+        expected_ece: Mean ECE of calibrated probabilities; not zero, as the shares are of finite numbers.
+        p: Probability that calibrated probabilities have an ECE as large.
     """
 
     bins: pd.DataFrame
@@ -32,28 +32,18 @@ class Reliability:
 
 
 def reliability(
-    gamma: Float[np.ndarray, "n_replicate n_term"],
-    probability: Float[np.ndarray, "n_replicate n_term"],
-    draws: Float[np.ndarray, "n_replicate n_draw n_term"],
-    terms: Sequence[str],
-    generator: np.random.Generator,
-) -> Reliability:
-    """Compare true inclusions with their posterior probabilities.
+    gamma: Float[np.ndarray, "n_replicate n_term"], probability: Float[np.ndarray, "n_replicate n_term"],
+    draws: Float[np.ndarray, "n_replicate n_draw n_term"], terms: Sequence[str], generator: np.random.Generator,
+) -> Reliability:  # fmt: skip
+    """Compare true inclusions, 0 or 1, with their posterior probabilities.
 
     If the probabilities are right, the true pattern is one more posterior draw. So a draw from each replicate in its
-    place shows how far calibrated probabilities stray by chance, with the dependence between terms kept.
-
-    Args:
-        gamma: True patterns, 0 or 1.
-        probability: Posterior inclusion probabilities.
-        draws: Posterior draws of the patterns.
-        terms: Names.
-        generator: Source of the simulated truths.
+    place shows the errors of calibrated probabilities by chance, including the dependence between terms.
     """
     n, n_draw, _ = draws.shape
     flat = probability.ravel()
-    index = np.minimum((flat * N_BIN).astype(int), N_BIN - 1)
-    member = (index[:, None] == np.arange(N_BIN)).astype(float)
+    index = np.minimum((flat * PROBABILITY_BINS).astype(int), PROBABILITY_BINS - 1)
+    member = (index[:, None] == np.arange(PROBABILITY_BINS)).astype(float)
     count, predicted = member.sum(axis=0), flat @ member
     observed = gamma.ravel() @ member
     chosen = generator.integers(0, n_draw, (SIMULATIONS, n))
@@ -62,18 +52,10 @@ def reliability(
     by_chance = np.abs(simulated - predicted).sum(axis=1) / len(flat)
     full = count > 0
     low, high = np.quantile(simulated, [0.005, 0.995], axis=0)
-    edges = np.arange(N_BIN + 1) / N_BIN
-    bins = pd.DataFrame(
-        {
-            "low": edges[:-1],
-            "high": edges[1:],
-            "count": count.astype(int),
-            **{
-                name: np.divide(values, count, out=np.full(N_BIN, np.nan), where=full)
-                for name, values in {"predicted": predicted, "observed": observed, "lower": low, "upper": high}.items()
-            },
-        }
-    )
+    edges = np.arange(PROBABILITY_BINS + 1) / PROBABILITY_BINS
+    bins = pd.DataFrame({"low": edges[:-1], "high": edges[1:], "count": count.astype(int)})
+    for name, values in {"predicted": predicted, "observed": observed, "lower": low, "upper": high}.items():
+        bins[name] = np.divide(values, count, out=np.full(PROBABILITY_BINS, np.nan), where=full)
     by_term = pd.DataFrame(
         {
             "expected": probability.sum(axis=0),
@@ -82,19 +64,15 @@ def reliability(
         },
         index=pd.Index(list(terms), name="term"),
     )
-    # A ulp of rounding must not decide whether a simulated error counts as large.
+    # Rounding must not decide whether a simulated error counts as large.
     p = (1 + np.sum(by_chance >= ece * (1 - 1e-12))) / (SIMULATIONS + 1)
     return Reliability(bins, by_term, ece, float(by_chance.mean()), float(p))
 
 
 def poisson_binomial_p(hits: int, probability: Float[np.ndarray, " n"]) -> float:
-    """Two-sided p-value of a number of successes in independent trials with different probabilities.
+    """Return the two-sided p-value of a number of successes in independent trials with different probabilities.
 
-    The binomial test for unequal probabilities: twice the smaller tail, from the exact distribution by convolution.
-
-    Args:
-        hits: Number of successes.
-        probability: Probability of success in each trial.
+    This is the binomial test for unequal probabilities: twice the smaller tail of the exact distribution.
     """
     distribution = np.ones(1)
     for p in probability:

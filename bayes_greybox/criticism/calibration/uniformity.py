@@ -1,4 +1,4 @@
-"""Are these values uniform: the ECDF, its simultaneous band, and the exact p-value of leaving it."""
+"""Uniformity of values: the ECDF, its simultaneous band, and the exact p-value of leaving it."""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -8,17 +8,11 @@ from jaxtyping import Float
 from scipy.stats import binom
 
 EVALUATION_POINTS = 100
-"""The ECDF is looked at in at most so many places."""
+"""Most points at which the ECDF is evaluated."""
 
 
 class Band(NamedTuple):
-    """Simultaneous band of the ECDF of uniform values.
-
-    Attributes:
-        at: Where the ECDF is looked at, in (0, 1).
-        lower: Least value of the ECDF there, less `at`.
-        upper: Largest.
-    """
+    """Simultaneous band of F̂(z) − z, the ECDF of uniform values less their distribution, at points z in (0, 1)."""
 
     at: Float[np.ndarray, " n_point"]
     lower: Float[np.ndarray, " n_point"]
@@ -26,44 +20,36 @@ class Band(NamedTuple):
 
 
 def evaluation_points(n_value: int) -> Float[np.ndarray, " n_point"]:
-    """1/K, …, (K − 1)/K with K the smaller of the number of values and `EVALUATION_POINTS`."""
+    """Return 1/K, …, (K − 1)/K with K the smaller of the number of values and `EVALUATION_POINTS`."""
     n_point = max(min(n_value, EVALUATION_POINTS), 2)
     return np.arange(1, n_point) / n_point
 
 
 def ecdf_difference(values: Float[np.ndarray, " n_value"]) -> Float[np.ndarray, " n_point"]:
-    """F̂(z) − z at the evaluation points."""
+    """Return F̂(z) − z at the evaluation points."""
     at = evaluation_points(len(values))
     return np.searchsorted(np.sort(values), at, side="right") / len(values) - at
 
 
 def uniformity_p(values: Float[np.ndarray, " n_value"]) -> float:
-    """Exact p-value of the largest pointwise deviation of the ECDF from that of uniform values.
+    """Return the exact p-value of the largest pointwise deviation of the ECDF from that of uniform values.
 
     The statistic is the least of the two-sided binomial tail probabilities over the evaluation points,
     γ = 2 min_i min{Bin(R_i | N, z_i), 1 − Bin(R_i − 1 | N, z_i)} (Säilynoja, Bürkner & Vehtari 2022, Eq. 11), and its
-    distribution follows by recursion over the points (their Sec. 2.3), so no simulation enters.
-
-    Args:
-        values: In [0, 1].
+    distribution follows by recursion over the points (their Sec. 2.3), without simulation.
     """
     n = len(values)
     at = evaluation_points(n)
     counts = np.searchsorted(np.sort(values), at, side="right")
     tails = np.minimum(binom.cdf(counts, n, at), binom.sf(counts - 1, n, at))
     gamma = float(min(1.0, 2 * tails.min()))
-    # Data on the very edge of a band leave it: γ is the level at which they just do.
+    # Data on the edge of a band count as outside: γ is the level at which they just are.
     return 1.0 - _inside(n, gamma * (1 + 1e-9))
 
 
 @lru_cache(maxsize=64)
 def simultaneous_band(n_value: int, level: float) -> Band:
-    """The band that the whole ECDF of uniform values leaves with probability `level` at most.
-
-    Args:
-        n_value: Number of values.
-        level: Probability of leaving it anywhere.
-    """
+    """Return the band that the ECDF of uniform values leaves anywhere with probability `level` at most."""
     at = evaluation_points(n_value)
     # Bonferroni's γ is too small and the level itself too large; the probability steps, and `low` is the safe side.
     low, high = level / (2 * len(at)), level
@@ -75,21 +61,21 @@ def simultaneous_band(n_value: int, level: float) -> Band:
 
 
 def _pointwise(n: int, gamma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest count at each point whose two-sided tail probability is at least γ."""
+    """Return the least and largest count at each point whose two-sided tail probability is at least γ."""
     inside = _tails(n) >= gamma
     return np.argmax(inside, axis=0), n - np.argmax(inside[::-1], axis=0)
 
 
 @lru_cache(maxsize=16)
 def _tails(n: int) -> Float[np.ndarray, "n_count n_point"]:
-    """Two-sided tail probabilities of all counts at each point."""
+    """Return the two-sided tail probabilities of all counts at each point."""
     counts, at = np.arange(n + 1)[:, None], evaluation_points(n)
     return 2 * np.minimum(binom.cdf(counts, n, at), binom.sf(counts - 1, n, at))
 
 
 @lru_cache(maxsize=4096)
 def _inside(n: int, gamma: float) -> float:
-    """Probability that all counts of n uniform values lie in the pointwise bands of level γ.
+    """Return the probability that all counts of n uniform values lie in the pointwise bands of level γ.
 
     P(R_i = r) = Σ_s P(R_{i−1} = s) Bin(r − s | n − s, (z_i − z_{i−1})/(1 − z_{i−1})), over s and r inside.
     """

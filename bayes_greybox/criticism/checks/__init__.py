@@ -1,1 +1,1 @@
-"""Is the noise model right, and who decides, data or prior: checks of what a fit claims."""
+"""Checks of a fit: the noise model, and the influence of the prior beside the data."""

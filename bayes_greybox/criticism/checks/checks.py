@@ -1,4 +1,4 @@
-"""What a fit claims, checked, in one table: is the noise model right, and who decides, data or prior."""
+"""All checks of a fit in one table: the noise model, and the influence of the prior beside the data."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -14,10 +14,9 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.running.stages import stage
 
-from .loo_pit import LooPit, loo_pit
+from .loo_pit import TEST_LEVEL, LooPit, loo_pit
 from .other_noise import suggestion
-from .p_values import LEVEL
-from .sensitivity import CONFLICT, DOMINANT, THRESHOLD, sensitivity
+from .sensitivity import CONFLICT, DOMINANT, SENSITIVITY_THRESHOLD, sensitivity
 from .whiteness import Whiteness, whiteness
 
 
@@ -26,12 +25,11 @@ class Checks:
     """Checks of a fit.
 
     Attributes:
-        ok: Whether every check passed.
-        reasons: What failed, one sentence each with what to try, and last the noise that the residuals speak for, where
+        ok: True if every check passed.
+        reasons: Failed checks, one sentence each with what to try, and last the noise that the residuals support if
             LOO-PIT or whiteness failed; empty if `ok`.
-        table: Indexed by (equation, check): ok, value (a p-value, the largest sensitivity to the prior, or k̂ of the
-            exact paths where rows are linear near a model, NaN where that is not known), limit (the level, or the
-            threshold) and reason.
+        table: Table by (equation, check): ok, value (a p-value, the largest sensitivity to the prior, or for linearised
+            rows k̂ of the exact paths, NaN if unknown), limit (the level, or the threshold) and reason.
         loo_pit: LOO-PIT by equation.
         whiteness: Autocorrelation of the residuals by equation.
         sensitivity: Power-scaling sensitivity by (equation, quantity).
@@ -60,14 +58,11 @@ class Checks:
 @remembered
 @threadpool_limits.wrap(limits=1)  # threads inside BLAS take ten times the work for matrices of this size
 def checks(posterior: Posterior) -> Checks:
-    """Check what a fit claims: predictive distributions, white noise, and data that outweigh the prior.
+    """Check the claims of a fit: predictive distributions, white noise, and data that outweigh the prior.
 
     The first two are tests, each of level 1 % on average over the prior (see `loo_pit` and `whiteness` for what that
     assumes); the last compares sensitivities with the threshold of Kallioinen et al. 2024, which has no level. Chains
     that have not converged make all of them unreliable, and `reasons` says so first.
-
-    Args:
-        posterior: Fitted model.
     """
     posterior.require_rows("Checks are made")
     names = tuple(posterior.equations)
@@ -76,19 +71,21 @@ def checks(posterior: Posterior) -> Checks:
     scaled = sensitivity(posterior)
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     for name in names:
-        rows[(name, "LOO-PIT")] = _tested(pits[name].p, _pit_reason(pits[name]))
-        rows[(name, "whiteness")] = _tested(white[name].p, _white_reason(white[name]))
+        for check, p, reason in (
+            ("LOO-PIT", pits[name].p, _pit_reason(pits[name])),
+            ("whiteness", white[name].p, _white_reason(white[name])),
+        ):
+            rows[(name, check)] = _row(p > TEST_LEVEL, p, TEST_LEVEL, reason)
         # Sensitivities are by learned state, of which several may share the rows of one block.
         states = {state for state, _ in posterior.equations[name].frame.labels}
-        own = scaled.loc[[key for key in scaled.index if key[0] in states]]
-        worst = float(own["prior"].max()) if len(own) else 0.0
-        reason = " ".join(_prior_reasons(name, own))
+        sensitivities = scaled.loc[[key for key in scaled.index if key[0] in states]]
+        worst = float(sensitivities["prior"].max()) if len(sensitivities) else 0.0
+        reason = " ".join(_prior_reasons(name, sensitivities))
         if posterior.equations[name].rows.exact is not None:
             with stage("Following exact paths"):
-                bent = linearity(posterior, name)
-            said = "" if bent.ok else _bent_reason(name, bent)
-            rows[(name, "linearity")] = {"ok": bent.ok, "value": bent.khat, "limit": bent.limit, "reason": said}
-        rows[(name, "prior sensitivity")] = {"ok": not reason, "value": worst, "limit": THRESHOLD, "reason": reason}
+                paths = linearity(posterior, name)
+            rows[(name, "linearity")] = _row(paths.ok, paths.khat, paths.limit, _linearity_reason(name, paths))
+        rows[(name, "prior sensitivity")] = _row(not reason, worst, SENSITIVITY_THRESHOLD, reason)
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
     table = pd.DataFrame(list(rows.values()), index=index)
     reasons = [reason for reason in table["reason"] if reason]
@@ -99,9 +96,8 @@ def checks(posterior: Posterior) -> Checks:
     return Checks(not reasons, tuple(reasons), table, pits, white, scaled)
 
 
-def _tested(p: float, reason: str) -> dict[str, Any]:
-    ok = p > LEVEL
-    return {"ok": ok, "value": p, "limit": LEVEL, "reason": "" if ok else reason}
+def _row(ok: bool, value: float, limit: float, reason: str) -> dict[str, Any]:
+    return {"ok": ok, "value": value, "limit": limit, "reason": "" if ok else reason}
 
 
 def _pit_reason(pit: LooPit) -> str:
@@ -139,10 +135,10 @@ def _white_reason(white: Whiteness) -> str:
     )
 
 
-def _bent_reason(equation: str, found: Linearity) -> str:
+def _linearity_reason(equation: str, paths: Linearity) -> str:
     return (
-        f"The samples of {equation!r} are not linear in what was learned within its posterior: {found.elsewhere:.0%} "
-        f"of the exact posterior lies elsewhere (k-hat {found.khat:.2g}). More or better samples, a stated prior for "
+        f"The samples of {equation!r} are not linear in what was learned within its posterior: {paths.elsewhere:.0%} "
+        f"of the exact posterior lies elsewhere (k-hat {paths.khat:.2g}). More or better samples, a stated prior for "
         "a coefficient that is poorly known, or a smaller dictionary narrow the posterior."
     )
 
@@ -156,7 +152,6 @@ def _prior_reasons(equation: str, table: pd.DataFrame) -> Iterator[str]:
             "report the dependence on the prior, or collect data that move it",
         ),
     ):
-        given = table["diagnosis"].to_numpy(str) == diagnosis
-        found = [formula(str(key[1])) for key in table.index[given]]
-        if found:
-            yield f"In {equation!r}, for {', '.join(found)} {words}: {hint}."
+        diagnosed = table.index[table["diagnosis"].to_numpy(str) == diagnosis]
+        if len(diagnosed):
+            yield f"In {equation!r}, for {', '.join(formula(str(key[1])) for key in diagnosed)} {words}: {hint}."

@@ -1,4 +1,4 @@
-"""Power-scaling sensitivity: would θ and P(γ) change if the prior, or the likelihood, counted a little more or less."""
+"""Power-scaling sensitivity: the change of θ and P(γ) when prior or likelihood get a little more or less weight."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.algebra.collapsed import Regression, ridge
 from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
-from bayes_greybox.model.design import Design
+from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
@@ -23,22 +23,22 @@ from bayes_greybox.running.traces import kept
 ALPHAS = (0.99, 1.01)
 """Powers that prior and likelihood are raised to, one at a time."""
 
-THRESHOLD = 0.05
-"""Sensitivities above this are worth a look (Kallioinen et al. 2024): five points of an inclusion probability."""
+SENSITIVITY_THRESHOLD = 0.05
+"""Sensitivity from which on there is a diagnosis (Kallioinen et al. 2024): five points of an inclusion probability."""
 
 LEAST_INCLUDED = 100
-"""Draws that must include a term for its coefficient to have a sensitivity."""
+"""Fewest draws that include a term for which the sensitivity of its coefficient is computed."""
 
-DRAWS = 2000
-"""Posterior draws used."""
+SENSITIVITY_DRAWS = 2000
+"""Most posterior draws used."""
 
-CONFLICT, DOMINANT, FINE = "prior and data pull apart", "the prior decides", "fine"
+CONFLICT, DOMINANT, NOT_SENSITIVE = "prior and data pull apart", "the prior decides", "fine"
 """Diagnoses: both sensitivities high; that of the prior only; neither, or that of the likelihood only."""
 
 
 @dataclass(frozen=True)
 class _Powers:
-    """Log weights of each draw under the four scalings, and P(γ | hyperparameters) recomputed under each.
+    """Log weights of each draw under the four scalings, and P(γ | hyperparameters) under each.
 
     Scalings in the order prior 0.99, prior 1.01, likelihood 0.99, likelihood 1.01; `inclusion` has the unscaled first.
     """
@@ -49,23 +49,22 @@ class _Powers:
 
 
 def sensitivity(posterior: Posterior) -> pd.DataFrame:
-    """Power-scaling sensitivity of every coefficient and inclusion probability (Kallioinen et al. 2024).
+    """Return the power-scaling sensitivity of every coefficient and inclusion probability (Kallioinen et al. 2024).
 
-    The posterior is reweighted to p(θ)^α p(y | θ) and p(θ) p(y | θ)^α for α beside 1. The sensitivity of a coefficient,
-    given that its term is in, is the change of its distribution for each doubling of α (cumulative Jensen-Shannon
-    distance), as in `arviz_stats.psense`. That of an inclusion probability is the change of the probability itself: the
-    distance is relative to the smaller of P and 1 − P, and would ring where 1e-9 becomes 2e-9.
+    The posterior is reweighted to p(θ)^α p(y | θ) and p(θ) p(y | θ)^α for α close to 1. The sensitivity of a
+    coefficient, given that its term is included, is the change of its distribution for each doubling of α (cumulative
+    Jensen-Shannon distance), as in `arviz_stats.psense`. That of an inclusion probability is the change of the
+    probability itself: the distance is relative to the smaller of P and 1 − P, and large if 1e-9 becomes 2e-9.
 
     The prior of a hierarchy is scaled level by level, each normalised again given the level above: every site of the
     model to the power α, N(θ_j; 0, sd_j²) to N(θ_j; 0, sd_j²/α), and π to π^α/(π^α + (1 − π)^α). Without normalising,
     a power of a density over k coefficients would multiply a pattern's weight by a factor that depends on k and on the
-    units. The likelihood is p(y | θ, η) with f integrated out: the sum of the `log_likelihood` group, which holds
-    leave-one-out densities, is not one, so `arviz_stats.psense(fit.idata, group="likelihood")` answers another
-    question.
+    units. The likelihood is p(y | θ, η) with f integrated out. The `log_likelihood` group has leave-one-out densities
+    instead, so `arviz_stats.psense(fit.idata, group="likelihood")` answers another question.
 
     P(γ_j = 1) is recomputed exactly for each draw of the hyperparameters, over all patterns, under every scaling, and
-    averaged with importance weights in which θ and γ are summed out; where γ is sampled by Gibbs the draws of γ are
-    reweighted with those of θ.
+    averaged with importance weights in which θ and γ are summed out; draws of γ by Gibbs moves are reweighted with
+    those of θ.
 
     Returns:
         Table indexed by (equation, quantity), quantities the terms and "P(term)": prior, likelihood, and diagnosis
@@ -75,9 +74,9 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     stats = array_stats()
     for name, equation in posterior.equations.items():
-        index = _thinned(posterior, equation.design.worthwhile(DRAWS))
-        draws = jax.tree.map(lambda leaf: np.asarray(leaf)[index], posterior.draws(name))  # noqa: B023
-        powers = _powers(posterior, name, index)
+        most = equation.design.worthwhile(SENSITIVITY_DRAWS)
+        draws = jax.tree.map(np.asarray, posterior.draws(name, most))
+        powers = _powers(posterior, name, draws, most)
         weights = _normalised(powers.joint)
         labels = equation.frame.labels
         gamma = posterior.drawn().get(posterior.sites[name].gamma)
@@ -99,79 +98,51 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
 
 
 def _row(prior: float, likelihood: float) -> dict[str, Any]:
-    diagnosis = FINE
-    if prior >= THRESHOLD:
-        diagnosis = CONFLICT if likelihood >= THRESHOLD else DOMINANT
+    diagnosis = NOT_SENSITIVE
+    if prior >= SENSITIVITY_THRESHOLD:
+        diagnosis = CONFLICT if likelihood >= SENSITIVITY_THRESHOLD else DOMINANT
     return {"prior": prior, "likelihood": likelihood, "diagnosis": diagnosis}
 
 
 def _of_draws(stats: Any, values: Float[np.ndarray, " n_draw"], weights: Float[np.ndarray, "two n_draw"]) -> float:
-    lower, upper = weights
-    return float(
-        stats.power_scale_sense(
-            values[None],
-            lower[None],
-            upper[None],
-            lower_alpha=ALPHAS[0],
-            upper_alpha=ALPHAS[1],
-            chain_axis=0,
-            draw_axis=1,
-        )
-    )
+    low, high = ALPHAS
+    arrays = values[None], *weights[:, None]
+    return float(stats.power_scale_sense(*arrays, lower_alpha=low, upper_alpha=high, chain_axis=0, draw_axis=1))
 
 
 def _of_probability(scaled: Float[np.ndarray, " two"]) -> float:
-    """Change of the probability for each doubling of α, from the two sides of 1."""
+    """Return the change of the probability for each doubling of α, from the two sides of 1."""
     return float(abs(scaled[1] - scaled[0]) / np.log2(ALPHAS[1] / ALPHAS[0]))
 
 
 def _normalised(log_ratio: Float[np.ndarray, "four n_draw"]) -> Float[np.ndarray, "four n_draw"]:
-    """Importance weights that sum to one; α is so close to 1 that they have no tail to smooth."""
+    """Return importance weights that sum to one; α is so close to 1 that they have no tail to smooth."""
     weights = np.exp(log_ratio - log_ratio.max(axis=1, keepdims=True))
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _thinned(posterior: Posterior, most: int) -> np.ndarray:
-    sizes = posterior.idata["posterior"].sizes
-    n = sizes["chain"] * sizes["draw"]
-    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
-
-
-def _powers(posterior: Posterior, equation: str, index: np.ndarray) -> _Powers:
-    """Log ratios of scaled to unscaled densities, draw by draw."""
-    design = posterior.equations[equation].design
-    draws = posterior.draws(equation)
-    slab_of_draws = posterior.slab(equation)
-    summed = not design.coefficients.bounded and slab_of_draws is not None
-    own = posterior.sites[equation]
+def _powers(posterior: Posterior, equation: str, draws: EquationDraws, most: int) -> _Powers:
+    """Return the log ratios of scaled to unscaled densities, draw by draw."""
+    design, values = posterior.equations[equation].design, posterior.values(equation, most)
+    scales = posterior.slab(equation, most)
+    summed = not design.coefficients.bounded and scales is not None
     if "log_prior" not in posterior.idata.children:
         raise InputError(
             "The fit lacks the group 'log_prior', without which prior and data cannot be told apart: its file was "
             "changed since it was saved; fit and save again."
         )
-    log_prior = posterior.idata["log_prior"].dataset
-    theta_level = (own.theta, own.gamma)
-    names = posterior.sites.owned(equation, map(str, log_prior)).values()
-    sites = [log_prior[n].to_numpy().reshape(-1)[index] for n in names if n not in theta_level]
-    top = np.sum(sites, axis=0) if sites else np.zeros(len(index))
-    has_gamma = own.gamma in posterior.drawn()
-    n_term = draws.theta.shape[1]
-    if slab_of_draws is not None and slab_of_draws.log_odds is not None:
-        slab, odds = (np.asarray(part)[index] for part in (slab_of_draws.sd, slab_of_draws.log_odds))
+    log_prior = posterior.values(equation, most, "log_prior")
+    sites = [value for quantity, value in log_prior.items() if quantity not in ("theta", "gamma")]
+    shape, has_gamma = draws.theta.shape, "gamma" in values
+    top = np.sum(sites, axis=0) if sites else np.zeros(shape[0])
+    if scales is not None and scales.log_odds is not None:
+        slab, odds = np.asarray(scales.sd), np.asarray(scales.log_odds)
     else:
-        # Of a pattern that is a site only its own odds count, which do not depend on the term.
-        slab, odds = np.ones((len(index), n_term)), np.zeros((len(index), n_term))
+        # If the pattern is a site, only its own odds count, which do not depend on the term.
+        slab, odds = np.ones(shape), np.zeros(shape)
         if has_gamma:
-            pi = posterior.idata["posterior"][own.pi].to_numpy().reshape(-1)[index]
-            odds = np.broadcast_to((np.log(pi) - np.log1p(-pi))[:, None], odds.shape)
-    items = (
-        jax.tree.map(lambda leaf: np.asarray(leaf)[index], draws.hyper),
-        draws.theta[index],
-        draws.prior_sd[index],
-        top,
-        slab,
-        odds,
-    )
+            odds = np.broadcast_to((np.log(values["pi"]) - np.log1p(-values["pi"]))[:, None], shape)
+    items = (draws.hyper, draws.theta, draws.prior_sd, top, slab, odds)
     joint, collapsed, inclusion = _evaluated(summed, has_gamma)(design, on_device(items))
     joint = np.asarray(joint).T
     if not summed:
@@ -192,7 +163,7 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         misfit = -0.5 * (jnp.sum((regression.q - regression.T @ away) ** 2) + regression.log_det)
 
         def pattern(alpha: float) -> Array:
-            """Log p_α(γ | π): log π where a term is in, log(1 − π) where it is out."""
+            """Return log p_α(γ | π): log π for an included term, log(1 − π) for an excluded one."""
             return -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -alpha, alpha) * log_odds))
 
         joint = []
@@ -220,14 +191,10 @@ _SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (
 
 
 def _summed(
-    regression: Regression,
-    slab: Float[Array, " n_term"],
-    log_odds: Float[Array, " n_term"],
-    certain: tuple[int, ...],
-    prior: float,
-    likelihood: float,
-) -> tuple[Array, Array]:
-    """Log Σ_γ p_α(γ | π) p_α(y | γ, η) and P(γ_j = 1) under it.
+    regression: Regression, slab: Float[Array, " n_term"], log_odds: Float[Array, " n_term"],
+    certain: tuple[int, ...], prior: float, likelihood: float,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Return log Σ_γ p_α(γ | π) p_α(y | γ, η) and P(γ_j = 1) under it.
 
     p_α(y | γ, η) = ∫ N(θ; 0, τ²/α) p(y | θ, η)^β dθ, α the power of the prior and β that of the likelihood: the
     evidence of the remaining regression with T and q times √β.

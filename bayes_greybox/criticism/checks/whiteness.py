@@ -1,25 +1,25 @@
-"""Is the noise as white as the model says: autocorrelation of whitened residuals over posterior draws."""
+"""Whiteness of the noise: autocorrelation of whitened residuals over posterior draws."""
 
 from dataclasses import dataclass
-from math import sqrt
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import chi2, norm
 
+from bayes_greybox.criticism.cross_validation.folds import lagged_products
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.design import EquationDraws
 
-from .p_values import LEVEL, combined_p
+from .loo_pit import TEST_LEVEL, combined_p
 
-DRAWS = 100
-"""Posterior draws whose residuals are looked at."""
+RESIDUAL_DRAWS = 100
+"""Posterior draws whose residuals are tested."""
 
-ROWS = 20_000
-"""Most whitened rows looked at, the first ones: lags need neighbours."""
+WHITENESS_ROWS = 20_000
+"""Most whitened rows that are tested, the first ones, as lags need neighbours."""
 
-LAGS = 20
-"""Most lags, and a fifth of the rows at most."""
+MOST_LAGS = 20
+"""Most lags; there are at most a fifth of the rows."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Whiteness:
 
     Attributes:
         equation: Learned state.
-        lag: Lags, in rows (in frequencies where the noise is known by frequency only).
+        lag: Lags in rows (in frequencies if the noise is known by frequency only).
         autocorrelation: Mean over posterior draws at each lag.
-        bound: What one autocorrelation exceeds with probability 1 % / number of lags under the model.
+        bound: Value that one autocorrelation exceeds with probability 1 % / number of lags under the model.
         standing_out: Lags whose autocorrelation exceeds its bound in more than half of the draws.
         p: p-value of whiteness; see `whiteness`.
-        by_frequency: Whether the lags are steps of frequency.
+        by_frequency: True if the lags are steps of frequency.
     """
 
     equation: str
@@ -55,23 +55,18 @@ def whiteness(posterior: Posterior, equation: str) -> Whiteness:
 
         Q = Σ_k z_k²,   z_k = r_k n/√n_k·√((n + 2)/n),
 
-    is compared with χ² of as many degrees of freedom as lags. p-values of the draws are combined by twice their median,
-    which keeps the level whatever their dependence. The level holds, as an upper bound, on average over the prior.
+    is compared with χ² of as many degrees of freedom as lags. The p-values of the draws are combined by `combined_p`.
+    The level holds, as an upper bound, on average over the prior.
 
-    Where the derivative is known by its Fourier coefficients only (spectral noise), neighbours in time have no
-    residuals of their own; there the power of neighbouring frequencies is tested, which a wrong spectrum of R would
-    correlate.
-
-    Args:
-        posterior: Fitted model.
-        equation: Learned state.
+    If the derivative is known by its Fourier coefficients only (spectral noise), rows have no residuals of their own.
+    Then the power of neighbouring frequencies is tested, which a wrong spectrum of R would correlate.
     """
     posterior.require_rows("Whiteness is found")
-    residuals, lengths, by_frequency = _whitened(posterior, equation, posterior.draws(equation, DRAWS))
+    residuals, lengths, by_frequency = _whitened(posterior, equation, posterior.draws(equation, RESIDUAL_DRAWS))
     n = residuals.shape[1]
-    lags = np.arange(1, max(2, min(LAGS, n // 5, max(lengths) - 1) + 1))
+    lags = np.arange(1, max(2, min(MOST_LAGS, n // 5, max(lengths) - 1) + 1))
     z, r, bound = _autocorrelation(residuals, lengths, lags)
-    standing_out = lags[np.median(np.abs(z), axis=0) > norm.isf(LEVEL / 2 / len(lags))]
+    standing_out = lags[np.median(np.abs(z), axis=0) > norm.isf(TEST_LEVEL / 2 / len(lags))]
     return Whiteness(
         equation=equation,
         lag=lags,
@@ -86,36 +81,26 @@ def whiteness(posterior: Posterior, equation: str) -> Whiteness:
 def _autocorrelation(
     e: Float[np.ndarray, "n_draw n_row"], lengths: list[int], lags: Int[np.ndarray, " n_lag"]
 ) -> tuple[Float[np.ndarray, "n_draw n_lag"], Float[np.ndarray, "n_draw n_lag"], Float[np.ndarray, " n_lag"]]:
-    """z_k and r_k of every draw, pairs taken within runs only, and the bound of r_k."""
+    """Return z_k and r_k of every draw, with pairs within runs only, and the bound of r_k."""
     n = e.shape[1]
-    starts = np.concatenate([[0], np.cumsum(lengths)])
-    total = np.sum(e**2, axis=1)
-    z, r, bound = [], [], []
-    for lag in lags:
-        products, pairs = np.zeros(len(e)), 0
-        for start, stop in zip(starts[:-1], starts[1:], strict=True):
-            if stop - start > lag:
-                products += np.sum(e[:, start : stop - lag] * e[:, start + lag : stop], axis=1)
-                pairs += int(stop - start - lag)
-        # For n standard normals of known mean r_k has variance n_k/(n (n + 2)).
-        sd = sqrt(max(pairs, 1) / (n * (n + 2)))
-        r.append(products / total)
-        z.append(r[-1] / sd)
-        bound.append(norm.isf(LEVEL / 2 / len(lags)) * sd)
-    return np.stack(z, axis=1), np.stack(r, axis=1), np.array(bound)
+    products, pairs = lagged_products(e, lengths, int(lags[-1]) + 1)
+    r = products[:, lags] / np.sum(e**2, axis=1, keepdims=True)
+    # For n standard normals of known mean r_k has variance n_k/(n (n + 2)).
+    sd = np.sqrt(np.maximum(pairs[lags], 1) / (n * (n + 2)))
+    return r / sd, r, norm.isf(TEST_LEVEL / 2 / len(lags)) * sd
 
 
 def _whitened(
     posterior: Posterior, equation: str, draws: EquationDraws
 ) -> tuple[Float[np.ndarray, "n_draw n_row"], list[int], bool]:
-    """Whitened residuals in units of σ, the length of each stretch, and whether they go along frequency."""
+    """Return whitened residuals in units of σ, the length of each stretch, and True if they go along frequency."""
     entry = posterior.equations[equation]
     noise = entry.rows.noise
-    # Where rows are whitened one by one, no more are evaluated than are looked at.
-    index = slice(ROWS) if noise.local else slice(None)
+    # If rows are whitened one by one, only those that are tested are evaluated.
+    index = slice(WHITENESS_ROWS) if noise.local else slice(None)
     Phi, Psi, y = entry.parts(index)
     residuals = y - draws.theta @ Phi.T - entry.design.at_data(Psi, index, draws)
     white = noise.whiten(residuals.T).T / np.asarray(draws.hyper.sigma)[:, None]
     values, lengths, by_frequency = noise.sequences(white)
-    kept = np.minimum(np.cumsum(lengths), ROWS)
-    return values[:, :ROWS], [int(k) for k in np.diff(kept, prepend=0) if k], by_frequency
+    ends = np.minimum(np.cumsum(lengths), WHITENESS_ROWS)
+    return values[:, :WHITENESS_ROWS], [int(k) for k in np.diff(ends, prepend=0) if k], by_frequency

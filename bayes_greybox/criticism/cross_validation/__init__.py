@@ -1,1 +1,1 @@
-"""How well a model predicts what it has not seen: leave-one-out, blocks, trajectories and the future, from one run."""
+"""Cross-validation from one run: single rows, blocks, trajectories and the future."""

@@ -14,14 +14,11 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.running.errors import InputError
 
 from .cross_validate import cross_validate
-from .folds import SCHEMES, START, Folds, check_scheme, make_folds
-from .loo import Loo
-from .weighted_rows import require_weighted_alike
-
-__all__ = ["SCHEMES", "TIE_NATS", "compare", "comparison_table", "stacking_weights", "tied", "unreliable"]
+from .folds import FUTURE_START, check_scheme, make_folds
+from .loo import Loo, weighted
 
 TIE_NATS = 4.0
-"""Differences smaller than this say little, whatever their standard error (Sivula et al. 2020)."""
+"""Differences smaller than this are inconclusive, whatever their standard error (Sivula et al. 2020)."""
 
 
 def compare(
@@ -29,7 +26,7 @@ def compare(
     scheme: str = "loo",
     *,
     block: int | None = None,
-    start: float = START,
+    start: float = FUTURE_START,
     at_most: int | None = None,
     max_refits: int = 10,
     progress: bool = True,
@@ -41,44 +38,44 @@ def compare(
         scheme: "loo": leave out one observation at a time; "block": contiguous rows; "trajectory": whole runs;
             "future": predict each step of time from all before it (see `cross_validate`).
         block: Rows of a block, or time stamps of a step into the future, the same for all models. None: the longest
-            that any of them asks for, by the autocorrelation of what its dictionary leaves.
-        start: For "future", the share of the time stamps that is only learned from.
+            that any of them needs, by the autocorrelation of the residual of its dictionary.
+        start: Share of the time stamps before the first prediction, for "future".
         at_most: Thin each model's draws evenly to this many; None: all.
-        max_refits: Exact refits of flagged folds for each model; a model that needs more gets none ("future": gets as
-            many).
-        progress: Whether refits of flagged folds show their progress.
+        max_refits: Most exact refits of flagged folds for each model; a model that needs more gets none ("future": gets
+            this many).
+        progress: If true, refits of flagged folds show their progress.
 
     Returns:
         A table indexed by name, best first: elpd and se (nats), elpd_diff (elpd less that of the best model,
         ≤ 0) and diff_se (from the pointwise differences), p_eff, weight (stacking), worst_k (largest Pareto k
-        among folds that were not refitted) and refits. `table.attrs` has "notes", which list what to beware of,
-        "scheme", "block", "folds" (in words) and "threshold" (of Pareto k).
+        among folds that were not refitted) and refits. `table.attrs` has "notes" with warnings, "scheme", "block",
+        "folds" (in words) and "threshold" (of Pareto k).
 
     Raises:
-        InputError: Fewer than two models; an unknown scheme, or one that does not fit the data; fits to different data
-            or different equations; fits with rows weighed by their residuals, and without.
+        InputError: Fewer than two models, a scheme that is unknown or does not suit the data, fits to different data or
+            different equations, or fits of which only some weight rows by their residuals.
     """
     check_scheme(scheme, block, start)
     if len(fits) < 2:
         raise InputError(f"compare needs at least two models, not {len(fits)}: pass {{'name': fit, 'other': fit}}.")
     _require_same_data(fits)
-    require_weighted_alike(fits)
+    _require_weighted_alike(fits)
     chosen = ()
     if scheme in ("block", "future") and block is None:
-        longest = _longest({name: make_folds(fit, scheme, None, start) for name, fit in fits.items()})
+        longest = max((make_folds(fit, scheme, None, start) for fit in fits.values()), key=lambda each: each.block or 0)
         block, chosen = longest.block, longest.notes
     order = tuple(next(iter(fits.values())).equations)
     results = {}
     for name, fit in fits.items():
-        found = cross_validate(
+        result = cross_validate(
             fit, scheme, block=block, start=start, at_most=at_most, max_refits=max_refits, progress=progress
         )
-        results[name] = _in_order(found, tuple(fit.equations), order)
+        results[name] = _in_order(result, tuple(fit.equations), order)
     return comparison_table(results, (*chosen, *_verdict_notes(fits)))
 
 
 def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) -> pd.DataFrame:
-    """The table of `compare` from cross-validation results over the same folds in the same order."""
+    """Return the table of `compare` from cross-validation results over the same folds in the same order."""
     pointwise = np.column_stack([result.pointwise for result in results.values()])
     total = pointwise.sum(axis=0)
     best = int(np.argmax(total))
@@ -106,36 +103,26 @@ def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) ->
 
 
 def tied(table: pd.DataFrame) -> list[str]:
-    """Models that the data do not tell apart from the best.
+    """Return the models in a table of `compare` that the data do not tell apart from the best.
 
-    They are behind by less than `TIE_NATS` or less than twice the standard error of the difference.
-
-    Args:
-        table: What `compare` returns.
+    They are behind by less than `TIE_NATS`, or by less than twice the standard error of the difference.
     """
     gap, se = -table["elpd_diff"].iloc[1:], table["diff_se"].iloc[1:]
     return [str(name) for name in gap.index[(gap < TIE_NATS) | (gap < 2 * se)]]
 
 
 def unreliable(table: pd.DataFrame) -> list[str]:
-    """Models with a Pareto k above the threshold, for which importance sampling cannot be trusted.
-
-    Args:
-        table: What `compare` returns.
-    """
+    """Return the models in a table of `compare` whose Pareto k is too large for importance sampling."""
     return [str(name) for name in table.index[~(table["worst_k"] <= table.attrs["threshold"])]]
 
 
 def stacking_weights(pointwise: Float[np.ndarray, "n_obs n_model"]) -> Float[np.ndarray, " n_model"]:
-    """Weights of the mixture that predicts best: max_w Σ_i log Σ_k w_k exp(elpd_ik) over the simplex.
+    """Return the weights of the mixture that predicts best: max_w Σ_i log Σ_k w_k exp(elpd_ik) over the simplex.
 
-    Yao, Vehtari, Simpson & Gelman 2018, Eq. 6. The problem is concave; its gradient is Σ_i p_ik / Σ_j w_j
-    p_ij.
-
-    Args:
-        pointwise: elpd of each observation under each model, nats.
+    Yao, Vehtari, Simpson & Gelman 2018, Eq. 6. The problem is concave; its gradient is Σ_i p_ik / Σ_j w_j p_ij.
+    `pointwise` are elpd of each observation under each model, in nats.
     """
-    # Each row's scale is free; with the largest at one nothing overflows.
+    # The scale of each row is free; with the largest at one nothing overflows.
     density = np.exp(pointwise - pointwise.max(axis=1, keepdims=True))
     n_model = density.shape[1]
 
@@ -156,6 +143,17 @@ def stacking_weights(pointwise: Float[np.ndarray, "n_obs n_model"]) -> Float[np.
     return weights / weights.sum()
 
 
+def _require_weighted_alike(fits: Mapping[str, Posterior]) -> None:
+    kinds = {name: weighted(fit) for name, fit in fits.items()}
+    if any(kinds.values()) and not all(kinds.values()):
+        (heavy, *_), (plain, *_) = ([n for n, w in kinds.items() if w is which] for which in (True, False))
+        raise InputError(
+            f"compare: {heavy!r} has Noise(tails=...), which weighs each row by its own residual and so predicts what "
+            f"it has seen, and {plain!r} has not: fit all with the same Noise(tails=4.0), say, or all without, and ask "
+            "fit.checks() which noise the data want."
+        )
+
+
 def _require_same_data(fits: Mapping[str, Posterior]) -> None:
     (first, reference), *others = fits.items()
     for name, fit in others:
@@ -168,7 +166,7 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             )
         if fit.data.n_obs != reference.data.n_obs:
             raise InputError(f"{pair}: {reference.data.n_obs} rows against {fit.data.n_obs}; {remedy}")
-        # Of rows in chunks the data are some: those of two fits may be the same where all rows are not.
+        # The data of a stream are a sample, which may be the same for different streams.
         if fit.n_obs != reference.n_obs:
             raise InputError(
                 f"{pair}: {reference.n_obs:,} rows, of which some are looked at, against {fit.n_obs:,}; {remedy}"
@@ -179,13 +177,10 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             one, other = (each.equations[equation].rows.n_row for each in (reference, fit))
             if one != other:
                 raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
-        columns = {"time": (reference.data.time, fit.data.time)} | {
-            f"{_measured(reference, equation)} {equation!r}": (
-                reference.equations[equation].rows.shown,
-                fit.equations[equation].rows.shown,
-            )
-            for equation in reference.equations
-        }
+        columns = {"time": (reference.data.time, fit.data.time)}
+        for equation, entry in reference.equations.items():
+            kind = "the output" if entry.rows.output else "the derivative of"
+            columns[f"{kind} {equation!r}"] = (entry.rows.shown, fit.equations[equation].rows.shown)
         for what, (one, other) in columns.items():
             if not np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max()):
                 if what != "time" and _same_samples(reference.data, fit.data):
@@ -204,20 +199,15 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
 
 
 def _same_samples(one: Trajectories, other: Trajectories) -> bool:
-    """Whether both are completed from samples, and from the same."""
+    """Return True if both data sets come from samples, and from the same."""
     if one.samples is None or other.samples is None:
         return False
     pairs = [(each.matrix(each.state_names), each.state_names) for each in (one.samples, other.samples)]
     return pairs[0][1] == pairs[1][1] and np.array_equal(pairs[0][0], pairs[1][0])
 
 
-def _measured(fit: Posterior, equation: str) -> str:
-    """What stands before the name of an equation."""
-    return "the output" if fit.equations[equation].rows.output else "the derivative of"
-
-
 def _in_order(result: Loo, equations: Sequence[str], order: Sequence[str]) -> Loo:
-    """The folds of the equations in another order, so that the same fold stands in the same place for all models."""
+    """Order the folds by equation, so that each fold has the same place for all models."""
     places = [equations.index(name) for name in order]
     index = np.concatenate([np.flatnonzero(result.equation == place) for place in places])
     folds = {name: getattr(result, name)[index] for name in ("pointwise", "khat", "refitted", "row")}
@@ -225,15 +215,11 @@ def _in_order(result: Loo, equations: Sequence[str], order: Sequence[str]) -> Lo
     return replace(result, **folds, equation=np.argsort(places)[result.equation[index]], r_eff=r_eff)
 
 
-def _longest(folds: Mapping[str, Folds]) -> Folds:
-    return max(folds.values(), key=lambda found: found.block or 0)
-
-
 def _model_notes(results: Mapping[str, Loo]) -> list[str]:
-    """Notes of each model under its name; what holds for all of them once."""
+    """Return the notes of each model under its name, and notes of all models once."""
     shared = [note for note in next(iter(results.values())).notes if all(note in r.notes for r in results.values())]
-    own = [f"{name}: {note}" for name, r in results.items() for note in r.notes if note not in shared]
-    return [*(f"all models: {note}" for note in shared), *own] if len(results) > 1 else own
+    further = [f"{name}: {note}" for name, r in results.items() for note in r.notes if note not in shared]
+    return [*(f"all models: {note}" for note in shared), *further] if len(results) > 1 else further
 
 
 def _verdict_notes(fits: Mapping[str, Posterior]) -> tuple[str, ...]:

@@ -2,10 +2,9 @@
 
 from bayes_greybox.inference.posterior import Posterior
 
-from .folds import START, check_scheme, make_folds
+from .folds import FUTURE_START, check_scheme, make_folds
 from .leave_future_out import leave_future_out
-from .loo import Loo, Refit, leave_folds_out, loo
-from .refits import refit_without
+from .loo import Loo, Refit, leave_folds_out, loo, refit_without
 
 
 def cross_validate(
@@ -13,31 +12,31 @@ def cross_validate(
     scheme: str = "loo",
     *,
     block: int | None = None,
-    start: float = START,
+    start: float = FUTURE_START,
     at_most: int | None = None,
     refit: Refit | None = refit_without,
     max_refits: int = 10,
     progress: bool = True,
 ) -> Loo:
-    """Expected log predictive density of what is left out, from one run.
+    """Estimate the expected log predictive density of rows that are left out, from one run.
 
     Args:
         posterior: Fitted model.
-        scheme: "loo": one row at a time. "block": contiguous rows, for time series, whose neighbours give a row away.
+        scheme: "loo": one row at a time. "block": contiguous rows, for time series, whose neighbours predict a row.
             "trajectory": whole runs. "future": each step of time from all before it.
         block: Rows of a block, or time stamps of a step into the future; None: chosen from the autocorrelation of
-            what the dictionary leaves, and stated in the result's notes.
-        start: For "future", the share of the time stamps that is only learned from.
+            the residual of the dictionary, and stated in the result's notes.
+        start: Share of the time stamps before the first prediction, for "future".
         at_most: Thin the draws evenly to this many; None: all.
-        refit: How to fit again where Pareto k̂ is too large; None: not at all.
-        max_refits: Most refits. With more folds in need of one, "future" makes as many, the other schemes none.
-        progress: Whether refits show their progress.
+        refit: Function that fits again without folds whose Pareto k̂ is too large; None: no refits.
+        max_refits: Most refits. If more folds need one, "future" makes this many, the other schemes none.
+        progress: If true, refits show their progress.
 
     Returns:
-        The result; its notes say what was chosen and what to beware of.
+        The result; its notes have choices and warnings.
 
     Raises:
-        InputError: A scheme or block that does not fit the data; fewer than 25 draws.
+        InputError: The scheme or block does not suit the data, or there are fewer than 25 draws.
     """
     check_scheme(scheme, block, start)
     if scheme == "loo":

@@ -1,4 +1,4 @@
-"""Densities of folds given the others, or given their past, in closed form given the hyperparameters."""
+"""Densities of folds given the others, or given their past; closed forms given the hyperparameters."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ Members = Sequence[Int[np.ndarray, " _"]]
 
 
 class _Fold(NamedTuple):
-    """Folds filled up to one size: their rows, which of them count, and (R⁻¹)_FF."""
+    """Folds padded to one size: rows, which of them count, and (R⁻¹)_FF."""
 
     number: Int[Array, "n_fold size"]
     counts: Bool[Array, "n_fold size"]
@@ -33,41 +33,29 @@ class _Fold(NamedTuple):
 
 
 def fold_densities(
-    posterior: Posterior,
-    equation: str,
-    parameters: tuple[Hyperparameters, Scales],
-    folds: Members,
+    posterior: Posterior, equation: str, parameters: tuple[Hyperparameters, Scales], folds: Members,
     index: np.ndarray | None = None,
-) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
-    """Densities log p(y_F | y₋F, η) of every fold and draw, θ and f integrated out.
+) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:  # fmt: skip
+    """Yield numbers of folds, and log p(y_F | y₋F, η) of these and every draw, θ and f integrated out; user's units.
 
     With g = C⁻¹y and P = (C⁻¹)_FF,
 
         log p(y_F | y₋F, η) = ½ log|P| − ½ g_Fᵀ P⁻¹ g_F − ½ |F| log 2π,
 
     the block form of Sundararajan & Keerthi 2001. On the feature path P = σ⁻² ((R⁻¹)_FF − H_FᵀH_F) by Woodbury's
-    identity, so a draw costs N (K + M)², as for single rows. Folds with more rows than there are columns have
-    instead log p(y) − log p(y₋F), each a problem of order K + M.
+    identity, so a draw costs N (K + M)², as for single rows. For folds with more rows than there are columns this is
+    log p(y) − log p(y₋F), each a problem of order K + M.
 
-    Under a spike-and-slab prior whose patterns the sampler summed they are summed here too, with and without the fold:
-    a fold that alone decides about a term would need weights that the drawn patterns cannot give. With u ~ N(m, V) the
-    coefficients over τ given y if all terms are in, and J = cov(u, y) C⁻¹,
+    If the sampler summed over the patterns of a spike-and-slab prior, they are summed here too, with and without the
+    fold: no weights of drawn patterns could represent a fold that alone decides about a term. With u ~ N(m, V) the
+    coefficients over τ given y if all terms are included, and J = cov(u, y) C⁻¹,
 
         m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
-    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are given with η; so
-    are patterns and coefficients where any of these has bounds.
-
-    Args:
-        posterior: Gives data, frame and design.
-        equation: Learned state.
-        parameters: From `fold_parameters`, which may be of another run.
-        folds: Observations of each fold, in increasing order.
-        index: Numbers of the folds wanted; None: all.
-
-    Yields:
-        Numbers of some folds, and their densities in user's units.
+    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are conditioned on
+    like η; so are patterns and coefficients if any of these has bounds. The draws, from `fold_parameters`, may be those
+    of another run.
     """
     index = np.arange(len(folds)) if index is None else index
     entry = posterior.equations[equation]
@@ -83,7 +71,7 @@ def fold_densities(
     together = min(max(1, ROW_BLOCK // size), len(index))
     for start in range(0, len(index), together):
         part = index[start : start + together]
-        # A short last block is filled up, so that it does not compile anew.
+        # A short last block is padded, so that it needs no compilation.
         padded = np.concatenate([part, np.full(together - len(part), part[-1])])
         numbers, counts = _stack([folds[i] for i in padded], size)
         stacked = _Fold(jnp.asarray(numbers), jnp.asarray(counts), jnp.asarray(blocks(numbers)))
@@ -92,23 +80,13 @@ def fold_densities(
 
 
 def past_densities(
-    posterior: Posterior,
-    equation: str,
-    parameters: tuple[Hyperparameters, Scales],
-    first: Int[np.ndarray, " n_past"],
-    folds: Members,
-) -> Float[np.ndarray, "n_draw n_fold_and_1"]:
-    """Densities log p(y_A | η) of the first rows A, and of these with one, two, … folds more, user's units.
+    posterior: Posterior, equation: str, parameters: tuple[Hyperparameters, Scales],
+    first: Int[np.ndarray, " n_past"], folds: Members,
+) -> Float[np.ndarray, "n_draw n_fold_and_1"]:  # fmt: skip
+    """Return the densities log p(y_A | η) of the first rows A, and of A with one, two, … folds more, user's units.
 
-    Their differences are log p(y_F | y_past, η) of each fold; patterns are summed as in `fold_densities`. On the exact
-    path one Cholesky factorisation of K⊥ + σ²R in the order of time serves them all.
-
-    Args:
-        posterior: Gives data, frame and design.
-        equation: Learned state.
-        parameters: From `fold_parameters`, which may be of another run.
-        first: Rows before the first fold, which hold the start of each run.
-        folds: Rows of each fold, in order of time.
+    Their differences are log p(y_F | y_past, η) of each fold, which are in order of time; patterns are summed as in
+    `fold_densities`. On the exact path one Cholesky factorisation of K⊥ + σ²R in the order of time serves all.
     """
     entry = posterior.equations[equation]
     counts = len(first) + np.cumsum([0, *map(len, folds)])
@@ -124,32 +102,21 @@ def past_densities(
 
 
 def fold_parameters(posterior: Posterior, equation: str, at_most: int | None = None) -> tuple[Hyperparameters, Scales]:
-    """η and the scales of θ, stacked over draws: those of the slab with odds where the patterns are summed.
-
-    Args:
-        posterior: Whose draws.
-        equation: Learned state.
-        at_most: Thin the draws evenly to this many; None: all.
-    """
+    """Return η and the scales of θ, stacked over draws: those of the slab with odds if the patterns are summed."""
     draws, summed = posterior.draws(equation, at_most), posterior.summed(equation, at_most)
     scales = Scales(jnp.asarray(draws.spread), mean=jnp.asarray(draws.mean)) if summed is None else summed
     return jax.tree.map(jnp.asarray, draws.hyper), scales
 
 
 def subset_density(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Float[np.ndarray, " n_draw"]:
-    """Log p(y_A | η) of the rows of a design, scaled units.
-
-    Args:
-        design: The rows.
-        parameters: From `fold_parameters`.
-    """
+    """Return log p(y_A | η) of the rows of a design, scaled units."""
     return np.asarray(_subset(design.padded(), parameters))
 
 
 def _stack(
     folds: list[Int[np.ndarray, " _"]], size: int
 ) -> tuple[Int[np.ndarray, "n_fold size"], Bool[np.ndarray, "n_fold size"]]:
-    """Rows of the folds, filled up to one size, and which of them count."""
+    """Pad the folds to one size; return their rows and which of them count."""
     index = np.stack([np.concatenate([fold, np.full(size - len(fold), fold[-1])]) for fold in folds])
     return index, np.arange(size) < np.array([[len(fold)] for fold in folds])
 
@@ -161,17 +128,17 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
 
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
         hyper, (sd, log_odds, mean, _) = item
-        own = design if mean is None else design.beside(mean)
-        root = own.root(rows if mean is None else rows.beside(mean), hyper, sd)
+        centred = design if mean is None else design.beside(mean)
+        root = centred.root(rows if mean is None else rows.beside(mean), hyper, sd)
         H, g = root.H.T.reshape(n_fold, size, -1), root.g.reshape(n_fold, size)
         J = root.J.T.reshape(n_fold, size, n_term)
-        posterior = ridge(own.remove_discrepancy(own.y, hyper)[0], sd, design.n_obs)
+        posterior = ridge(centred.remove_discrepancy(centred.y, hyper)[0], sd, design.n_obs)
         m, V, certain = posterior.mean, posterior.covariance, design.coefficients.certain
 
         def fold(item: tuple[Array, Array, Array, Array, Array]) -> Array:
             H, g, J, counts, precision = item
             P = design.inverse(H, H, precision, hyper)
-            # Rows that only fill up are independent, with unit variance and no residual.
+            # Padding rows are independent, with unit variance and no residual.
             P = jnp.where(counts[:, None] & counts, P, jnp.eye(size))
             L = jnp.linalg.cholesky(P)
             z = solve_lower(L, jnp.where(counts, g, 0.0))

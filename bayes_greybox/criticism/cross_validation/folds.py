@@ -1,4 +1,4 @@
-"""Which observations are left out together: blocks, whole trajectories, or the future."""
+"""Observations that are left out together: blocks, whole trajectories, or the future."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -16,16 +16,16 @@ SCHEMES = ("loo", "block", "trajectory", "future")
 """Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""
 
 LEAST_BLOCKS = 10
-"""Blocks of a length that the package chooses are short enough to be at least so many."""
+"""Fewest blocks of a length that the package chooses."""
 
 MOST_FUTURES = 20
-"""Steps into the future that the package chooses are long enough to be at most so many."""
+"""Most steps into the future of a length that the package chooses."""
 
-WHITE = 1.96
-"""Standard deviations of an autocorrelation within which it passes for that of white noise."""
+WHITE_BOUND = 1.96
+"""Standard deviations within which an autocorrelation passes for that of white noise."""
 
-START = 0.5
-"""Share of the time stamps that leave-future-out only learns from."""
+FUTURE_START = 0.5
+"""Share of the time stamps before the first prediction of leave-future-out."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +34,12 @@ class Folds:
 
     Attributes:
         scheme: "block", "trajectory" or "future".
-        members: For each equation, the observations of each fold (rows of the data; whitened coefficients where
-            the rows' noise is singular).
-        past: For "future", the observations before the first fold; the past of a later one has the folds between
-            as well.
+        members: Observations of each fold, by equation (rows of the data; whitened coefficients if the rows' noise is
+            singular).
+        past: Observations before the first fold, for "future"; the past of a later fold has those in between too.
         block: Rows of a block (block), or time stamps of a step (future).
         words: The folds in words, such as "7 blocks of 20 rows".
-        notes: Sentences on how they were chosen.
+        notes: Sentences on the choice of the folds.
     """
 
     scheme: str
@@ -51,22 +50,21 @@ class Folds:
     notes: tuple[str, ...] = ()
 
 
-def make_folds(posterior: Posterior, scheme: str, block: int | None = None, start: float = START) -> Folds:
+def make_folds(posterior: Posterior, scheme: str, block: int | None = None, start: float = FUTURE_START) -> Folds:
     """Divide the data.
 
     A block is contiguous rows of one run; every run is cut evenly. The future goes by time stamps: the past of a
-    fold is every row, of whichever run, that was stamped before it. Runs that share a clock thus advance
-    together, runs that followed each other are predicted one after the other. Where several sensors were sampled,
-    what is left out is left out of all of them.
+    fold is every row, of whichever run, with an earlier stamp. Runs that share a clock thus advance together, and
+    runs that followed each other are predicted one after the other. A fold covers all sensors.
 
     Args:
         posterior: Fitted model.
         scheme: "block", "trajectory" or "future".
         block: Rows of a block, or time stamps of a step; None: from `correlation_length`.
-        start: For "future", the share of the time stamps before the first fold.
+        start: Share of the time stamps before the first fold, for "future".
 
     Raises:
-        InputError: Data that cannot be divided so; the message says why and what to do.
+        InputError: The data cannot be divided so; the message has the remedy.
     """
     data = posterior.data
     require_divisible(data, tuple(posterior.equations), scheme)
@@ -78,16 +76,16 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
     if scheme == "future":
         stamps, stamp = np.unique(first_rows.time, return_inverse=True)
         first = min(max(1, math.ceil(start * len(stamps))), len(stamps) - 1)
-        left = len(stamps) - first
+        n_future = len(stamps) - first
         if block is None:
             block, reason = chosen_block(posterior)
-            coarse = math.ceil(left / MOST_FUTURES)
+            coarse = math.ceil(n_future / MOST_FUTURES)
             if coarse > block:
                 block, reason = coarse, f"so that there are no more than {MOST_FUTURES} steps"
-            if block > left // 2 > 0:
-                block, reason = left // 2, "half of what is predicted, though residuals are correlated for longer"
+            if block > n_future // 2 > 0:
+                block, reason = n_future // 2, "half of what is predicted, though residuals are correlated for longer"
             notes = (f"Steps of {_count(block, 'time stamp')} were chosen, {reason}.",)
-        pieces = np.array_split(first + np.arange(left), math.ceil(left / block))
+        pieces = np.array_split(first + np.arange(n_future), math.ceil(n_future / block))
         rows = tuple(np.flatnonzero((stamp >= piece[0]) & (stamp <= piece[-1])) for piece in pieces)
         past = np.flatnonzero(stamp < first)
         words = f"{_count(len(rows), 'step')} of up to {_count(block, 'time stamp')} into the future"
@@ -96,7 +94,7 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
             block, reason = chosen_block(posterior)
             notes = (f"Blocks of {_count(block, 'row')} were chosen, {reason}.",)
         stretches, runs = _stretches(first_rows, data)
-        # What one sensor shows, others that stay would give away.
+        # All sensors, as one that stays would give the others away.
         rows = tuple(
             np.concatenate(parts)
             for run in np.unique(runs)
@@ -112,7 +110,7 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
 
 
 def chosen_block(posterior: Posterior) -> tuple[int, str]:
-    """Length of blocks in rows from the longest `correlation_length` of an equation, and the reason in words."""
+    """Return a length of blocks from the longest `correlation_length` of an equation, and the reason in words."""
     lengths = {name: correlation_length(posterior, name) for name in posterior.equations}
     name = max(lengths, key=lambda name: lengths[name])
     most = max(1, posterior.equations[name].rows.n_row // LEAST_BLOCKS)
@@ -123,37 +121,34 @@ def chosen_block(posterior: Posterior) -> tuple[int, str]:
 
 
 def correlation_length(posterior: Posterior, equation: str) -> int:
-    """Least lag k from which on the autocorrelation of y − g − Φᵀθ̄ is within that of white noise.
+    """Return the least lag k from which on the autocorrelation of y − g − Φᵀθ̄ is within that of white noise.
 
     At k itself |ρ_k| < 1.96/√n, and over the lags k … 2k − 1 the mean of n_j ρ_j², of n_j pairs, is below
-    1.96² (1 + 2 Σ_{j<k} ρ_j²), of which the bracket is n_j times the variance of ρ_j (Bartlett 1946): an oscillating
-    residual has no correlation a quarter period apart and is the same again after a half.
+    1.96² (1 + 2 Σ_{j<k} ρ_j²), whose bracket is n_j times the variance of ρ_j (Bartlett 1946): an oscillating residual
+    is uncorrelated a quarter period apart, but not half a period apart.
 
-    f is part of this residual: where it varies slowly, a row's neighbours predict it, and a block must be longer than
-    that to tell what the model knows from what it reads off beside. The search ends at a tenth of the rows.
+    f is part of this residual: if it varies slowly, neighbours predict a row, and blocks must be longer for the
+    prediction to come from the model. The search ends at a tenth of the rows.
     """
-    residual = _residual(posterior, equation)
+    entry = posterior.equations[equation]
+    Phi, _, y = entry.parts()
+    residual = y - Phi @ posterior.draws(equation).theta.mean(axis=0)
     n = len(residual)
     most = max(1, n // LEAST_BLOCKS)
-    rho, pairs = _autocorrelation(
-        residual - residual.mean(), posterior.equations[equation].rows.noise.run_lengths, 2 * most
-    )
-    # n_j ρ_j² with ρ_j per pair; lags longer than every run have no pairs, and nothing to hang together.
+    products, pairs = lagged_products(residual - residual.mean(), entry.rows.noise.run_lengths, 2 * most)
+    rho = products / max(products[0], np.finfo(float).tiny)
+    # n_j ρ_j² with ρ_j per pair; lags longer than every run have no pairs.
     scaled = np.cumsum(np.where(pairs > 0, (n * rho) ** 2 / np.maximum(pairs, 1), 0.0))
     scatter = np.cumsum(rho**2)
     for lag in range(1, most):
-        bound = WHITE**2 * (1 + 2 * (scatter[lag - 1] - scatter[0]))
-        if abs(rho[lag]) < WHITE / math.sqrt(n) and scaled[2 * lag - 1] - scaled[lag - 1] < lag * bound:
+        bound = WHITE_BOUND**2 * (1 + 2 * (scatter[lag - 1] - scatter[0]))
+        if abs(rho[lag]) < WHITE_BOUND / math.sqrt(n) and scaled[2 * lag - 1] - scaled[lag - 1] < lag * bound:
             return lag
     return most
 
 
 def check_scheme(scheme: str, block: int | None, start: float) -> None:
-    """Refuse settings that name no division.
-
-    Raises:
-        InputError: An unknown scheme; a block that is not a positive whole number, or that does not apply.
-    """
+    """Raise InputError for an unknown scheme, or for a block that is no positive number or does not apply."""
     if scheme not in SCHEMES:
         raise InputError(f"scheme={scheme!r} is not known: choose one of {', '.join(map(repr, SCHEMES))}.")
     if block is not None and scheme in ("loo", "trajectory"):
@@ -165,11 +160,7 @@ def check_scheme(scheme: str, block: int | None, start: float) -> None:
 
 
 def require_divisible(data: Trajectories, equations: Sequence[str], scheme: str) -> None:
-    """Refuse data that a scheme cannot divide; called before anything is sampled where that is possible.
-
-    Raises:
-        InputError: One trajectory where whole ones are to be left out; rows without a density of their own.
-    """
+    """Require several trajectories, or rows with a density of their own, as the scheme needs, or raise InputError."""
     if scheme == "trajectory" and data.n_run < 2:
         raise InputError("scheme='trajectory' leaves out whole runs, and the data have one: use scheme='block'.")
     for name in equations if scheme in ("block", "future") else ():
@@ -187,8 +178,8 @@ def _trajectories(posterior: Posterior) -> Folds:
     for name, entry in posterior.equations.items():
         _, runs = _stretches(entry.rows, data)
         white = np.array(entry.rows.noise.white_lengths)[np.array(entry.rows.noise.run_lengths) > 0]
-        of = np.repeat(runs, white)
-        members[name] = tuple(np.flatnonzero(of == run) for run in np.unique(of))
+        run_of = np.repeat(runs, white)
+        members[name] = tuple(np.flatnonzero(run_of == run) for run in np.unique(run_of))
     number = min(map(len, members.values()))
     if number < 2:
         raise InputError("Rows of one trajectory are all that there are: leave none of them out whole.")
@@ -202,7 +193,7 @@ def _trajectories(posterior: Posterior) -> Folds:
 def _stretches(
     rows: EquationRows, data: Trajectories
 ) -> tuple[list[Int[np.ndarray, " _"]], Int[np.ndarray, " n_stretch"]]:
-    """Rows of each stretch of the noise, a run of one sensor, and the run of the data that it is of."""
+    """Return the rows of each stretch of the noise, a run of one sensor, and the run of the data it belongs to."""
     ends = np.cumsum(rows.noise.run_lengths)
     stretches = [np.arange(end - n, end) for end, n in zip(ends, rows.noise.run_lengths, strict=True) if n]
     return stretches, data.run[rows.sample[[stretch[0] for stretch in stretches]]]
@@ -212,24 +203,19 @@ def _cut(rows: Int[np.ndarray, " n"], block: int) -> list[Int[np.ndarray, " _"]]
     return np.array_split(rows, math.ceil(len(rows) / block))
 
 
-def _residual(posterior: Posterior, equation: str) -> Float[np.ndarray, " n_row"]:
-    entry = posterior.equations[equation]
-    Phi, _, y = entry.parts()
-    return y - Phi @ posterior.draws(equation).theta.mean(axis=0)
-
-
-def _autocorrelation(
-    residual: Float[np.ndarray, " n_obs"], lengths: Sequence[int], n_lag: int
-) -> tuple[Float[np.ndarray, " n_lag"], Int[np.ndarray, " n_lag"]]:
-    """Σ r_i r_{i+k}/Σ r² of the lags k = 0, 1, … over pairs of one run, and the numbers of these pairs."""
-    products, pairs = np.zeros(n_lag), np.zeros(n_lag, int)
-    for part in np.split(residual, np.cumsum(lengths)[:-1]):
-        kept = min(n_lag, len(part))
-        # As long again in zeros, so that the end does not meet the start.
-        power = np.abs(np.fft.rfft(part, 2 * len(part))) ** 2
-        products[:kept] += np.fft.irfft(power, 2 * len(part))[:kept]
-        pairs[:kept] += len(part) - np.arange(kept)
-    return products / max(products[0], np.finfo(float).tiny), pairs
+def lagged_products(
+    residual: Float[np.ndarray, "*batch n_obs"], lengths: Sequence[int], n_lag: int
+) -> tuple[Float[np.ndarray, "*batch n_lag"], Int[np.ndarray, " n_lag"]]:
+    """Return Σ r_i r_{i+k} at the lags k = 0, 1, … over pairs within a run, and the numbers of these pairs."""
+    products, pairs = np.zeros((*residual.shape[:-1], n_lag)), np.zeros(n_lag, int)
+    for part in np.split(residual, np.cumsum(lengths)[:-1], axis=-1):
+        n = part.shape[-1]
+        used = min(n_lag, n)
+        # Zero padding, so that the end does not meet the start.
+        power = np.abs(np.fft.rfft(part, 2 * n)) ** 2
+        products[..., :used] += np.fft.irfft(power, 2 * n)[..., :used]
+        pairs[:used] += n - np.arange(used)
+    return products, pairs
 
 
 def _count(number: int, what: str) -> str:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterator
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
@@ -15,42 +14,35 @@ from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 
 ROW_BLOCK = 4096
-"""Rows handled at once; memory is bounded by draws × one block."""
+"""Rows that are evaluated at once; memory is bounded by draws × one block."""
 
 
 def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = None) -> Float[np.ndarray, "n_draw n_obs"]:
-    """Densities log p(y_i | y₋ᵢ, η, γ) of every row and posterior draw, θ and f integrated out.
+    """Return the densities log p(y_i | y₋ᵢ, η, γ) of every row and posterior draw, θ and f integrated out.
 
     With C = ΦDΦᵀ + K⊥ + σ²R, g = C⁻¹y and c_i = (C⁻¹)_ii,
 
         log p(y_i | y₋ᵢ, η, γ) = −½ log 2π + ½ log c_i − g_i² / (2 c_i)
 
-    (Sundararajan & Keerthi 2001, Eq. 10 to 12; Bürkner, Gabry & Vehtari 2021, Eq. 10). D holds the prior
-    variances of the draw, zero for excluded terms, so that under a spike-and-slab prior the draws average
-    over γ. Prior means are taken off y; so are coefficients with bounds, which are held at their draws as η is.
-    On the feature path C⁻¹ comes by Woodbury's identity from one factorisation of order K + M a draw; a row then
-    costs (K + M)².
-
-    Args:
-        posterior: Fitted model.
-        equation: Learned state.
-        at_most: Thin the draws evenly to this many; None: all.
+    (Sundararajan & Keerthi 2001, Eq. 10 to 12; Bürkner, Gabry & Vehtari 2021, Eq. 10). D holds the prior variances of
+    the draw, zero for excluded terms, so that under a spike-and-slab prior the draws average over γ. Prior means are
+    subtracted from y; so are coefficients with bounds, which stay at their draws like η. On the feature path C⁻¹
+    follows by Woodbury's identity from one factorisation of order K + M a draw; a row then costs (K + M)².
 
     Returns:
         Natural logarithms of densities of the measured derivative, or of samples, in user's units, so that models with
-        different scalings compare. One column for each row of the data, also when the rows' noise is
-        correlated. Where it is singular (spectral derivatives) the rows have no density of their own: there
-        the observations are the whitened Fourier coefficients, one column for each.
+        different scalings compare. There is one column for each row of the data, also if the rows' noise is correlated.
+        If it is singular (spectral derivatives) the observations are the whitened Fourier coefficients instead.
     """
     draws = posterior.draws(equation, at_most)
     return np.concatenate([block for _, block in row_densities(posterior, equation, draws)], axis=1)
 
 
 def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
-    """The `log_likelihood` group: `pointwise_loo` of every draw, from which `arviz_stats.loo` gives LOO.
+    """Return the `log_likelihood` group: `pointwise_loo` of every draw, from which `arviz_stats.loo` computes LOO.
 
     The importance weights of leave-one-out are p(η | y₋ᵢ)/p(η | y) ∝ 1/p(y_i | y₋ᵢ, η), and the predictive
-    density is p(y_i | y₋ᵢ, η) itself: both are what PSIS-LOO makes of a group that holds these values.
+    density is p(y_i | y₋ᵢ, η) itself: PSIS-LOO computes both from these values.
 
     Returns:
         `e_rate` [n_chain, n_draw, n_obs] for each equation e; None if it would hold more than 10⁷ numbers.
@@ -66,7 +58,7 @@ def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
 
 
 def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_draw n_obs"] | None:
-    """What `log_likelihood_group` left with the fit; None if it left nothing, or in another unit than that of today."""
+    """Return the densities that a fit has in its `log_likelihood` group; None without, or if an old unit is used."""
     if "log_likelihood" not in posterior.idata.children:
         return None
     rows = posterior.equations[equation].rows
@@ -82,37 +74,39 @@ def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_
 def row_densities(
     posterior: Posterior, equation: str, draws: EquationDraws, index: Int[np.ndarray, " n_row"] | None = None
 ) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
-    """`pointwise_loo` block by block, of given draws and observations.
+    """Yield `pointwise_loo` block by block, with numbers of the observations, for some draws and observations.
 
-    Args:
-        posterior: Gives data, frame and design; the draws may be those of another run.
-        equation: Learned state.
-        draws: Scaled draws.
-        index: Observations wanted; None: all.
-
-    Yields:
-        Indices of the observations, and their densities.
+    The posterior supplies data, frame and design; the scaled draws may be those of another run.
     """
     entry = posterior.equations[equation]
-    parameters = on_device((draws.hyper, draws.spread, draws.mean))
     log_unit = math.log(entry.frame.target_scale * entry.rows.gain)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()
     block = min(ROW_BLOCK, len(index))
     for start in range(0, len(index), block):
         part = index[start : start + block]
-        # A short last block is filled up, so that it does not compile anew.
+        # A short last block is padded, so that it needs no compilation.
         padded = np.concatenate([part, np.full(block - len(part), part[-1])])
-        yield part, np.asarray(_mapped(entry.design, weighted(padded), parameters))[:, : len(part)] - log_unit
+        values = precision_terms(entry.design, weighted(padded), parameters_of(draws))
+        precision, g = (np.asarray(each)[:, : len(part)] for each in values)
+        yield part, 0.5 * (np.log(precision) - math.log(2 * math.pi) - g**2 / precision) - log_unit
+
+
+def parameters_of(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:
+    """Return η, and the standard deviation and mean of θ, stacked over draws."""
+    return on_device((draws.hyper, draws.spread, draws.mean))
 
 
 @compiled
-def _mapped(design: Design, rows: WeightedRows, parameters: tuple) -> Array:
-    def one(item: tuple[Hyperparameters, Array, Array]) -> Array:
+def precision_terms(
+    design: Design, rows: WeightedRows, parameters: tuple[Hyperparameters, Array, Array]
+) -> tuple[Array, Array]:
+    """Return the diagonal of C⁻¹, and C⁻¹y, at some rows, for every draw."""
+
+    def one(item: tuple[Hyperparameters, Array, Array]) -> tuple[Array, Array]:
         hyper, sd, mean = item
         root = design.beside(mean).root(rows.beside(mean), hyper, sd)
-        precision = design.inverse_diagonal(root, rows, hyper)
-        return 0.5 * (jnp.log(precision) - math.log(2 * math.pi) - root.g**2 / precision)
+        return design.inverse_diagonal(root, rows, hyper), root.g
 
     # One draw after another: batched factorisations inside a loop have been seen to deadlock XLA's thread pool on two
     # cores (jaxlib 0.10), and on a CPU a batch of LAPACK calls is a loop anyway.

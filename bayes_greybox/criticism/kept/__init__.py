@@ -1,1 +1,1 @@
-"""What was found out about a fit, in its saved file."""
+"""Results of model criticism in the saved file of a fit."""

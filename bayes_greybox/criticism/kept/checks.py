@@ -1,4 +1,4 @@
-"""Checks in a saved fit, so that its page need not make them again."""
+"""Checks and trade-offs of the plain kernel in a saved fit, so that its page need not compute them again."""
 
 import json
 from collections.abc import Mapping
@@ -16,48 +16,40 @@ from bayes_greybox.inference.remembering import recall, remember
 from ..checks.checks import Checks, checks
 from ..checks.loo_pit import LooPit
 from ..checks.whiteness import Whiteness
+from ..trade_off import plain_trade_offs
 
-KEPT = "checks"
-"""Root attribute of a saved fit that holds its checks, as JSON text."""
+CHECKS_ATTRIBUTE, TRADE_OFFS_ATTRIBUTE = "checks", "plain_trade_offs"
+"""Root attributes of a saved fit that hold them, as JSON text."""
 
-FORMAT = 1
-"""Of that text; of another one nothing is read, and the checks are made again."""
+CHECKS_FORMAT = 1
+"""Version of the checks' text; other versions are not read, and the checks are made again."""
 
 
 def kept_checks(posterior: Posterior) -> dict[str, str]:
-    """Attributes of a file with the checks of a posterior, where they were made.
-
-    Args:
-        posterior: Fitted model.
-    """
-    found = recall(posterior, checks)
-    if found is None:
+    """Return attributes of a file with the checks of a posterior, if they were made."""
+    made = recall(posterior, checks)
+    if made is None:
         return {}
     record = {
-        "format": FORMAT,
-        "of": made_by(posterior),
-        "ok": found.ok,
-        "reasons": found.reasons,
-        "table": _columns(found.table),
-        "loo_pit": {name: _plain(asdict(each)) for name, each in found.loo_pit.items()},
-        "whiteness": {name: _plain(asdict(each)) for name, each in found.whiteness.items()},
-        "sensitivity": _columns(found.sensitivity),
+        "format": CHECKS_FORMAT,
+        "of": origin(posterior),
+        "ok": made.ok,
+        "reasons": made.reasons,
+        "table": _columns(made.table),
+        "loo_pit": {name: _plain(asdict(each)) for name, each in made.loo_pit.items()},
+        "whiteness": {name: _plain(asdict(each)) for name, each in made.whiteness.items()},
+        "sensitivity": _columns(made.sensitivity),
     }
-    return {KEPT: json.dumps(record)}
+    return {CHECKS_ATTRIBUTE: json.dumps(record)}
 
 
 def restore_checks(posterior: Posterior) -> None:
-    """Have a posterior that was read from a file know the checks that the file has, if they are its own.
-
-    Args:
-        posterior: With all root attributes of the file.
-    """
-    text = posterior.idata.attrs.pop(KEPT, None)
+    """Restore the checks from the root attributes of the file, if they belong to these draws and this version."""
+    text = posterior.idata.attrs.pop(CHECKS_ATTRIBUTE, None)
     record = {} if text is None else json.loads(text)
-    # Draws that somebody thinned or changed since have other checks, and so may have another version of the package.
-    if record.get("format") != FORMAT or record.get("of") != made_by(posterior):
+    if record.get("format") != CHECKS_FORMAT or record.get("of") != origin(posterior):
         return
-    found = Checks(
+    result = Checks(
         record["ok"],
         tuple(record["reasons"]),
         _table(record["table"]),
@@ -65,24 +57,33 @@ def restore_checks(posterior: Posterior) -> None:
         {name: _whiteness(each) for name, each in record["whiteness"].items()},
         _table(record["sensitivity"]),
     )
-    remember(posterior, checks, found)
+    remember(posterior, checks, result)
 
 
-def made_by(posterior: Posterior) -> list[Any]:
-    """What was found out is of: the version of the package that did, and the draws.
+def kept_trade_offs(posterior: Posterior) -> dict[str, str]:
+    """Return attributes of a file with the trade-offs of the plain kernel, if they were computed."""
+    table = recall(posterior, plain_trade_offs)
+    if table is None:
+        return {}
+    return {TRADE_OFFS_ATTRIBUTE: json.dumps({"of": origin(posterior), "table": table.to_dict("index")})}
 
-    Args:
-        posterior: Fitted model.
-    """
+
+def restore_trade_offs(posterior: Posterior) -> None:
+    """Restore the trade-offs of the plain kernel from the root attributes of the file, if they are of these draws."""
+    text = posterior.idata.attrs.pop(TRADE_OFFS_ATTRIBUTE, None)
+    record = {} if text is None else json.loads(text)
+    if record.get("of") == origin(posterior):
+        table = pd.DataFrame.from_dict(record["table"], orient="index", columns=["overlap", "correlation"])
+        remember(posterior, plain_trade_offs, table.loc[list(posterior.sites)].astype(float))
+
+
+def origin(posterior: Posterior) -> list[Any]:
+    """Return the version of the package and a check sum of the draws, which results depend on."""
     return [version("bayes-greybox"), draws_sum(posterior)]
 
 
 def draws_sum(posterior: Posterior) -> int:
-    """A sum of the bytes of all draws: what was found out about a posterior is of these and of no others.
-
-    Args:
-        posterior: Fitted model.
-    """
+    """Return a check sum of all draws."""
     group, total = posterior.idata["posterior"].dataset, 0
     for name in sorted(map(str, group.data_vars)):
         total = crc32(np.ascontiguousarray(group[name].to_numpy()).tobytes(), total)
@@ -103,7 +104,7 @@ def _arrays(values: Mapping[str, Any], *names: str) -> dict[str, Any]:
 
 
 def _columns(table: pd.DataFrame) -> dict[str, Any]:
-    """A table by column, its index first, and how many columns that has."""
+    """Return a table by column, its index first, with the number of columns of the index."""
     whole = table.reset_index()
     return {"index": table.index.nlevels, "columns": {name: whole[name].tolist() for name in whole}}
 

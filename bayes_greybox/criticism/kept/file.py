@@ -1,18 +1,28 @@
-"""Saved fits with what criticism found out about them: checks, and how they do on data."""
+"""Saved fits with the results of model criticism: checks, trade-offs and trials."""
 
+import json
 import os
 
 import xarray as xr
 
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
+from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.inference.remembering import recall, remember
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
-from .checks import kept_checks, restore_checks
-from .trade_off import kept_trade_offs, restore_trade_offs
-from .trial import kept_trial, restore_trial
+from ..bands import Band
+from ..free_run import FreeRun
+from ..trial import Trial, trial
+from .checks import draws_sum, kept_checks, kept_trade_offs, restore_checks, restore_trade_offs
+
+TRIAL_FORMAT = 1
+"""Version of the group; other versions are not read, and the trial is made again, on the training data."""
+
+TRIAL_CLASSES = (Band, FreeRun, Trial)
+"""Classes in the group."""
 
 
 def save_checked(
@@ -21,62 +31,30 @@ def save_checked(
     attributes: dict[str, str] | None = None,
     groups: dict[str, xr.Dataset] | None = None,
 ) -> None:
-    """Write a posterior with its checks and its trial, where they were made.
-
-    Args:
-        posterior: What to save.
-        path: Destination.
-        attributes: Further root attributes of the file.
-        groups: Further groups of the file.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
-    texts, tried = _found(posterior)
+    """Write a posterior with its checks and its trial, if they were made; see `netcdf.save`."""
+    texts, tried = _results(posterior)
     netcdf.save(posterior, path, {**(attributes or {}), **texts}, {**(groups or {}), **tried})
 
 
 def save_found(posterior: Posterior, saved: str | os.PathLike[str], path: str | os.PathLike[str]) -> None:
-    """`save_checked` of a posterior that was saved already, before its trial: what is in that file is copied.
-
-    Args:
-        posterior: What was saved, as it was then.
-        saved: Its file.
-        path: Destination, another file.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
-    netcdf.add(saved, path, *_found(posterior))
+    """Write a posterior like `save_checked`, with arrays copied from a file without its trial; see `netcdf.add`."""
+    netcdf.add(saved, path, *_results(posterior))
 
 
-def load_checked(path: str | os.PathLike[str], simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """Read a saved fit with its checks and its trial, if they are in the file.
+def load_checked(path: str | os.PathLike[str]) -> Posterior:
+    """Read a saved fit with its checks and its trial, if the file has them.
 
-    Args:
-        path: File.
-        simulation: The simulation's function, if the model had one.
-
-    Raises:
-        InputError: Whatever `netcdf.read` refuses; the file of a study whose model was not sampled; a function is
-            needed.
+    InputError is raised as by `netcdf.read`, for a simulation that was a function, and for the file of a study whose
+    model was not sampled.
     """
     tree = netcdf.read(path)
     netcdf.require_sampled(tree, path)
     with made_of(path):
-        return checked_of(tree, simulation)
+        return checked_of(tree)
 
 
 def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """The posterior that the groups of a file hold, with its checks and its trial, if they are there.
-
-    Args:
-        tree: What `netcdf.read` returned; its groups become the posterior's own.
-        simulation: The simulation's function, if the model had one.
-
-    Raises:
-        InputError: A function is needed.
-    """
+    """Return the posterior of the groups of a file, with its checks and its trial; see `netcdf.posterior_of`."""
     tried = tree.children.get(netcdf.TRIED)
     posterior = netcdf.posterior_of(tree, simulation)
     restore_checks(posterior)
@@ -86,6 +64,24 @@ def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None)
     return posterior
 
 
-def _found(posterior: Posterior) -> tuple[dict[str, str], dict[str, xr.Dataset]]:
-    """Attributes and groups of a file with what was found out about a posterior."""
+def kept_trial(posterior: Posterior) -> dict[str, xr.Dataset]:
+    """Return groups of a file with the trial of a posterior, if it was made."""
+    made = recall(posterior, trial)
+    if made is None:
+        return {}
+    packer = Packer(TRIAL_CLASSES)
+    record = {"format": TRIAL_FORMAT, "of": draws_sum(posterior), "trial": packer.pack(made, "trial")}
+    return {netcdf.TRIED: as_group(json.dumps(record), packer.arrays)}
+
+
+def restore_trial(posterior: Posterior, group: xr.Dataset) -> None:
+    """Restore the trial from a group of the file, if it belongs to these draws."""
+    text, arrays = group_arrays(group)
+    record = json.loads(text)
+    if record["format"] == TRIAL_FORMAT and record["of"] == draws_sum(posterior):
+        remember(posterior, trial, Unpacker(TRIAL_CLASSES, arrays).unpack(record["trial"]))
+
+
+def _results(posterior: Posterior) -> tuple[dict[str, str], dict[str, xr.Dataset]]:
+    """Return attributes and groups of a file with the results of model criticism."""
     return {**kept_checks(posterior), **kept_trade_offs(posterior)}, kept_trial(posterior)

@@ -1,1 +1,1 @@
-"""What is kept of a fit: groups of draws, the objects of ArviZ, the netCDF file."""
+"""The stored form of a fit: groups of draws, the objects of ArviZ, the netCDF file."""

@@ -1,4 +1,4 @@
-"""Whether the draws that a file holds are those of the model that it states."""
+"""Checks that the draws in a file belong to the model in it."""
 
 import numpy as np
 import xarray as xr
@@ -9,53 +9,44 @@ from bayes_greybox.running.errors import InputError
 
 from .groups import DETAILS
 
-DRAWS = ("chain", "draw")
-"""Dimensions that every variable of draws begins with."""
+DRAW_DIMENSIONS = ("chain", "draw")
+"""First dimensions of every variable of draws."""
 
-TOGETHER = ("posterior", DETAILS["posterior"], "sample_stats", "log_prior")
-"""Groups with something for every draw."""
+DRAW_GROUPS = ("posterior", DETAILS["posterior"], "sample_stats", "log_prior")
+"""Groups with values for every draw."""
 
 BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
-"""Quantities with a number for each term."""
+"""Quantities with one number for each term."""
 
 AXES = {**dict.fromkeys(BY_TERM, 3), "sigma": 2, "amplitude": 2, "length_scale": 3, "weight": 3, "f": 3}
-"""How many dimensions quantities have that the package itself draws."""
+"""Number of dimensions of the quantities that the package itself draws."""
 
 POSITIVE = ("sigma", "length_scale")
-"""Quantities that nothing can be divided by at zero."""
+"""Quantities that are divided by."""
 
 BY_ROW = ("log_likelihood", "posterior_predictive", "prior_predictive")
-"""Groups, where they are kept, with a number for each row of each equation and draw."""
+"""Optional groups with one number for each row of each equation and draw."""
 
-STATISTICS = ("diverging", "energy", "n_steps")
-"""What the verdict on convergence needs of the sampler."""
+NEEDED_STATISTICS = ("diverging", "energy", "n_steps")
+"""Statistics of the sampler that the verdict on convergence needs."""
 
 NEEDED = ("theta", "sigma", "prior_sd")
 """Quantities that every equation has."""
 
 
 def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None:
-    """Refuse groups of draws that do not fit each other or the model.
-
-    Args:
-        tree: Groups of a file.
-        model: The model that it states.
-        data: The data that it holds.
-
-    Raises:
-        InputError: A group or a variable is missing, has another shape, or has values that no draw can have.
-    """
-    # What the simulation says is read where it is first used; what is wrong with it is to be said with the file's name.
+    """Require that the groups of draws in a file match each other and the model, or raise InputError."""
+    # A simulation is read when it is first used: here, so that an error in it is reported with the file's name.
     model.simulator(data, lacking=True)
     sizes = _sizes(tree)
     terms = {name: len(each) for name, each in model.dictionaries(data).items()}
-    group = xr.merge([tree[name].dataset for name in TOGETHER[:2] if name in tree.children], compat="override")
+    group = xr.merge([tree[name].dataset for name in DRAW_GROUPS[:2] if name in tree.children], compat="override")
     names = [str(name) for name in group]
     for block, equations in model.blocks.items():
         for name in BY_ROW:
             _require_rows(tree, name, model.sites[block].rate)
         own = model.sites.owned(block, names)
-        # An equation whose f depends on nothing has none of it.
+        # An equation whose f has no variables has no draws of f.
         of_f = tuple(quantity for quantity in _of_f(model) if set(_of_f(model)) & set(own))
         for quantity in (*NEEDED, *of_f):
             if quantity not in own:
@@ -68,41 +59,41 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
 
 
 def _of_f(model: Program) -> tuple[str, ...]:
-    """Quantities that an equation with a discrepancy has."""
+    """Return the quantities that an equation with a discrepancy has."""
     if model.discrepancy is None:
         return ()
     return ("amplitude", "length_scale", "weight" if model.discrepancy.path == "hsgp" else "f")
 
 
 def _sizes(tree: xr.DataTree) -> tuple[int, int]:
-    """Numbers of chains and of draws, in which groups agree."""
-    found = {}
-    for name in TOGETHER:
+    """Return the numbers of chains and of draws, which must be the same in all groups."""
+    sizes = {}
+    for name in DRAW_GROUPS:
         if name in tree.children:
             for variable in tree[name].dataset.values():
-                if variable.dims[:2] != DRAWS:
+                if variable.dims[:2] != DRAW_DIMENSIONS:
                     raise InputError(f"the file is damaged: {variable.name} has no chains and draws.")
-            found[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAWS)
-    if "posterior" not in found or "sample_stats" not in found:
+            sizes[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAW_DIMENSIONS)
+    if "posterior" not in sizes or "sample_stats" not in sizes:
         raise InputError("the file is damaged: it lacks the group of draws, or that of the sampler's statistics.")
-    for name in STATISTICS:
+    for name in NEEDED_STATISTICS:
         if name not in tree["sample_stats"].dataset or tree["sample_stats"][name].dtype.kind not in "biuf":
             raise InputError(f"the file is damaged: it has no {name!r} of the sampler.")
-    if len(set(found.values())) > 1 or 0 in found["posterior"]:
-        raise InputError(f"the file is damaged: its groups have {found} chains and draws.")
-    return found["posterior"]
+    if len(set(sizes.values())) > 1 or 0 in sizes["posterior"]:
+        raise InputError(f"the file is damaged: its groups have {sizes} chains and draws.")
+    return sizes["posterior"]
 
 
 def _require_rows(tree: xr.DataTree, group: str, name: str) -> None:
-    """Refuse a group of numbers for every row that has none of an equation."""
+    """Require numbers for every row of an equation in a group, if the file has the group."""
     if group in tree.children:
         values = tree[group].dataset.get(name)
-        if values is None or values.dtype.kind not in "biuf" or values.dims[:2] != DRAWS or values.ndim != 3:
+        if values is None or values.dtype.kind not in "biuf" or values.dims[:2] != DRAW_DIMENSIONS or values.ndim != 3:
             raise InputError(f"the file is damaged: {group} has no numbers {name!r} for each chain, draw and row.")
 
 
 def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: int, sizes: tuple[int, int]) -> None:
-    """Refuse draws of one quantity that cannot be those of the model."""
+    """Require that draws of one quantity have the type, shape and range that the model gives them."""
     if values.dtype.kind not in "biuf" or values.shape[:2] != sizes:
         raise InputError(f"the file is damaged: {name} is not numbers by chain and draw.")
     if quantity in BY_TERM and values.shape[2:] != (n_term,):

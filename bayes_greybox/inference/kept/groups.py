@@ -13,15 +13,15 @@ from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.sites import Sites
 
 DETAILS = {"posterior": "posterior_details", "prior": "prior_details"}
-"""Groups of draws, and the groups beside them that hold what would drown their plots and tables."""
+"""Groups of draws, and the groups beside them with the variables that would swamp plots and tables."""
 
 DETAILED = ("weight", "f", "prior_sd", "gamma", "inclusion")
-"""What those hold: hundreds of weights or values of f, and patterns and scales, of which many never change. ArviZ has
-no density or ranks of whole numbers that are all the same, nor a density of numbers that differ by rounding alone."""
+"""Those variables: hundreds of weights or values of f, and patterns and scales, many of which never change. ArviZ has
+no density or ranks of equal integers, and no density of numbers that differ by rounding only."""
 
 
 def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equation]) -> dict[str, np.ndarray]:
-    """Draws under their public names, user's units; raw coordinates that another site tells are left out."""
+    """Return draws under their public names in user's units, without raw coordinates of other sites."""
     named = dict(samples)
     for name, own in Sites(equations).items():
         frame = equations[name].frame
@@ -46,7 +46,7 @@ def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equati
 
 
 def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Equation]) -> xr.DataTree:
-    """Groups as a DataTree with dimensions named by equation, details apart."""
+    """Return groups as a DataTree with dimensions named by equation, and details in groups of their own."""
     import arviz_base  # three seconds, so not at the top
 
     dims: dict[str, list[str]] = {}
@@ -69,15 +69,15 @@ def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Eq
     tree = xr.DataTree()
     for group, variables in groups.items():
         # Densities of whole sites have no event dimensions.
-        own = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
+        named = {var: dims[var] for var in variables if var in dims and group != "log_prior"}
         if group == "constant_data":
-            own = dict.fromkeys(variables, ["obs_id"])
+            named = dict.fromkeys(variables, ["obs_id"])
         if group in ("posterior", "prior"):
-            # A user's own prior may call sites of other shapes as the package's priors do theirs.
-            shapes = {var: tuple(len(coords[dim]) for dim in own[var]) for var in own}
-            own = {var: own[var] for var in own if np.shape(variables[var])[2:] == shapes[var]}
-        used = {dim: coords[dim] for var in own for dim in own[var] if dim in coords}
-        tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=own)[group]
+            # A user-defined prior may have sites with the names of the package's and other shapes.
+            shapes = {var: tuple(len(coords[dim]) for dim in named[var]) for var in named}
+            named = {var: named[var] for var in named if np.shape(variables[var])[2:] == shapes[var]}
+        used = {dim: coords[dim] for var in named for dim in named[var] if dim in coords}
+        tree[group] = arviz_base.from_dict({group: variables}, coords=used, dims=named)[group]
     part_details(tree, Sites(equations))
     tree.attrs = {
         "inference_library": "bayes_greybox",
@@ -88,12 +88,7 @@ def tree_of(groups: dict[str, dict[str, np.ndarray]], equations: Mapping[str, Eq
 
 
 def part_details(tree: xr.DataTree, sites: Sites) -> None:
-    """Move the details among the draws to groups of their own, in place.
-
-    Args:
-        tree: Groups; those of an older version's file have details among the others.
-        sites: Names of the variables.
-    """
+    """Move the details among the draws to groups of their own, in place; older files have them among the others."""
     for source, details in DETAILS.items():
         if source not in tree.children:
             continue
@@ -106,27 +101,41 @@ def part_details(tree: xr.DataTree, sites: Sites) -> None:
 
 
 def drawn(tree: xr.DataTree, source: str) -> xr.Dataset:
-    """All variables of a group of draws, with its details if it has any."""
+    """Return all variables of a group of draws, details included."""
     group, details = tree[source].dataset, DETAILS.get(source, "")
     return group.assign(tree[details].dataset.data_vars) if details in tree.children else group
 
 
 def row_dimension(equation: Equation) -> tuple[str, np.ndarray]:
-    """Dimension of the rows of an equation and their samples' numbers; all equations have rows at the same samples."""
+    """Return the dimension of the rows of an equation, and the numbers of their samples."""
     rows = equation.rows
     return ("obs_id" if rows.operator is None else "row_id"), rows.sample
 
 
 def data_table(data: Trajectories) -> dict[str, np.ndarray]:
-    """All columns of the data by names that netCDF allows; a derivative is as `rate_name` says."""
+    """Return all columns of the data under names that netCDF allows; see `rate_name` for derivatives."""
     columns = {**data.columns, **{name: data.derivatives[name] for name in data.output_names}}
     rates = {rate_name(name, columns): data.derivatives[name] for name in data.derivative_names}
     return {"t": data.time, "run": data.run, **columns, **rates}
 
 
 def rate_name(state: str, columns: Container[str]) -> str:
-    """What the derivative of a state is called beside the columns of the data, which may have taken `e_rate`."""
+    """Return the name of the derivative of a state: `e_rate`, changed if a column of the data is called so."""
     name = Sites([state])[state].rate
     while name in columns:
         name += "_"
     return name
+
+
+def to_inferencedata(tree: xr.DataTree) -> Any:
+    """Return the groups of a fit in the form that the functions of the installed `arviz` take.
+
+    This is a `DataTree` for ArviZ 1 and later, and an `arviz.InferenceData` before. Arrays are shared, not copied.
+    """
+    import arviz  # some seconds, so not at the top
+
+    # ArviZ 1 answers to the old name as well, with a warning and the class DataTree.
+    kind = vars(arviz).get("InferenceData")
+    if kind is None:
+        return tree.copy()
+    return kind(attrs=dict(tree.attrs), **{name: node.to_dataset() for name, node in tree.children.items()})

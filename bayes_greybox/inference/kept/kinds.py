@@ -1,35 +1,24 @@
-"""Whether values are of the kinds that the fields of their class state: text of a file can say anything."""
+"""Type checks of objects that were read from a file, against the annotations of their classes."""
 
 import dataclasses
-from collections.abc import Callable, Collection, Mapping, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from bayes_greybox.running.errors import InputError
 
 
-def require_kinds(made: Any, leave_out: Collection[str] = ()) -> None:
-    """Refuse an object whose fields are not of their kinds.
-
-    Args:
-        made: A dataclass or a named tuple.
-        leave_out: Fields that are not looked at.
-
-    Raises:
-        InputError: The first such field.
-    """
+def require_kinds(made: Any) -> None:
+    """Require that all fields have the types of their annotations, or raise InputError."""
     for name, hint in get_type_hints(type(made), include_extras=True).items():
-        if name not in leave_out and hasattr(made, name) and not fits(getattr(made, name), hint):
+        if hasattr(made, name) and not fits(getattr(made, name), hint):
             raise InputError(f"the file is damaged: {name} of {type(made).__name__} is not what it must be.")
 
 
 def fits(value: Any, hint: Any) -> bool:
-    """Whether a value is of a kind, with all that is in it.
+    """Return True if a value and everything in it match a type annotation.
 
-    Args:
-        value: Any.
-        hint: A type as annotations state it. Of arrays their kinds of numbers and their dimensions are looked at, sizes
-            that they share are not.
+    For arrays this covers dtype and number of dimensions, but not sizes that several arrays share.
     """
     origin, args = get_origin(hint), get_args(hint)
     if origin is Annotated:
@@ -48,14 +37,13 @@ def fits(value: Any, hint: Any) -> bool:
         return callable(value)
     if hint in (int, float):
         return isinstance(value, int if hint is int else int | float) and not isinstance(value, bool)
-    # typing.is_protocol is of Python 3.13.
+    # typing.is_protocol needs Python 3.13.
     if getattr(hint, "_is_protocol", False):
         return dataclasses.is_dataclass(value)
     return not isinstance(hint, type) or isinstance(value, hint)
 
 
 def _all_fit(value: Any, origin: Any, args: tuple[Any, ...]) -> bool:
-    """The same of what holds several."""
     if isinstance(value, str) or not isinstance(value, (tuple, list) if origin is Sequence else origin):
         return False
     if origin is tuple and args[-1:] != (...,):

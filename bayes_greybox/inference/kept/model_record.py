@@ -1,4 +1,4 @@
-"""A model as plain values, and the model again."""
+"""Models as plain values, and back."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -9,25 +9,39 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
+from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.simulation.fmu.given import FMU
-from bayes_greybox.physics.simulation.protocol import RightHandSide
+from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
 from bayes_greybox.physics.terms import Term
+from bayes_greybox.running.errors import InputError
 
-from .lost import LostRows, lost_program
+
+def lost_program(n_term: int) -> Any:
+    """Stand in for the program of a `CustomPrior`, which a file cannot hold, and raise InputError."""
+    raise InputError(
+        "The model's prior was a Python program, which a file cannot hold: build the model again to sample from it."
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class LostRows(RowKind):
+    """Placeholder for rows of a user-defined kind."""
+
+    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
+        """Refuse to build rows."""
+        raise InputError(
+            "The model's rows were of a class of your own, which a file cannot hold: build the model again and fit it."
+        )
 
 
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:
-    """A model as plain values: the inverse of `rebuild`.
-
-    Args:
-        model: Model.
-        data: Data that it was fitted to, whose names its expressions use.
-    """
-    # A study may learn an equation of which it was given no term.
+    """Return a model as plain values, the inverse of `rebuild`; its expressions use the names of the data."""
+    # A study may learn an equation that it was given no terms for.
     stated = {equation: model.stated(equation, data) for equation in model.equations if model.dictionary[equation]}
     terms = {
         equation: [
@@ -35,7 +49,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         ]
         for equation, part in stated.items()
     }
-    own = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
+    priors = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
     return {
         "dictionary": {equation: terms.get(equation, []) for equation in model.equations},
         "simulation": simulation_record(model.simulation),
@@ -44,16 +58,12 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "rows": _describe_part(model.rows, ROWS),
         "noise_floor": model.noise_floor,
         "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
-        "coefficients": {equation: priors for equation, priors in own.items() if priors},
+        "coefficients": {equation: each for equation, each in priors.items() if each},
     }
 
 
 def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = None) -> Program:
-    """A model from `describe`.
-
-    Raises:
-        InputError: If the simulation was a function and none is given.
-    """
+    """Return the model of a record from `describe`; raise InputError if it lacks the function of the simulation."""
     gp, noise = record["discrepancy"], record["noise"]
     return Program(
         dictionary={name: tuple(Term(**term) for term in terms) for name, terms in record["dictionary"].items()},
@@ -73,40 +83,34 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = 
 
 
 def _stated(term: Term) -> dict[str, Any]:
-    """What a term states of its own coefficient."""
-    said = {key: getattr(term, key) for key in ("sign", "prior", "fixed", "bounds")}
-    return {key: value for key, value in said.items() if value is not None}
+    """Return the settings of the coefficient that a term carries itself."""
+    settings = {key: getattr(term, key) for key in ("sign", "prior", "fixed", "bounds")}
+    return {key: value for key, value in settings.items() if value is not None}
 
 
 def _class_names(registry: Mapping[str, type]) -> dict[str, type]:
-    """The classes of a registry by their names, which stand in files for the priors since the first one."""
+    """Return the classes of a registry by class name, under which files have priors since the first version."""
     return {kind.__name__: kind for kind in registry.values()}
 
 
 def _describe_part(part: Any, kinds: Mapping[str, type]) -> dict[str, Any]:
-    """A part of a model as plain values: its kind and its fields, or the name only of a class of the user's own."""
+    """Return a part of a model as its kind and fields; for a user-defined class only the name."""
     for kind, known in kinds.items():
         if type(part) is known:
             return {"kind": kind, **dataclasses.asdict(part)}
-    # It may be called as one of the package's is.
+    # The prefix tells it from a class of the package with the same name.
     return {"kind": f"own {type(part).__name__}"}
 
 
 def _rebuild_part(record: Mapping[str, Any], kinds: Mapping[str, type], lost: Any) -> Any:
-    """A part of a model from `_describe_part`.
-
-    Args:
-        record: Its kind and its fields.
-        kinds: Classes by kind.
-        lost: What stands for a class of the user's own.
-    """
+    """Return a part of a model from `_describe_part`, or `lost` in place of a user-defined class."""
     fields = _fields(record)
     kind = fields.pop("kind")
     return kinds[kind](**fields) if kind in kinds else lost
 
 
 def _fields(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a class, which has tuples where JSON has lists."""
+    """Return the fields of a class, with tuples in place of JSON's lists."""
 
     def plain(value: Any) -> Any:
         return tuple(plain(each) for each in value) if isinstance(value, list) else value

@@ -28,118 +28,91 @@ from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import whole_file
 
-from .damage import REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
+from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
 from .draws import require_draws
-from .further_groups import slab_group
 from .groups import data_table, part_details, rate_name
 from .model_record import describe, rebuild
 from .packing import TEXT
 from .unsummed import require_readable
-from .whole import STATISTICS, whole_from, whole_group, whole_record
+from .whole import STATISTICS_GROUP, whole_from, whole_group, whole_record
 
-SAMPLES, SAMPLE = "sensor_samples", "sample_id"
-"""Group of what the sensors showed, where the data are a path through it, and its dimension."""
+SAMPLES_GROUP, SAMPLES_DIMENSION = "sensor_samples", "sample_id"
+"""Group of the sensors' samples, if the data are a path through them, and its dimension."""
 
 STUDIED = "missing_effects"
-"""Group of a file with what a study keeps beside the posterior, and root attribute that holds the study's record."""
+"""Group of a file with the results of a study, and root attribute that holds the study's record."""
 
 TRIED = "trial"
-"""Group of a file with how the fit does on data."""
+"""Group of a file with a `Trial`."""
 
-BESIDE = (STUDIED, TRIED)
-"""Groups that a posterior is read without."""
+GROUPS_BESIDE = (STUDIED, TRIED)
+"""Groups that do not belong to the posterior."""
 
-RECORD = "bayes_greybox"
-"""Root attribute that holds everything but arrays, as JSON text (netCDF attributes know no bool, None or dict)."""
+RECORD_ATTRIBUTE = "bayes_greybox"
+"""Root attribute that holds everything but arrays, as JSON text (netCDF attributes have no bool, None or dict)."""
 
-FORMAT = 5
+FILE_FORMAT = 5
 """Version of the file's layout.
 
-Files of version 5 hold some rows of many and what all of them say, which an older reader would pass over; files with
-all their rows are still of version 4.
-Files of version 4 have the details of the draws in groups of their own, where an older reader would not find them.
-Files of version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In files of version 1
-`measure="empirical"` is what is called "unweighted" since, also on rows with correlated noise.
+Version 5 holds some of many rows and the statistics of all, which an older reader would ignore; files with all their
+rows still have version 4. Version 4 has the details of the draws in groups of their own, where an older reader would
+not find them. Version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In version 1
+`measure="empirical"` means what is now called "unweighted", also on rows with correlated noise.
 """
 
-ALL_ROWS = 4
+ALL_ROWS_FORMAT = 4
 """Version of files that hold all rows."""
 
 
 def versions() -> dict[str, str]:
-    """Versions of what produced a result."""
+    """Return the versions of Python and the packages that produce a result."""
     packages = ("bayes-greybox", "numpyro", "jax", "arviz-base", "numpy", "xarray")
     return {"python": platform.python_version(), **{name: importlib.metadata.version(name) for name in packages}}
 
 
 def save(
-    posterior: Posterior,
-    path: str | os.PathLike,
-    attributes: Mapping[str, str] | None = None,
+    posterior: Posterior, path: str | os.PathLike, attributes: Mapping[str, str] | None = None,
     groups: Mapping[str, xr.Dataset] | None = None,
-) -> None:
-    """Write a posterior to a netCDF file that `load` and `arviz.from_netcdf` open.
+) -> None:  # fmt: skip
+    """Write a posterior to a netCDF file that `load_checked` and `arviz.from_netcdf` open.
 
-    The file is written beside its destination and renamed, so that it is whole or not there.
-
-    Args:
-        posterior: What to save.
-        path: Destination, usually `*.nc`.
-        attributes: Further root attributes of the file.
-        groups: Further groups of the file, of those that are `BESIDE` a posterior.
-
-    Raises:
-        InputError: The destination cannot be written.
+    Further root attributes and groups, of `GROUPS_BESIDE`, come from the caller. InputError is raised if the
+    destination cannot be written.
     """
     record = {
-        "format": ALL_ROWS if posterior.whole is None else FORMAT,
+        "format": ALL_ROWS_FORMAT if posterior.whole is None else FILE_FORMAT,
         "model": describe(posterior.model, posterior.data),
         "sampling": dataclasses.asdict(posterior.sampling),
         "data": posterior.data.metadata(),
         "versions": versions(),
     }
     tree = posterior.idata.copy()
-    if type(posterior.model.prior) not in PRIORS.values() and (kept := slab_group(posterior)):
-        tree[SLAB] = xr.DataTree(kept)
+    if type(posterior.model.prior) not in PRIORS.values() and (slab := _slab_group(posterior)):
+        tree[SLAB] = xr.DataTree(slab)
     if (samples := posterior.data.samples) is not None:
         record["samples"] = samples.metadata()
-        columns = {name: (SAMPLE, values) for name, values in data_table(samples).items()}
-        tree[SAMPLES] = xr.DataTree(xr.Dataset(columns))
+        columns = {name: (SAMPLES_DIMENSION, values) for name, values in data_table(samples).items()}
+        tree[SAMPLES_GROUP] = xr.DataTree(xr.Dataset(columns))
     if posterior.whole is not None:
         record["all_rows"] = whole_record(posterior.whole)
-        tree[STATISTICS] = xr.DataTree(whole_group(posterior.whole))
-    tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD: json.dumps(record)}
+        tree[STATISTICS_GROUP] = xr.DataTree(whole_group(posterior.whole))
+    tree.attrs = {**posterior.idata.attrs, **(attributes or {}), RECORD_ATTRIBUTE: json.dumps(record)}
     for name, group in (groups or {}).items():
         tree[name] = xr.DataTree(group)
-    write(tree, path, (RECORD, *(attributes or {})))
+    write(tree, path, (RECORD_ATTRIBUTE, *(attributes or {})))
 
 
 def save_unsampled(path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]) -> None:
-    """Write what a study keeps to a netCDF file without any posterior, as its amended model was not sampled.
-
-    Args:
-        path: Destination, usually `*.nc`.
-        attributes: Root attributes of the file.
-        groups: What the study keeps.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write attributes and groups of a study whose extended model was not sampled; see `save`."""
     tree = xr.DataTree(children={name: xr.DataTree(group) for name, group in groups.items()})
-    tree.attrs = {**attributes, RECORD: json.dumps({"format": ALL_ROWS, "versions": versions()})}
-    write(tree, path, (RECORD, *attributes))
+    tree.attrs = {**attributes, RECORD_ATTRIBUTE: json.dumps({"format": ALL_ROWS_FORMAT, "versions": versions()})}
+    write(tree, path, (RECORD_ATTRIBUTE, *attributes))
 
 
-def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RECORD,)) -> None:
-    """Write groups to a netCDF file beside its destination, then rename: it is whole or not there.
+def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RECORD_ATTRIBUTE,)) -> None:
+    """Write groups to a netCDF file beside its destination, then rename it, so that no incomplete file is left.
 
-    Args:
-        tree: Groups.
-        path: Destination.
-        texts: Root attributes that are sealed.
-
-    Raises:
-        InputError: The destination cannot be written.
+    `texts` are the root attributes that get a check sum. InputError is raised if the destination cannot be written.
     """
     path = Path(path)
     packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
@@ -154,16 +127,9 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
 def add(
     saved: str | os.PathLike, path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]
 ) -> None:
-    """Write what `save` would, of a posterior whose file is there: its arrays are copied as they lie in that.
+    """Write the file that `save` would, copying the arrays of a file of the same posterior without these groups.
 
-    Args:
-        saved: A file of the same posterior, without these groups.
-        path: Destination, beside its final place; another file than that.
-        attributes: Further root attributes; those of the same names are replaced.
-        groups: Further groups.
-
-    Raises:
-        InputError: The destination cannot be written.
+    Root attributes of the same names are replaced. InputError is raised if the destination cannot be written.
     """
     path = Path(path)
     with _writing(path), whole_file(path) as part:
@@ -179,61 +145,41 @@ def add(
         put_end(part)
 
 
-def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """Read what `save` wrote.
-
-    Args:
-        path: File.
-        simulation: The simulation's function, if the model had one; a file cannot hold code.
-
-    Raises:
-        InputError: No such file; not netCDF, or not one of ours; written by a newer version; a function is needed; the
-            file of a study whose model was not sampled.
-    """
-    tree = read(path)
-    require_sampled(tree, path)
-    with made_of(path):
-        return posterior_of(tree, simulation)
-
-
 def read(path: str | os.PathLike) -> xr.DataTree:
-    """The groups of a file that `save` or `save_unsampled` wrote.
-
-    Args:
-        path: File.
+    """Read the groups of a file that `save` or `save_unsampled` wrote.
 
     Raises:
-        InputError: No such file; not netCDF, or not one of ours; written by a newer version.
+        InputError: The file does not exist, is no file of the package, is damaged, or a newer version wrote it.
     """
     keep_programs()
     path = Path(path)
     if not path.is_file():
         raise InputError(f"There is no file {str(path)!r}.")
     try:
-        # A Python file is closed at the end whatever happens; what HDF5 opens itself may stay open once reading failed.
+        # A Python file is always closed at the end; a file that HDF5 opens may stay open after an error.
         with path.open("rb") as raw:
             if not require_end(raw.read(), path):
                 require_readable(path)
             raw.seek(0)
-            # What is no HDF5 file, or has broken attributes, fails here: h5netcdf would leave a broken object behind.
+            # Other files, and broken attributes, fail here: h5netcdf would leave a broken object behind.
             with h5py.File(raw, "r") as file:
                 dict(file.attrs)
             raw.seek(0)
-            # Arrays without named dimensions get some; `require_draws` refuses them, and no warning is printed.
+            # Arrays without named dimensions get some, without a warning; `require_draws` refuses them.
             with xr.open_datatree(raw, engine="h5netcdf", phony_dims="access") as opened:
                 tree = opened.load()
     except InputError:
         raise
     except Exception as error:
-        # HDF5 and its readers are all that runs here; on a damaged file they raise whatever they stumble on.
+        # Only HDF5 and its readers run here, and a damaged file may make them raise anything.
         raise InputError(
-            f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind; {REMEDY}."
+            f"{str(path)!r} is not a readable netCDF file: it is damaged or of another kind; {FILE_REMEDY}."
         ) from error
-    if RECORD not in tree.attrs:
+    if RECORD_ATTRIBUTE not in tree.attrs:
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    if _format(tree, path) > FORMAT:
+    if _format(tree, path) > FILE_FORMAT:
         raise InputError(
             f"{str(path)!r} was saved by a bayes_greybox that is newer than this one: upgrade with pip install "
             "--upgrade bayes-greybox."
@@ -244,27 +190,19 @@ def read(path: str | os.PathLike) -> xr.DataTree:
 
 def _format(tree: xr.DataTree, path: Path) -> int:
     with made_of(path):
-        found = json.loads(tree.attrs[RECORD])["format"]
-        if type(found) is not int:
-            raise damaged(path, f"{found!r} is no version of a layout")
-        return found
+        version = json.loads(tree.attrs[RECORD_ATTRIBUTE])["format"]
+        if type(version) is not int:
+            raise damaged(path, f"{version!r} is no version of a layout")
+        return version
 
 
 def sampled(tree: xr.DataTree) -> bool:
-    """Whether the groups of a file hold a posterior."""
-    return "model" in json.loads(tree.attrs[RECORD])
+    """Return True if the groups of a file have a posterior among them."""
+    return "model" in json.loads(tree.attrs[RECORD_ATTRIBUTE])
 
 
 def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
-    """Refuse the groups of a file without a posterior.
-
-    Args:
-        tree: What `read` returned.
-        path: The file.
-
-    Raises:
-        InputError: It holds a study whose model was not sampled.
-    """
+    """Require a posterior among the groups of a file, not a study whose model was not sampled, or raise InputError."""
     if not sampled(tree):
         raise InputError(
             f"{str(path)!r} holds a study whose amended model was not sampled (settle=False), so there is no fit in "
@@ -273,23 +211,18 @@ def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
 
 
 def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> Posterior:
-    """The posterior that the groups of a file hold; they become its own.
+    """Return the posterior of the groups of a file, which become its own.
 
-    Args:
-        tree: What `read` returned.
-        simulation: The simulation's function, if the model had one.
-
-    Raises:
-        InputError: A function is needed.
+    `simulation` is the function of the simulation, if the model had one; InputError is raised if it is missing.
     """
-    record = json.loads(tree.attrs.pop(RECORD))
-    for name in BESIDE:
+    record = json.loads(tree.attrs.pop(RECORD_ATTRIBUTE))
+    for name in GROUPS_BESIDE:
         if name in tree.children:
             del tree[name]
     data = _read_data(tree["constant_data"].dataset, record["data"])
-    if SAMPLES in tree.children:
-        data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES].dataset, record["samples"]))
-        del tree[SAMPLES]
+    if SAMPLES_GROUP in tree.children:
+        data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES_GROUP].dataset, record["samples"]))
+        del tree[SAMPLES_GROUP]
     gp = record["model"]["discrepancy"]
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
@@ -301,10 +234,10 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     require_draws(tree, model, data)
     if "all_rows" not in record:
         return Posterior(model, data, sampling, tree)
-    whole = whole_from(record["all_rows"], tree[STATISTICS].dataset)
-    # Statistics of another model are the file's fault.
+    whole = whole_from(record["all_rows"], tree[STATISTICS_GROUP].dataset)
+    # Raised here, so that statistics of another model are reported with the file's name.
     equations_of(model, data, whole)
-    del tree[STATISTICS]
+    del tree[STATISTICS_GROUP]
     return Posterior(model, data, sampling, tree, whole=whole)
 
 
@@ -314,12 +247,22 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
         if values.dtype.kind not in "biuf" or values.ndim != 1 or not np.all(np.isfinite(values.to_numpy())):
             raise InputError(f"the file is damaged: its column {str(name)!r} is not one of finite numbers.")
     columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
-    # Files from before there were outputs have none.
-    known = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
-    columns |= {name: table[name].to_numpy() for name in known}
-    names = {s: rate_name(s, known) for s in metadata["derivatives"]}
+    # Older files have no outputs.
+    measured = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
+    columns |= {name: table[name].to_numpy() for name in measured}
+    names = {s: rate_name(s, measured) for s in metadata["derivatives"]}
     rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
     return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
+
+
+def _slab_group(posterior: Posterior) -> xr.Dataset:
+    """Return scales and log odds of θ at the draws, for equations whose patterns the sampler summed over."""
+    group, variables = posterior.idata["posterior"].dataset, {}
+    for name, own in posterior.sites.items():
+        if (slab := posterior.slab(name)) is not None:
+            for variable, value in ((own.theta_sd, slab.sd), (own.log_odds, slab.log_odds)):
+                variables[variable] = group[own.theta].copy(data=np.asarray(value).reshape(group[own.theta].shape))
+    return xr.Dataset(variables)
 
 
 def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:
@@ -328,10 +271,10 @@ def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Refuse a destination that cannot be written."""
+    """Turn errors of writing to a path into an `InputError`."""
     try:
         yield
     except (OSError, RuntimeError) as error:
-        # HDF5 says of a full disk in either class.
+        # HDF5 reports a full disk in either class.
         reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
         raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error

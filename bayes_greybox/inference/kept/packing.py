@@ -1,7 +1,7 @@
-"""Results as text and arrays, and back: what a file keeps of objects that are no draws.
+"""Results as text and arrays, and back, for objects other than draws.
 
-Values become JSON with a tag for each kind that JSON lacks; arrays are put aside under names, for the file to hold as
-such. Only classes that the caller lists are made again, so that a file can do nothing but fill their fields.
+Values become JSON, with a tag for each kind that JSON lacks; arrays get names, under which the file holds them. Only
+classes that the caller lists are created again, so that a file can do nothing but fill their fields.
 """
 
 import dataclasses
@@ -20,51 +20,42 @@ from bayes_greybox.physics.terms import Term
 from .kinds import require_kinds
 
 KIND = "~"
-"""Key of a tagged value; no name of a column, a state or a setting, which start with letters."""
+"""Key of a tagged value; names of columns, states and settings begin with a letter."""
 
 TERM = ("name", "unit", "states", "sign", "prior", "fixed", "bounds")
-"""What is kept of a term beside its formula."""
+"""Attributes of a term that are stored beside its formula."""
 
-FEW = 8
-"""Arrays of so many numbers stand in the text."""
-
+MOST_INLINE_NUMBERS = 8
+"""Largest array that is stored in the text."""
 
 TEXT = "packed"
-"""Attribute of a group that holds the text, its arrays being the group's variables."""
+"""Attribute of a group that holds the text; the variables of the group are the arrays."""
 
 
 def as_group(text: str, arrays: Mapping[str, np.ndarray]) -> xr.Dataset:
-    """Text and arrays as a group of a file.
-
-    Args:
-        text: JSON.
-        arrays: What `Packer` put aside.
-    """
+    """Return JSON text and the arrays of a `Packer` as a group of a file."""
     variables = {name: (_dimensions(each.shape), each) for name, each in arrays.items()}
     return xr.Dataset(variables, attrs={TEXT: text})
 
 
 def group_arrays(group: xr.Dataset) -> tuple[str, dict[str, np.ndarray]]:
-    """Text and arrays of such a group."""
-    # All variables: in files of before, an array that was called as a dimension of another came back as its coordinate.
+    """Return text and arrays of a group from `as_group`."""
+    # Coordinates included: in older files an array with the name of another's dimension became a coordinate.
     return str(group.attrs[TEXT]), {str(name): group[name].to_numpy() for name in group.variables}
 
 
 def _dimensions(shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Dimensions by their sizes, which arrays share; of one with two alike each has a name of its own."""
+    """Return dimensions named by size, which arrays share; equal sizes within an array are numbered."""
     alike = len(set(shape)) < len(shape)
     return tuple(f"size_{size}_{k}" if alike else f"size_{size}" for k, size in enumerate(shape))
 
 
 class Packer:
-    """Makes values plain and puts their arrays aside.
+    """Turns values into JSON and named arrays.
 
     Args:
-        classes: Dataclasses and named tuples that values may be.
-        leave_out: Names of fields that have their default again.
-
-    Attributes:
-        arrays: Arrays by name.
+        classes: Dataclasses and named tuples that may occur.
+        leave_out: Names of fields that are not stored and get their default back.
     """
 
     def __init__(self, classes: Iterable[type], leave_out: Collection[str] = ()) -> None:
@@ -74,15 +65,10 @@ class Packer:
         self._data: list[Trajectories] = []
 
     def pack(self, value: Any, place: str) -> Any:
-        """A value as JSON can hold it, `Unpacker.unpack` its inverse.
+        """Return a value in the form of JSON, the inverse of `Unpacker.unpack`.
 
-        Args:
-            value: Numbers, texts, arrays, tables, data, terms, the listed classes, and tuples, lists and mappings of
-                these.
-            place: Where it stands, which its arrays are named after.
-
-        Raises:
-            TypeError: A class that is not listed.
+        Values are numbers, texts, arrays, tables, data, terms, the listed classes, and tuples, lists and mappings of
+        these; other classes raise TypeError. Arrays are named after their place.
         """
         if value is None or isinstance(value, bool | int | float | str):
             return value
@@ -95,8 +81,8 @@ class Packer:
         if isinstance(value, Trajectories):
             return self._measurements(value, place)
         if isinstance(value, Term):
-            known = {name: self.pack(getattr(value, name), place) for name in TERM}
-            return {KIND: "term", "expression": value.text, **known}
+            attributes = {name: self.pack(getattr(value, name), place) for name in TERM}
+            return {KIND: "term", "expression": value.text, **attributes}
         if type(value) in self._names:
             return {KIND: self._names[type(value)], **self._fields(value, place)}
         if isinstance(value, Mapping):
@@ -113,7 +99,7 @@ class Packer:
 
     def _fields(self, value: Any, place: str) -> dict[str, Any]:
         if isinstance(value, tuple):
-            named = dict(zip(value._fields, value, strict=True))  # type: ignore[attr-defined]
+            named = value._asdict()  # type: ignore[attr-defined]
         else:
             named = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
         kept = {name: each for name, each in named.items() if name not in self._leave_out}
@@ -121,15 +107,15 @@ class Packer:
 
     def _array(self, value: np.ndarray, place: str) -> dict[str, Any]:
         about = {"dtype": value.dtype.str, "shape": list(value.shape)}
-        if value.size <= FEW:
+        if value.size <= MOST_INLINE_NUMBERS:
             return {KIND: "numbers", "of": value.ravel().tolist(), **about}
-        # netCDF has letters, digits and underscores for sure; a derivative is called d(y)/dt.
+        # netCDF is sure to allow letters, digits and underscores; a derivative is called d(y)/dt.
         name = stem = re.sub(r"\W+", "_", place).strip("_")
         for further in count(1):
             if name not in self.arrays:
                 break
             name = f"{stem}_{further}"
-        # It knows no truth values either.
+        # It has no booleans.
         self.arrays[name] = value.astype(np.int8) if value.dtype == bool else value
         return {KIND: "array", "name": name, **about}
 
@@ -157,12 +143,7 @@ class Packer:
 
 
 class Unpacker:
-    """Makes values again.
-
-    Args:
-        classes: As for `Packer`.
-        arrays: Arrays by name.
-    """
+    """Turns JSON and named arrays back into values; the arguments are those of `Packer`."""
 
     def __init__(self, classes: Iterable[type], arrays: Mapping[str, np.ndarray]) -> None:
         self._arrays = arrays
@@ -180,7 +161,7 @@ class Unpacker:
         }
 
     def unpack(self, value: Any) -> Any:
-        """The value that `Packer.pack` made this of."""
+        """Return the value that `Packer.pack` turned into this."""
         if isinstance(value, list):
             return [self.unpack(each) for each in value]
         if not isinstance(value, dict):
@@ -205,7 +186,7 @@ class Unpacker:
         return np.asarray(self._arrays[value["name"]]).astype(np.dtype(value["dtype"]))
 
     def _term(self, value: dict[str, Any]) -> Term:
-        # Files of earlier versions say nothing of coefficients.
+        # Files of earlier versions have no settings of coefficients.
         return Term(value["expression"], **{name: self.unpack(value[name]) for name in TERM if name in value})
 
     def _table(self, value: dict[str, Any]) -> pd.DataFrame:

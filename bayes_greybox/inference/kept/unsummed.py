@@ -1,7 +1,7 @@
-"""Files without the sum of their bytes, which earlier versions or other programs wrote.
+"""Files without a check sum, which earlier versions or other programs wrote.
 
-HDF5 may never come back from what is damaged, or take the process with it. So another process reads all of such a file
-first, and one that does not finish is refused.
+HDF5 may hang on a damaged file, or crash the process. So another process reads all of such a file first, and a file
+that it does not finish is refused.
 """
 
 import os
@@ -15,10 +15,10 @@ import numpy as np
 from .damage import damaged
 
 PATIENCE = 30.0
-"""Seconds that starting and reading may take, beside those that the file's size allows."""
+"""Seconds that reading may take, in addition to those for the size of the file."""
 
-SLOWEST = 2e6
-"""Bytes a second that the slowest disk gives."""
+SLOWEST_DISK = 2e6
+"""Bytes a second that the slowest disk reads."""
 
 READER = """
 import sys
@@ -34,30 +34,22 @@ with h5py.File(sys.argv[1], "r") as file:
     dict(file.attrs)
     file.visititems(read)
 """
-"""What the other process runs; what it cannot read the reader of the file will say."""
+"""Program of the other process; exceptions are left to the reader of the file."""
 
 
 def require_readable(path: str | os.PathLike[str], patience: float = PATIENCE) -> None:
-    """Refuse a file that HDF5 does not come back from.
-
-    Args:
-        path: The file.
-        patience: Seconds to wait.
-
-    Raises:
-        InputError: Reading does not end, or ends the process that reads.
-    """
-    # -I: whatever lies in the working folder is not imported.
+    """Raise InputError for a file on which HDF5 hangs for `patience` seconds, or crashes."""
+    # -I: nothing is imported from the working folder.
     folders = dict.fromkeys(str(Path(str(package.__file__)).parents[1]) for package in (h5py, np))
     command = [sys.executable, "-I", "-c", READER, os.fspath(path), *folders]
-    limit = patience + os.path.getsize(path) / SLOWEST
+    limit = patience + os.path.getsize(path) / SLOWEST_DISK
     try:
         done = subprocess.run(command, timeout=limit, capture_output=True, check=False)
     except subprocess.TimeoutExpired:
         raise damaged(path, f"HDF5 did not finish reading it in {limit:.0f} s") from None
     except OSError:
-        # Inside another program there may be no Python to start: then nobody reads first.
+        # Inside another program there may be no Python to start.
         return
-    # An exception of Python's ends with 1, and the reader of the file says what it is.
+    # A Python exception ends with 1, and the reader of the file will report it.
     if done.returncode not in (0, 1):
         raise damaged(path, "HDF5 cannot read it")

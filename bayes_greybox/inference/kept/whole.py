@@ -1,4 +1,4 @@
-"""What all rows of a stream say, in the file of a fit that holds some of them only."""
+"""Statistics of all rows of a stream, in the file of a fit that holds only some of the rows."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,16 +9,12 @@ import xarray as xr
 from bayes_greybox.model.streams.statistics import RowStatistics
 from bayes_greybox.running.errors import InputError
 
-STATISTICS = "row_statistics"
+STATISTICS_GROUP = "row_statistics"
 """Group of a file with the triangular factors of all rows."""
 
 
 def whole_record(whole: Mapping[str, RowStatistics]) -> dict[str, dict[str, Any]]:
-    """Plain values of the statistics, beside those of `whole_group`.
-
-    Args:
-        whole: Statistics by equation.
-    """
+    """Return the plain values of statistics by equation."""
     return {
         name: {
             "n_row": each.n_row,
@@ -33,11 +29,7 @@ def whole_record(whole: Mapping[str, RowStatistics]) -> dict[str, dict[str, Any]
 
 
 def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
-    """Arrays of the statistics.
-
-    Args:
-        whole: Statistics by equation.
-    """
+    """Return the arrays of statistics by equation."""
     arrays = {}
     for name, each in whole.items():
         arrays[f"{name}_factor"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.factor))
@@ -48,21 +40,13 @@ def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
 
 
 def whole_from(record: Mapping[str, Mapping[str, Any]], group: xr.Dataset) -> dict[str, RowStatistics]:
-    """Statistics from `whole_record` and `whole_group`.
-
-    Args:
-        record: The former.
-        group: The latter.
-
-    Raises:
-        InputError: Values that no rows have.
-    """
-    found = {}
+    """Return the statistics of a `whole_record` and a `whole_group`; raise InputError if no rows can have them."""
+    statistics = {}
     for name, plain in record.items():
         factor, term_scale = (group[f"{name}_{what}"].to_numpy().astype(float) for what in ("factor", "term_scale"))
         ends = {column: np.array(both, float) for column, both in plain["ends"].items()}
         without = group[f"{name}_plain"].to_numpy().astype(float) if f"{name}_plain" in group else None
-        # Files from before rows of paths were streamed are of rates alone.
+        # Files from before rows of paths were streamed have rates only.
         n_row, n_white, log_det = plain["n_row"], plain.get("n_white", plain["n_row"]), float(plain.get("log_det", 0.0))
         scales = (float(plain["target_scale"]), float(plain["noise_floor"]))
         numbers = np.concatenate([factor.ravel(), term_scale, [log_det], *ends.values()])
@@ -70,5 +54,5 @@ def whole_from(record: Mapping[str, Mapping[str, Any]], group: xr.Dataset) -> di
         whole = counts and min(scales) > 0 and all(len(both) == 2 for both in ends.values())
         if not (whole and np.all(np.isfinite(numbers)) and np.all(term_scale > 0)):
             raise InputError(f"the file is damaged: its statistics of {name!r} are those of no rows.")
-        found[name] = RowStatistics(n_row, ends, term_scale, *scales, factor, n_white, log_det, without)
-    return found
+        statistics[name] = RowStatistics(n_row, ends, term_scale, *scales, factor, n_white, log_det, without)
+    return statistics

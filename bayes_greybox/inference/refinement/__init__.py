@@ -1,1 +1,1 @@
-"""The exact trajectory posterior: NUTS on the paths themselves, from where linear rows lead."""
+"""The exact trajectory posterior: NUTS on the paths themselves, started from the posterior on linear rows."""

@@ -1,4 +1,4 @@
-"""Draws of the exact posterior on steps that are fine enough, which is found before and checked after."""
+"""Draws of the exact posterior on steps that are fine enough, as checked before and after sampling."""
 
 import math
 from collections.abc import Mapping
@@ -17,7 +17,7 @@ from bayes_greybox.model.sites import VECTOR, EquationSites
 from .exact_paths import Course
 from .linear_start import FirstDraws
 from .methods import Method
-from .programs import TOGETHER, ExactPrograms, Known
+from .programs import PATHS_TOGETHER, Argument, ExactPrograms
 
 ACCURATE = 1e-6
 """Largest error of a path at the samples, over the size of the state and of the sample."""
@@ -27,36 +27,35 @@ MOVED = 0.01
 
 Where rows S are nearly linear, samples that are off by e move the posterior's mean by A⁻¹Sᵀe, A = SᵀS + P, in no
 direction by more than ‖A^-½Sᵀe‖ ≤ ‖e‖ of its standard deviations; the log likelihood moves by zᵀe − ‖e‖²/2, of which
-‖e‖ is the standard deviation over the noise z. States that no sensor shows count by what they do to samples.
+‖e‖ is the standard deviation over the noise z. States that no sensor shows count by their effect on samples.
 """
 
-MARGIN = 0.1
-"""Share of these that errors may be at the draws of the linear rows, from which the exact ones are told."""
+ERROR_MARGIN = 0.1
+"""Share of these limits that errors may reach at the draws of the linear rows, before the exact ones are known."""
 
-USUAL = 0.9
-"""Share of these draws at which it must be so: some have no path to speak of."""
+USUAL_SHARE = 0.9
+"""Share of the draws of the linear rows that must keep the limit; some draws have no path at all."""
 
-RIDGE = 1e-6
-"""Share of its variance by which a coordinate is known apart from the others, at least."""
+CORRELATION_RIDGE = 1e-6
+"""Least share of the variance of a coordinate that the others do not explain."""
 
-FEWEST = 3
-"""Draws per coordinate below which their covariance is that of its diagonal alone."""
+DRAWS_PER_COORDINATE = 3
+"""Draws per coordinate below which only the diagonal of their covariance is used."""
 
 PATH_ERROR = "path_error"
-"""What the statistics of a sampler have besides: the error of each draw's path as `MOVED` has it."""
+"""Further statistic of the sampler: the error of each draw's path, in the units of `MOVED`."""
 
-ESTIMATE, FITTED, EXACT = "at the fit's own estimate", "at more than a tenth of the fit's draws", "at exact draws"
-"""Where paths were found not to be accurate, in words; the second is beyond `USUAL`."""
+AT_ESTIMATE, AT_LINEAR_DRAWS, AT_EXACT_DRAWS = (
+    "at the fit's own estimate", "at more than a tenth of the fit's draws", "at exact draws"
+)  # fmt: skip
+"""Places where paths were not accurate, in words; the second means that `USUAL_SHARE` was missed."""
 
 
 class Sampled(NamedTuple):
-    """What a method of integration has led to.
+    """Sites, deterministics and statistics, [n_chain, n_draw, ...], sampled with one integration method.
 
-    Attributes:
-        drawn: Sites and what follows from them, each [n_chain, n_draw, ...]; empty where paths are not accurate.
-        stats: Of the sampler.
-        error: Largest error of a path over what it may be, infinite where there is no path.
-        where: It was found, in words.
+    There are none if paths are not accurate: then the largest error over its limit, infinite for a missing path, and
+    its place in words tell why.
     """
 
     drawn: dict[str, np.ndarray]
@@ -65,32 +64,8 @@ class Sampled(NamedTuple):
     where: str
 
 
-class Errors(NamedTuple):
-    """Errors of the paths of draws; infinite where there is a path on finer steps alone, NaN where there is none.
-
-    Attributes:
-        of_size: As `ACCURATE` has them.
-        of_noise: As `MOVED` has them.
-    """
-
-    of_size: Float[np.ndarray, " n"]
-    of_noise: Float[np.ndarray, " n"]
-
-    @property
-    def share(self) -> Float[np.ndarray, " n"]:
-        """Of what they may be, the larger one."""
-        return np.maximum(self.of_size / ACCURATE, self.of_noise / MOVED)
-
-
 class Paths(NamedTuple):
-    """Samples on paths at given points, and how accurate they are.
-
-    Attributes:
-        method: Of integration.
-        course: Segments and rows.
-        programs: Compiled.
-        own: What sites are called.
-    """
+    """Samples on paths at given points, and how accurate they are; `own` are the names of the sites."""
 
     method: Method
     course: Course
@@ -98,71 +73,75 @@ class Paths(NamedTuple):
     own: EquationSites
 
     def sampled(
-        self, known: Known, first: FirstDraws, sampling: Sampling, progress: bool, checkpoint: Checkpoint | None = None
-    ) -> Sampled:
+        self, coarsest: Argument, first: FirstDraws, sampling: Sampling, progress: bool,
+        checkpoint: Checkpoint | None = None,
+    ) -> Sampled:  # fmt: skip
         """Sample on steps that are fine enough.
 
-        Args:
-            known: The model's argument on the coarsest grid.
-            first: Draws of the linear rows.
-            sampling: Settings.
-            progress: Whether to show a progress bar.
-            checkpoint: Keeps the chains of each time that they are run.
+        `coarsest` is the model's argument on the coarsest grid, `first` are draws of the linear rows. The checkpoint
+        keeps the chains of every run.
         """
-        points = self.programs.place(first.sites, known)
+        points = self.programs.place(first.sites, coarsest)
         points = points[np.all(np.isfinite(points), axis=1)]
         mean, root = _coordinates(points, first.distinct)
-        some = points[np.linspace(0, len(points) - 1, TOGETHER - 1).astype(int)]
-        fine, error, where = self._fine(known, np.concatenate([mean[None], some]))
+        some = points[np.linspace(0, len(points) - 1, PATHS_TOGETHER - 1).astype(int)]
+        fine, error, where = self._fine(coarsest, np.concatenate([mean[None], some]))
         while fine is not None:
-            argument = jnp.asarray(mean), jnp.asarray(root), fine
             chains = self.programs.chains.run(
-                argument, draws=sampling.draws, chains=sampling.chains, key=jax.random.PRNGKey(sampling.seed),
-                progress=progress, files=None if checkpoint is None else checkpoint.next_run(),
+                (jnp.asarray(mean), jnp.asarray(root), fine), draws=sampling.draws, chains=sampling.chains,
+                key=jax.random.PRNGKey(sampling.seed), progress=progress,
+                files=None if checkpoint is None else checkpoint.next_run(),
             )  # fmt: skip
             eta = chains.samples[VECTOR]
             flat = mean + eta.reshape(-1, len(mean)) @ root.T
-            told = self.programs.tell(flat, fine)
-            errors = self._errors(told, flat, fine)
-            error, where = _worst(errors.share), EXACT
+            values = self.programs.evaluate(flat, fine)
+            share, of_noise = self._errors(values, flat, fine)
+            error, where = _worst(share), AT_EXACT_DRAWS
             if error <= 1:
-                drawn = {name: value.reshape(*eta.shape[:2], *value.shape[1:]) for name, value in told.items()}
-                return Sampled(drawn, chains.stats | {PATH_ERROR: errors.of_noise.reshape(eta.shape[:2])}, error, where)
+                drawn = {name: value.reshape(*eta.shape[:2], *value.shape[1:]) for name, value in values.items()}
+                return Sampled(drawn, chains.stats | {PATH_ERROR: of_noise.reshape(eta.shape[:2])}, error, where)
             fine = self._finer(fine)
         return Sampled({}, {}, error, where)
 
-    def _fine(self, known: Known, points: Float[np.ndarray, "n u"]) -> tuple[Known | None, float, str]:
-        """The coarsest grid that is fine enough at the mean, which comes first, and usually; and the last error."""
-        fine: Known | None = known
-        error, where = math.inf, ESTIMATE
+    def _fine(self, coarsest: Argument, points: Float[np.ndarray, "n u"]) -> tuple[Argument | None, float, str]:
+        """Return the coarsest grid that is fine enough at the mean, the first point, and usually; and its error."""
+        fine: Argument | None = coarsest
+        error, where = math.inf, AT_ESTIMATE
         while fine is not None:
-            share = self._errors(self.programs.tell(points, fine), points, fine).share
-            error, where = _worst(share[:1]), ESTIMATE
+            share, _ = self._errors(self.programs.evaluate(points, fine), points, fine)
+            error, where = _worst(share[:1]), AT_ESTIMATE
             if math.isfinite(error):
                 # Some draws of the linear rows have no path at all.
-                usual = float(np.nanquantile(share, USUAL, method="higher"))
-                error, where = max((error, where), (usual, FITTED))
+                usual = float(np.nanquantile(share, USUAL_SHARE, method="higher"))
+                error, where = max((error, where), (usual, AT_LINEAR_DRAWS))
             following = self._finer(fine)
-            if error <= (1.0 if following is None else MARGIN):
+            if error <= (1.0 if following is None else ERROR_MARGIN):
                 return fine, error, where
             fine = following
         return None, error, where
 
-    def _errors(self, told: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], known: Known) -> Errors:
-        likelihood, predicted = known.likelihood, self.own[PREDICTED]
-        beyond = self.method.beyond(likelihood.along.grid)
-        finer = self.programs.tell(points, known.on(beyond))[predicted]
-        sigma = likelihood.sigma(told.get(self.own[SENSOR]), told[self.own.sigma])
-        with np.errstate(invalid="ignore", over="ignore"):
-            e = np.asarray(likelihood.whitened(told[predicted] - finer, sigma))
-            of_noise = np.sqrt(np.sum(e**2, axis=1))
-        of_size = self.course.error(told[predicted], finer)
-        # Where there is no path, both say so alike.
-        return Errors(of_size, np.where(np.isfinite(of_size), of_noise, of_size))
+    def _errors(
+        self, values: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], argument: Argument
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Return the errors of the paths of draws over their limits, and in the units of `MOVED`.
 
-    def _finer(self, known: Known) -> Known | None:
-        grid = self.method.finer(known.likelihood.along.grid)
-        return None if grid is None else known.on(grid)
+        Errors are infinite if a path exists on finer steps only, NaN if none exists.
+        """
+        likelihood, predicted = argument.likelihood, self.own[PREDICTED]
+        beyond = self.method.beyond(likelihood.along.grid)
+        finer = self.programs.evaluate(points, argument.on(beyond))[predicted]
+        sigma = likelihood.sigma(values.get(self.own[SENSOR]), values[self.own.sigma])
+        with np.errstate(invalid="ignore", over="ignore"):
+            e = np.asarray(likelihood.whitened(values[predicted] - finer, sigma))
+            of_noise = np.sqrt(np.sum(e**2, axis=1))
+        of_size = self.course.error(values[predicted], finer)
+        # Both are infinite or NaN for the same draws.
+        of_noise = np.where(np.isfinite(of_size), of_noise, of_size)
+        return np.maximum(of_size / ACCURATE, of_noise / MOVED), of_noise
+
+    def _finer(self, argument: Argument) -> Argument | None:
+        grid = self.method.finer(argument.likelihood.along.grid)
+        return None if grid is None else argument.on(grid)
 
 
 def _worst(errors: Float[np.ndarray, " n"]) -> float:
@@ -172,12 +151,12 @@ def _worst(errors: Float[np.ndarray, " n"]) -> float:
 def _coordinates(
     points: Float[np.ndarray, "n_draw u"], distinct: int
 ) -> tuple[Float[np.ndarray, " u"], Float[np.ndarray, "u u"]]:
-    """M and L."""
+    """Return m and L of the coordinates u = m + L η."""
     mean, sd = points.mean(axis=0), points.std(axis=0)
     sd = np.where(sd > 0, sd, 1.0)
-    if distinct <= FEWEST * len(mean):
+    if distinct <= DRAWS_PER_COORDINATE * len(mean):
         return mean, np.diag(sd)
     correlation = np.cov(((points - mean) / sd).T, ddof=0).reshape(len(mean), -1)
-    # What no draw tells has no spread among them.
+    # Coordinates without draws have no spread.
     np.fill_diagonal(correlation, 1.0)
-    return mean, sd[:, None] * np.linalg.cholesky(correlation + RIDGE * np.eye(len(mean)))
+    return mean, sd[:, None] * np.linalg.cholesky(correlation + CORRELATION_RIDGE * np.eye(len(mean)))

@@ -19,12 +19,9 @@ from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 
 
 class Along(NamedTuple):
-    """What paths are followed along: arrays, so that what is compiled for some serves others of the same shapes.
+    """Arrays that paths are followed along; a program compiled for some serves others of the same shapes.
 
-    Attributes:
-        numbers: Of the rate.
-        grid: Of the method.
-        at: Segment, sample in it and state of each row.
+    These are the numbers of the rate, the grid of the method, and segment, sample within it, and state of each row.
     """
 
     numbers: Any
@@ -37,9 +34,9 @@ class ExactPaths:
     """Samples on the paths that solve the equations from given starts. Two with the same formulas are equal.
 
     Attributes:
-        rate: Of all states.
-        method: Of integration.
-        columns: Which of the coefficients the rate of each learned state has.
+        rate: Rate of all states.
+        method: Integration method.
+        columns: Indices of the coefficients in the rate of each learned state.
     """
 
     rate: WholeRate
@@ -47,46 +44,37 @@ class ExactPaths:
     columns: tuple[tuple[str, tuple[int, ...]], ...]
 
     def __call__(self, along: Along, theta: Array, weight: Array, starts: Array) -> Float[Array, " n_row"]:
-        """Samples without noise, user's units, with their derivatives; NaN where a path is lost.
+        """Return samples without noise, user's units, with their derivatives; NaN beyond the end of a path.
 
-        Derivatives are found forwards, beside the paths, each start's on its own segment alone, so that whoever
-        differentiates backwards pays for a product with them.
-
-        Args:
-            along: Numbers, grid and rows.
-            theta: Scaled coefficients, those of all learned states [n_term].
-            weight: Scaled weights of f [n_basis].
-            starts: States at the first sample of each segment [n_segment, d].
+        Coefficients θ of all learned states [n_term] and weights of f [n_basis] are scaled; starts are the states at
+        the first sample of each segment [n_segment, d]. Derivatives are integrated forwards along with the paths, those
+        by a start on its own segment alone, so that reverse-mode differentiation costs a product with them.
         """
         flat, unravel = self._parameters(theta, weight)
-        held, first = jax.lax.stop_gradient((flat, starts))
-        states, slopes = self.method.with_slopes(self._rate(along, unravel), first, held, along.grid)
+        fixed, first = jax.lax.stop_gradient((flat, starts))
+        states, slopes = self.method.with_slopes(self._rate(along, unravel), first, fixed, along.grid)
         segment, sample, state = along.at.T
         # x(p, x₀) = x + ∂x/∂(p, x₀) · (p − p̄, x₀ − x̄₀) at p = p̄, x₀ = x̄₀
-        change = jnp.broadcast_to(flat - held, (len(segment), len(flat)))
+        change = jnp.broadcast_to(flat - fixed, (len(segment), len(flat)))
         away = jnp.concatenate([change, (starts - first)[segment]], axis=1)
         return states[segment, sample, state] + jnp.sum(slopes[segment, sample, :, state] * away, axis=1)
 
     def samples(self, along: Along, theta: Array, weight: Array, starts: Array) -> Float[Array, " n_row"]:
-        """The same without derivatives."""
+        """Return the samples without derivatives."""
         flat, unravel = self._parameters(theta, weight)
         return self.method.states(self._rate(along, unravel), starts, flat, along.grid)[tuple(along.at.T)]
 
     def _parameters(self, theta: Array, weight: Array) -> tuple[Array, Any]:
-        return ravel_pytree({name: (theta[np.array(own, int)], weight) for name, own in self.columns})
+        return ravel_pytree({name: (theta[np.array(index, int)], weight) for name, index in self.columns})
 
     def _rate(self, along: Along, unravel: Any) -> Any:
         return lambda t, x, u, flat: self.rate(t, x, u, (along.numbers, unravel(flat)))
 
 
 class Course(NamedTuple):
-    """Segments of a reference path with the samples on them.
+    """Segments of a reference path, typical sizes of the states, and segment, sample and state of each row.
 
-    Attributes:
-        segments: Times and inputs.
-        held: Whether inputs are held between samples.
-        sizes: Of the states.
-        at: Segment, sample in it and state of each row.
+    Inputs have a zero-order hold between samples if `held`.
     """
 
     segments: tuple[Segment, ...]
@@ -96,49 +84,43 @@ class Course(NamedTuple):
 
     @classmethod
     def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | None) -> "Course":
-        """The course of a reference path.
+        """Return the course of a reference path through samples.
 
-        Args:
-            path: The reference.
-            samples: What it was found from.
-            interpolation: Of the inputs between samples, each input's own by default.
+        `interpolation` is that of the inputs between samples; by default each input has its own.
         """
         every, end = path.ends, path.segments.end
-        inputs, runs = samples.matrix(samples.input_names), [samples.run == r for r in range(samples.n_run)]
+        inputs = samples.matrix(samples.input_names)
         curvature = np.zeros_like(inputs)
-        for own in runs:
-            # As the rows have them, by run.
-            kind = interpolation or between_samples(samples.time[own], inputs[own])
-            curvature[own] = curvature_of(jnp.asarray(samples.time[own]), jnp.asarray(inputs[own]), kind)[1]
+        # By run, as for the rows.
+        for run in (samples.run == r for r in range(samples.n_run)):
+            kind = interpolation or between_samples(samples.time[run], inputs[run])
+            curvature[run] = curvature_of(jnp.asarray(samples.time[run]), jnp.asarray(inputs[run]), kind)[1]
         rows = [np.flatnonzero(every[:, 0] == k) for k in range(path.n_segment)]
         place = np.empty(len(every), int)
-        for own in rows:
-            place[own] = np.arange(len(own))
+        for index in rows:
+            place[index] = np.arange(len(index))
         at = np.concatenate(
             [np.column_stack([end[:, 0], place[path.seen], np.full(len(end), k)]) for k in path.segments.outputs]
         )
-        segments = tuple(Segment(samples.time[own], inputs[own], curvature[own]) for own in rows)
+        segments = tuple(Segment(samples.time[index], inputs[index], curvature[index]) for index in rows)
         return cls(segments, interpolation == "zoh", path.start_sd / WIDE, at)
 
     @property
     def methods(self) -> tuple[Method, ...]:
-        """In the order in which they are tried."""
+        """Integration methods, in the order in which they are tried."""
         return FixedSteps(), AdaptiveSteps(self.held, self.segments[0].inputs.shape[1])
 
     def along(self, method: Method, rate: WholeRate) -> Along:
-        """What paths are followed along, on the coarsest grid of a method."""
+        """Return the arrays that paths are followed along, on the coarsest grid of a method."""
         return Along(rate.numbers, method.grid(self.segments, self.held, self.sizes), self.at)
 
     def error(
         self, rows: Float[np.ndarray, "n_draw n_row"], finer: Float[np.ndarray, "n_draw n_row"]
     ) -> Float[np.ndarray, " n_draw"]:
-        """Largest error of each draw's path at the samples, over the size of the state and of the sample itself.
+        """Return the largest error of each draw's path at the samples, over the size of the state and of the sample.
 
-        It is infinite where there is a path on finer steps alone, and NaN where there is none.
-
-        Args:
-            rows: Samples on the paths.
-            finer: Those on paths whose own error is small against it.
+        Samples on `finer` paths, with much smaller errors, stand for the exact ones. The error is infinite if a path
+        exists on finer steps only, and NaN if none exists.
         """
         size = self.sizes[self.at[:, 2]] + np.abs(finer)
         with np.errstate(invalid="ignore", over="ignore"):

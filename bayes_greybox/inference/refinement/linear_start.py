@@ -1,4 +1,4 @@
-"""What the posterior on linear rows leaves to the exact one: the samples' likelihood, and draws to begin with."""
+"""Inputs of the exact posterior from that on linear rows: the likelihood of the samples, and initial draws."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -19,16 +19,16 @@ from bayes_greybox.running.errors import InputError
 from .exact_paths import Along, ExactPaths
 
 MOST_CORRELATED = 2000
-"""Rows whose noise is correlated, beyond which its dense whitening costs more than the paths."""
+"""Most rows with correlated noise; beyond, dense whitening costs more than the paths."""
 
 _OTHERWISE = ("theta", "prior_sd", "gamma", "inclusion", "weight", "f", "sigma", "amplitude", "length_scale")
-"""What the results of a fit have in other units, or under other names, than the exact model's sites."""
+"""Quantities that a fit has in other units, or under other names, than the sites of the exact model."""
 
 Stated = Mapping[str, tuple[float, float]]
 
 
 class FirstDraws(NamedTuple):
-    """Draws by site of the exact model, each [n_draw, ...], and how many of them are not repeated."""
+    """Draws by site of the exact model, each [n_draw, ...], and the number of distinct ones."""
 
     sites: dict[str, np.ndarray]
     distinct: int
@@ -38,19 +38,11 @@ def likelihood_of(
     posterior: Posterior, equation: Equation, path: ReferencePath, starts: Stated, noise: Stated, paths: ExactPaths,
     along: Along,
 ) -> ExactLikelihood:  # fmt: skip
-    """Likelihood of the samples on exact paths.
+    """Return the likelihood of the samples on exact paths.
 
-    Args:
-        posterior: On linear rows.
-        equation: Rows, frame and design.
-        path: The reference.
-        starts: Mean and standard deviation of states at the start of each run, by state.
-        noise: Median and logarithmic standard deviation of the noise of each sensor, by state.
-        paths: The exact paths.
-        along: What they are followed along.
-
-    Raises:
-        InputError: A state or a sensor that there is not; noise of one sensor alone; too many correlated rows.
+    Starts of runs have a mean and standard deviation, by state; the noise of each sensor has a median and a logarithmic
+    standard deviation. InputError is raised for an unknown state or sensor, noise of some sensors only, and too many
+    correlated rows.
     """
     rows, outputs = equation.rows, path.segments.outputs
     samples, simulation = posterior.data.samples or posterior.data, posterior.model.simulator(posterior.data)
@@ -92,41 +84,32 @@ def first_draws(
     posterior: Posterior, equation: Equation, path: ReferencePath, own: EquationSites,
     active: Bool[np.ndarray, " n_term"], likelihood: ExactLikelihood,
 ) -> FirstDraws:  # fmt: skip
-    """Draws of the linear rows' posterior with the likeliest pattern, by what the sites of the exact model are.
-
-    Args:
-        posterior: On linear rows.
-        equation: Rows, frame and design.
-        path: The reference.
-        own: Names.
-        active: Terms that are in.
-        likelihood: Of the exact paths.
-    """
+    """Return draws of the posterior on linear rows with the likeliest pattern, by site of the exact model."""
     design, draws = equation.design, posterior.draws(own.equation)
-    found_with = np.flatnonzero(np.all((np.asarray(draws.prior_sd) > 0) == active, axis=1))
-    # As many as there are draws in all, so that what is compiled for them has one shape.
-    with_pattern = found_with[np.arange(len(draws.theta)) * len(found_with) // len(draws.theta)]
+    distinct = np.flatnonzero(np.all((np.asarray(draws.prior_sd) > 0) == active, axis=1))
+    # As many as there are draws in all, so that programs compiled for them have one shape.
+    with_pattern = distinct[np.arange(len(draws.theta)) * len(distinct) // len(draws.theta)]
     theta, weight = draws.theta[with_pattern], draws.weight[with_pattern]
     hyper = jax.tree.map(lambda leaf: np.asarray(leaf)[with_pattern], draws.hyper)
-    found = {
+    values = {
         quantity: value[with_pattern]
         for quantity, value in posterior.values(own.equation).items()
         if quantity not in _OTHERWISE
     }
-    found["noise"] = np.sqrt(np.maximum(hyper.sigma**2 - float(design.noise_floor) ** 2, 1e-12))
+    values["noise"] = np.sqrt(np.maximum(hyper.sigma**2 - float(design.noise_floor) ** 2, 1e-12))
     if equation.frame.variables:
-        found |= {"amplitude": hyper.amplitude, "length_scale": hyper.length_scale}
+        values |= {"amplitude": hyper.amplitude, "length_scale": hyper.length_scale}
     bounded = [j for j in design.coefficients.bounded if active[j]]
     free = [j for j in np.flatnonzero(active) if j not in bounded]
-    found |= {"theta_free": theta[:, free], **{f"theta_{j}": theta[:, j] for j in bounded}}
+    values |= {"theta_free": theta[:, free], **{f"theta_{j}": theta[:, j] for j in bounded}}
     if weight.shape[1]:
         fresh = np.random.default_rng(posterior.sampling.seed + 1).standard_normal(weight.shape)
-        found["z"] = np.asarray(jax.vmap(design.standardised)(jnp.asarray(weight), hyper, jnp.asarray(fresh)))
+        values["z"] = np.asarray(jax.vmap(design.standardised)(jnp.asarray(weight), hyper, jnp.asarray(fresh)))
     if likelihood.sensor_noise is not None:
-        found[SENSOR] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
+        values[SENSOR] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
     start = start_draws(equation, path, theta, weight, hyper.sigma, posterior.sampling.seed)
-    found["start_unit"] = (start - likelihood.start_mean) / likelihood.start_sd
-    return FirstDraws({own[quantity]: np.asarray(value) for quantity, value in found.items()}, len(found_with))
+    values["start_unit"] = (start - likelihood.start_mean) / likelihood.start_sd
+    return FirstDraws({own[quantity]: np.asarray(value) for quantity, value in values.items()}, len(distinct))
 
 
 def _sensor_noise(noise: Stated, sensors: tuple[str, ...], *, independent: bool) -> Float[np.ndarray, "n 2"] | None:

@@ -1,12 +1,12 @@
-"""How exact paths are integrated: on steps that are given, or, where these would be too short, on steps as they come.
+"""Integration methods of exact paths: fixed steps, or adaptive ones where fixed steps would have to be too short.
 
-How fine a method is, is an argument of what is compiled, and is found by halving its error until that is small.
+The resolution of a method is an argument of compiled programs; it is raised until the error is small.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,14 +17,14 @@ from bayes_greybox.physics.fixed_steps import Intervals, Rate, follow, follow_wi
 from bayes_greybox.physics.integrate import Limits, Samples, cut, follow_piece, joined
 from bayes_greybox.physics.solvers import diffrax
 
-MOST = 64
-"""Steps in an interval of typical length beyond which steps as they come are fewer."""
+MOST_STEPS_PER_INTERVAL = 64
+"""Steps in an interval of typical length beyond which adaptive steps are fewer."""
 
-FIRST, FINEST = 1e-6, 1e-10
+FIRST_TOLERANCE, FINEST_TOLERANCE = 1e-6, 1e-10
 """Local tolerances of adaptive steps, relative and over the states' sizes."""
 
 TIGHTER = 0.01
-"""Share of the tolerance that the next one is."""
+"""Ratio of a tolerance to the one before."""
 
 
 class Segment(NamedTuple):
@@ -33,41 +33,6 @@ class Segment(NamedTuple):
     time: Float[np.ndarray, " n"]
     inputs: Float[np.ndarray, "n p"]
     curvature: Float[np.ndarray, "n p"]
-
-
-@runtime_checkable
-class Method(Protocol):
-    """A way to integrate. Two that are equal compile to the same; a grid is a pytree of arrays."""
-
-    def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Any:
-        """The coarsest grid over segments.
-
-        Args:
-            segments: Of any lengths.
-            held: Whether inputs are held between samples.
-            sizes: Of the states.
-        """
-        ...
-
-    def finer(self, grid: Any) -> Any:
-        """The next finer grid of the same shapes, or None where this is the finest."""
-        ...
-
-    def beyond(self, grid: Any) -> Any:
-        """A grid so much finer that what a path changes by from one to the other is its error on the coarser."""
-        ...
-
-    def states(
-        self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Any
-    ) -> Float[Array, "n_segment n_sample d"]:
-        """Paths at the samples."""
-        ...
-
-    def with_slopes(
-        self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Any
-    ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
-        """Paths at the samples, and their derivatives by the parameters and then by the own start."""
-        ...
 
 
 class Steps(NamedTuple):
@@ -79,10 +44,13 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True)
 class FixedSteps:
-    """As many steps in every interval, more in longer ones: neither search nor rejection."""
+    """Equally many steps in intervals of typical length and more in longer ones; no step is rejected."""
 
     def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Steps:
-        """One step between two samples of the typical distance."""
+        """Return the coarsest grid: one step between two samples at the typical distance.
+
+        Inputs have a zero-order hold between samples if `held`; `sizes` are those of the states.
+        """
         n = max(len(each.time) for each in segments) - 1
         each = [intervals_of(s.time, s.inputs, s.curvature, held, n) for s in segments]
         intervals = jax.tree.map(lambda *parts: jnp.stack(parts), *each)
@@ -91,17 +59,17 @@ class FixedSteps:
         return Steps(intervals, jnp.asarray(np.maximum(count, 1).astype(int)))
 
     def finer(self, grid: Steps) -> Steps | None:
-        """Half steps."""
-        return None if np.min(np.asarray(grid.number)) >= MOST else self.beyond(grid)
+        """Halve the steps; None if they are the finest."""
+        return None if np.min(np.asarray(grid.number)) >= MOST_STEPS_PER_INTERVAL else self.beyond(grid)
 
     def beyond(self, grid: Steps) -> Steps:
-        """Half steps: of order 5, they leave a thirty-second of the error."""
+        """Halve the steps, so that the change of a path is nearly its error: at order 5 a thirty-second remains."""
         return grid._replace(number=2 * grid.number)
 
     def states(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Steps
     ) -> Float[Array, "n_segment n_sample d"]:
-        """Paths at the samples."""
+        """Return paths at the samples."""
         return jax.vmap(lambda x0, intervals: follow(rate, x0, parameters, intervals, grid.number))(
             start, grid.intervals
         )
@@ -109,7 +77,7 @@ class FixedSteps:
     def with_slopes(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Steps
     ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
-        """Paths and their derivatives."""
+        """Return paths at the samples, and their derivatives by the parameters and then by the start of the segment."""
         return jax.vmap(lambda x0, intervals: follow_with_slopes(rate, x0, parameters, intervals, grid.number))(
             start, grid.intervals
         )
@@ -126,10 +94,10 @@ class Pieces(NamedTuple):
 
 @dataclass(frozen=True)
 class AdaptiveSteps:
-    """Steps as long as the local error lets them be, for rates that change within a hair's breadth, as friction does.
+    """Steps as long as the local error allows, for rates that change abruptly, as friction does.
 
     Attributes:
-        held: Whether inputs are held between samples.
+        held: True if inputs have a zero-order hold between samples.
         n_input: Number of inputs.
     """
 
@@ -137,26 +105,26 @@ class AdaptiveSteps:
     n_input: int
 
     def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Pieces:
-        """With the first tolerance."""
+        """Return the coarsest grid, with the first tolerance; see `FixedSteps.grid`."""
         n = max(len(each.time) for each in segments)
         filled = [_filled(each, n) for each in segments]
         cuts = [cut(jnp.asarray(s.time), s.inputs, self._kinds, s.curvature)[0] for s in filled]
         times = jnp.asarray(np.stack([s.time for s in filled]))
         samples = jax.tree.map(lambda *parts: jnp.stack(parts), *cuts)
-        return Pieces(times, samples, jnp.asarray(sizes), jnp.asarray(FIRST))
+        return Pieces(times, samples, jnp.asarray(sizes), jnp.asarray(FIRST_TOLERANCE))
 
     def finer(self, grid: Pieces) -> Pieces | None:
-        """A tighter tolerance."""
-        return None if grid.tolerance <= FINEST * (1 + 1e-9) else self.beyond(grid)
+        """Tighten the tolerance; None if it is the finest."""
+        return None if grid.tolerance <= FINEST_TOLERANCE * (1 + 1e-9) else self.beyond(grid)
 
     def beyond(self, grid: Pieces) -> Pieces:
-        """A tighter tolerance: the error of the method of order 5 goes with its power 5/6 or higher."""
+        """Tighten the tolerance; the error of a method of order 5 is proportional to its power 5/6 or higher."""
         return grid._replace(tolerance=TIGHTER * grid.tolerance)
 
     def states(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Pieces
     ) -> Float[Array, "n_segment n_sample d"]:
-        """Paths at the samples; NaN from where one is lost."""
+        """Return paths at the samples; NaN beyond the end of a path."""
 
         def one(x0: Array, times: Array, samples: Samples) -> Array:
             limits = Limits(x0, times[-1], times[-1] - times[0], grid.sizes, 1e12 * jnp.max(grid.sizes))
@@ -174,24 +142,28 @@ class AdaptiveSteps:
     def with_slopes(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Pieces
     ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
-        """Paths and their derivatives, those of the steps that were taken."""
+        """Return paths and their derivatives at fixed steps, those that were taken."""
         q = len(parameters)
 
         def moved(away: Array) -> tuple[Array, Array]:
-            found = self.states(rate, start + away[q:], parameters + away[:q], grid)
-            return found, found
+            states = self.states(rate, start + away[q:], parameters + away[:q], grid)
+            return states, states
 
-        slopes, found = jax.jacfwd(moved, has_aux=True)(jnp.zeros(q + start.shape[1]))
-        return found, jnp.moveaxis(slopes, -1, 2)
+        slopes, states = jax.jacfwd(moved, has_aux=True)(jnp.zeros(q + start.shape[1]))
+        return states, jnp.moveaxis(slopes, -1, 2)
 
     @property
     def _kinds(self) -> tuple[str, ...]:
-        # Lines are splines that are not curved.
+        # Lines are splines without curvature.
         return ("zoh" if self.held else "cubic",) * self.n_input
 
 
+Method = FixedSteps | AdaptiveSteps
+"""An integration method. Equal methods compile to the same program; a grid is a pytree of arrays."""
+
+
 def _filled(segment: Segment, n: int) -> Segment:
-    """Further samples after the last, which no row is at."""
+    """Pad a segment to n samples, which no row is at."""
     time, inputs, curvature = segment
     more = n - len(time)
     step = time[-1] - time[-2] if len(time) > 1 else 1.0

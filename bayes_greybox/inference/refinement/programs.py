@@ -1,4 +1,4 @@
-"""What is compiled to sample exact paths. Data are arguments, so that others of the same shapes compile nothing."""
+"""Compiled programs that sample exact paths. Data are arguments: others of the same shapes need no compilation."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -24,37 +24,27 @@ from bayes_greybox.model.sampling_program import Bare
 from bayes_greybox.model.sites import density_model
 from bayes_greybox.running.compiling import compiled
 
-TOGETHER = 32
+PATHS_TOGETHER = 32
 """Draws whose paths are followed together."""
 
 
-class Known(NamedTuple):
-    """The argument of the compiled model.
-
-    Attributes:
-        design: Of the rows, for its priors.
-        likelihood: Of the samples.
-    """
+class Argument(NamedTuple):
+    """The argument of the compiled model: the design of the rows, for its priors, and the likelihood of the samples."""
 
     design: Design
     likelihood: ExactLikelihood
 
-    def on(self, grid: Any) -> "Known":
-        """The same on another grid of the method."""
+    def on(self, grid: Any) -> "Argument":
+        """Return the same argument on another grid of the method."""
         along = self.likelihood.along._replace(grid=grid)
         return self._replace(likelihood=replace(self.likelihood, along=along))
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What programs are compiled for, beside the shapes of their arguments.
+class ProgramKey:
+    """Key of compiled programs, beside the shapes of their arguments: priors, included terms and settings of NUTS.
 
-    Attributes:
-        bare: Priors.
-        block: What the equations are called that share the rows.
-        terms: That are in.
-        tune: Warm-up iterations.
-        target_accept: Target acceptance probability of NUTS.
+    `block` is the name of the equations that share the rows.
     """
 
     bare: Bare
@@ -63,85 +53,70 @@ class Asked:
     tune: int
     target_accept: float
 
-    def model(self, known: Known) -> Any:
-        """The NumPyro model."""
-        return exact_model(self.bare, self.block, known.design, self.terms, known.likelihood)
+    def model(self, argument: Argument) -> Any:
+        """Return the NumPyro model."""
+        return exact_model(self.bare, self.block, argument.design, self.terms, argument.likelihood)
 
 
 class ExactPrograms:
-    """Compiled programs of one question; arguments may be others of the same shapes.
+    """Compiled programs for arguments of the same shapes as `argument`.
 
-    Coordinates are u, all sites on the real line, and of the sampler η, u = m + L η.
-
-    Args:
-        asked: The question.
-        known: An argument, for its shapes.
+    Coordinates are u, all sites on the real line; the sampler's are η, with u = m + L η.
     """
 
-    def __init__(self, asked: Asked, known: Known) -> None:
-        self._asked = asked
-        shapes = jax.eval_shape(lambda known: {n: jnp.zeros(s) for n, (_, s) in self._sites(known).items()}, known)
+    def __init__(self, key: ProgramKey, argument: Argument) -> None:
+        self._key = key
+        shapes = jax.eval_shape(lambda each: {n: jnp.zeros(s) for n, (_, s) in self._sites(each).items()}, argument)
         zeros = {name: np.zeros(each.shape) for name, each in shapes.items()}
         flat, self._unravel = ravel_pytree(zeros)
         self.size = len(flat)
 
-        # Paths are traced once, for all the times that the sampler traces their density.
+        # Compiled, so that paths are traced once however often the sampler traces their density.
         @jax.jit
-        def log_density(eta: Array, argument: tuple[Array, Array, Known]) -> Array:
-            center, L, known = argument
-            # The sampler's own handlers would take the sites of the model for theirs.
+        def log_density(eta: Array, inputs: tuple[Array, Array, Argument]) -> Array:
+            center, L, argument = inputs
+            # Otherwise the sampler's handlers would see the sites of the model.
             with block():
-                return -jnp.asarray(potential_energy(asked.model(known), (), {}, self._unravel(center + L @ eta)))
+                return -jnp.asarray(potential_energy(key.model(argument), (), {}, self._unravel(center + L @ eta)))
 
-        kernel = NUTS(density_model(log_density, self.size), target_accept_prob=asked.target_accept)
-        self.chains = Sampler(lambda _: kernel, asked.tune)
+        kernel = NUTS(density_model(log_density, self.size), target_accept_prob=key.target_accept)
+        self.chains = Sampler(lambda _: kernel, key.tune)
 
-        def told(u: Array, known: Known) -> dict[str, Array]:
-            # Nobody differentiates here.
-            paths: Any = known.likelihood.predict
-            known = known._replace(likelihood=replace(known.likelihood, predict=paths.samples))
-            return constrain_fn(asked.model(known), (), {}, self._unravel(u), return_deterministic=True)
+        def evaluated(u: Array, argument: Argument) -> dict[str, Array]:
+            # No derivatives are needed here.
+            paths: Any = argument.likelihood.predict
+            argument = argument._replace(likelihood=replace(argument.likelihood, predict=paths.samples))
+            return constrain_fn(key.model(argument), (), {}, self._unravel(u), return_deterministic=True)
 
-        self._told = compiled(jax.vmap(told, in_axes=(0, None)))
+        self._evaluated = compiled(jax.vmap(evaluated, in_axes=(0, None)))
         self._placed = compiled(self._place, once=True)
 
-    def tell(self, points: Float[np.ndarray, "n_draw n"], known: Known) -> dict[str, np.ndarray]:
-        """Sites and what follows from them at points on the real line, each [n_draw, ...].
+    def evaluate(self, points: Float[np.ndarray, "n_draw n"], argument: Argument) -> dict[str, np.ndarray]:
+        """Return sites and deterministics at points u on the real line, each [n_draw, ...]."""
+        parts = []
+        for first in range(0, len(points), PATHS_TOGETHER):
+            part = points[first : first + PATHS_TOGETHER]
+            filled = np.pad(part, ((0, PATHS_TOGETHER - len(part)), (0, 0)), "edge")
+            values = self._evaluated(jnp.asarray(filled), argument)
+            parts.append({str(name): np.asarray(value)[: len(part)] for name, value in values.items()})
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-        Args:
-            points: u.
-            known: The argument.
-        """
-        found = []
-        for first in range(0, len(points), TOGETHER):
-            part = points[first : first + TOGETHER]
-            filled = np.pad(part, ((0, TOGETHER - len(part)), (0, 0)), "edge")
-            found.append(
-                {str(k): np.asarray(v)[: len(part)] for k, v in self._told(jnp.asarray(filled), known).items()}
-            )
-        return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    def place(self, first: Mapping[str, np.ndarray], argument: Argument) -> Float[np.ndarray, "n_draw n"]:
+        """Return draws by site, each [n_draw, ...], as points on the real line; sites without draws are zero."""
+        return np.asarray(self._placed({name: jnp.asarray(value) for name, value in first.items()}, argument))
 
-    def place(self, first: Mapping[str, np.ndarray], known: Known) -> Float[np.ndarray, "n_draw n"]:
-        """Draws on the real line; sites that have none are zero.
-
-        Args:
-            first: Draws by site, each [n_draw, ...].
-            known: The argument.
-        """
-        return np.asarray(self._placed({name: jnp.asarray(value) for name, value in first.items()}, known))
-
-    def _place(self, first: dict[str, Array], known: Known) -> Array:
+    def _place(self, first: dict[str, Array], argument: Argument) -> Array:
         n_draw = len(next(iter(first.values())))
         real = {}
-        for name, (fn, shape) in self._sites(known).items():
+        for name, (fn, shape) in self._sites(argument).items():
             real[name] = jnp.zeros((n_draw, *shape))
             if name in first:
                 real[name] = biject_to(fn.support).inv(jnp.asarray(first[name]))
         return jax.vmap(lambda each: ravel_pytree(each)[0])(real)
 
-    def _sites(self, known: Known) -> dict[str, tuple[Any, tuple[int, ...]]]:
-        """Distribution of each latent site, and its shape."""
-        traced = trace(seed(self._asked.model(known), 0)).get_trace()
+    def _sites(self, argument: Argument) -> dict[str, tuple[Any, tuple[int, ...]]]:
+        """Return distribution and shape of each latent site."""
+        traced = trace(seed(self._key.model(argument), 0)).get_trace()
         return {
             str(name): (site["fn"], np.shape(site["value"]))
             for name, site in traced.items()
@@ -149,21 +124,16 @@ class ExactPrograms:
         }
 
 
-def exact_programs(asked: Asked, known: Known) -> ExactPrograms:
-    """Programs for arguments of these shapes: those of an earlier question that was equal, if there was one.
-
-    Args:
-        asked: The question.
-        known: The argument.
-    """
-    if type(asked.bare.prior) not in PRIORS.values():
-        # As for a fit: what a prior of the user's own reads may have changed since.
-        return ExactPrograms(asked, known)
-    leaves, tree = jax.tree.flatten(known)
-    return _shared(asked, tree, tuple(map(jax.typeof, leaves)))
+def exact_programs(key: ProgramKey, argument: Argument) -> ExactPrograms:
+    """Return programs for arguments of these shapes, those of an earlier equal key if there was one."""
+    if type(key.bare.prior) not in PRIORS.values():
+        # As for a fit: a user-defined prior may depend on things that changed since.
+        return ExactPrograms(key, argument)
+    leaves, tree = jax.tree.flatten(argument)
+    return _shared(key, tree, tuple(map(jax.typeof, leaves)))
 
 
 @lru_cache(SHARED)
-def _shared(asked: Asked, tree: Any, shapes: tuple) -> ExactPrograms:
-    known = jax.tree.unflatten(tree, [jnp.asarray(np.zeros(each.shape, each.dtype)) for each in shapes])
-    return ExactPrograms(asked, known)
+def _shared(key: ProgramKey, tree: Any, shapes: tuple) -> ExactPrograms:
+    argument = jax.tree.unflatten(tree, [jnp.asarray(np.zeros(each.shape, each.dtype)) for each in shapes])
+    return ExactPrograms(key, argument)

@@ -1,5 +1,6 @@
-"""Exact draws of what was integrated out: inclusion patterns, coefficients, weights or values of f."""
+"""Exact draws of the quantities that were integrated out: inclusion patterns, coefficients, f."""
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -21,41 +22,42 @@ from bayes_greybox.running.traces import kept
 
 
 def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
-    """A function (designs, samples, key) that draws γ, θ and f given each posterior draw of the hyperparameters.
+    """Return a function (designs, samples, key) that draws γ, θ and f exactly, given each draw of the hyperparameters.
 
-    They are still exact posterior draws. The function compiles once for designs and samples of the same shapes.
-
-    Args:
-        model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `samples` its
-            sites, each [n_chain, n_draw, ...].
-        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
+    The argument of the collapsed model is `designs`, and its sites are `samples`, each [n_chain, n_draw, ...]. With an
+    `identity` of the model, traces are kept (see `traces.kept`).
 
     Returns:
         The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
-        of each coefficient, zero where it is out) and `e_weight` (weights of the features) or `e_f` (values at the
-        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of
-        γ_j = 1 given the hyperparameters where the patterns are summed, else γ_j itself.
+        of each coefficient, zero for an excluded one) and `e_weight` (weights of the features) or `e_f` (values at the
+        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of γ_j = 1
+        given the hyperparameters if the patterns are summed, else γ_j itself.
     """
 
-    def draw_all_of(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
+    def draw_all(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:
         keys = jax.random.split(key, len(next(iter(flat.values()))))
         return jax.lax.map(lambda item: conditional_draw(model, designs, item[0], item[1]), (flat, keys))
 
-    draw_all = kept(draw_all_of, identity, "conditional", once=True)
+    return by_chain(kept(draw_all, identity, "conditional", once=True))
 
-    def draw(designs: Mapping[str, Design], samples: Mapping[str, np.ndarray], key: Array) -> dict[str, np.ndarray]:
-        shape = next(iter(samples.values())).shape[:2]
-        flat = on_device({name: value.reshape(-1, *value.shape[2:]) for name, value in samples.items()})
-        drawn = draw_all(designs, flat, key)
-        return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in drawn.items()}
 
-    return draw
+def by_chain(program: Callable[..., dict[str, Array]]) -> Callable[..., dict[str, np.ndarray]]:
+    """Return a program (designs, flat draws, ...) as a function of draws [n_chain, n_draw, ...]."""
+
+    def run(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray], *further: Array) -> dict[str, np.ndarray]:
+        shape = next(iter(draws.values())).shape[:2]
+        # Not −1, which an array without columns leaves open.
+        flat = on_device({name: value.reshape(math.prod(shape), *value.shape[2:]) for name, value in draws.items()})
+        result = program(designs, flat, *further)
+        return {name: np.asarray(value).reshape(*shape, *value.shape[1:]) for name, value in result.items()}
+
+    return run
 
 
 def conditional_draw(
     model: Callable, designs: Mapping[str, Design], values: Mapping[str, Array], key: Array
 ) -> dict[str, Array]:
-    """One draw of γ, θ and f of every equation given one draw of the sites; see `conditional_sampler`."""
+    """Draw γ, θ and f of every equation once, given one draw of the sites; see `conditional_sampler`."""
     sites = trace(seed(substitute(model, data=dict(values)), key)).get_trace(designs)
     drawn = {}
     for own, key_e in zip(Sites(designs).values(), jax.random.split(key, len(designs)), strict=True):
@@ -65,15 +67,11 @@ def conditional_draw(
 
 
 def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = None) -> dict[str, Array]:
-    """One draw of γ, θ and f given the hyperparameters of one equation.
+    """Draw γ, θ and f once, given the likelihood of one equation, which holds η and the prior scales.
 
     θ | γ, η, y ~ N(sd m, sd (I + sd TᵀT sd)⁻¹ sd), z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), θ less its prior mean.
-    Coefficients with bounds are where the sampler's uniform numbers place them, the others are drawn given these.
-
-    Args:
-        key: Random key.
-        likelihood: The likelihood site's distribution, which holds η and the prior scales.
-        gamma: The pattern, where it is a site of the model.
+    The sampler's uniform numbers place coefficients with bounds; the others are drawn given these. The pattern is given
+    if it is a site of the model.
     """
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
@@ -112,5 +110,5 @@ def draw_given(key: Array, likelihood: CollapsedNormal, gamma: Array | None = No
 
 
 def _shares(log_weight: Array, bits: Array) -> Array:
-    """Probability of each term; patterns that all have one add up to one but for rounding."""
+    """Inclusion probability of each term; rounding may bring a sum over all patterns above one."""
     return jnp.minimum(jnp.exp(log_weight) @ bits, 1.0)

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,36 +20,25 @@ from bayes_greybox.running.traces import kept
 
 from .chain_file import ChainFile, SoFar, name_of
 
-CHUNK = 100
-"""Most iterations between two looks at the progress bar, at the clock and at whether to stop."""
+ITERATIONS_PER_CHUNK = 100
+"""Most iterations in a chunk. Between chunks the progress bar, the chain's file and a stop signal are served."""
 
-PACE, GROWTH = 1.0, 4
-"""Seconds that such iterations are to take, and how many times as many they are at most as those before."""
+SECONDS_PER_CHUNK, CHUNK_GROWTH = 1.0, 4
+"""Duration that chunks aim at, and the most by which a chunk is longer than the one before."""
 
-SAMPLING = "Sampling"
-"""What the bar says, by default."""
+SAMPLING_LABEL = "Sampling"
+"""Default text of the progress bar."""
+
+Files = Callable[[int, str], ChainFile]
+"""(number of a chain, digest of what it samples) -> the file that keeps it."""
 
 
 @dataclass(frozen=True)
 class Chains:
-    """What a run of NUTS returns.
-
-    Attributes:
-        samples: Sites and deterministics in constrained space, each [n_chain, n_draw, ...].
-        stats: Sampler statistics under ArviZ's names, each [n_chain, n_draw].
-    """
+    """Draws of sites and deterministics, constrained, and statistics under ArviZ's names, [n_chain, n_draw, ...]."""
 
     samples: dict[str, np.ndarray]
     stats: dict[str, np.ndarray]
-
-
-@runtime_checkable
-class Files(Protocol):
-    """Where chains are kept while they run."""
-
-    def chain(self, chain: int, name: str) -> ChainFile:
-        """The file of a chain of what has this name."""
-        ...
 
 
 class Sampler:
@@ -63,11 +52,8 @@ class Sampler:
     def __init__(self, make_kernel: Callable[[Any], Any], tune: int, identity: Any = None) -> None:
         """Compile nothing yet.
 
-        Args:
-            make_kernel: From the model's argument, traced, to `NUTS` or `HMCGibbs` around the model.
-            tune: Iterations of warm-up.
-            identity: What the kernel depends on beside its argument, `tune` included, for `traces.kept`; None: keep no
-                traces.
+        `make_kernel` goes from the model's argument, traced, to `NUTS` or `HMCGibbs` around the model. With an
+        `identity` of the kernel, `tune` included, traces are kept (see `traces.kept`).
         """
         self._tune = tune
 
@@ -76,19 +62,20 @@ class Sampler:
             return kernel, kernel.init(key, tune, None, (argument,), {})
 
         def started(argument: Any) -> tuple[Any, Any]:
-            # A kernel can do nothing before it was started. Of this start only the structure is used, so that no
-            # density and no gradient of it need be traced, lowered and thrown away.
+            # A kernel has to be started before it does anything. Only the structure of this start is used, so its
+            # density and gradient are masked and need not be traced.
             with mask(mask=False):
                 return start(jax.random.PRNGKey(0), argument)
 
-        # Between two programs a state is its leaves: a trace that is kept knows nothing of NumPyro's classes.
+        # Programs exchange states as leaves, because a kept trace has none of NumPyro's classes.
         def first(key: Array, argument: Any) -> list[Array]:
             return _leaves(start(key, argument)[1])
 
         def advance(leaves: list[Array], argument: Any, length: Array | int) -> tuple[list[Array], dict[str, Array]]:
             kernel, like = started(argument)
             state = jax.tree.unflatten(jax.tree.structure(like), leaves)
-            record = jax.tree.map(lambda leaf: jnp.zeros((CHUNK, *leaf.shape), leaf.dtype), hmc_record(state))
+            buffers = hmc_record(state)
+            record = jax.tree.map(lambda leaf: jnp.zeros((ITERATIONS_PER_CHUNK, *leaf.shape), leaf.dtype), buffers)
 
             def body(i: Array, carry: tuple) -> tuple:
                 state, record = carry
@@ -107,86 +94,79 @@ class Sampler:
         self._constrain = kept(constrain, identity, "constrain", once=True)
 
     def run(
-        self,
-        argument: Any,
-        *,
-        draws: int,
-        chains: int,
-        key: Array,
-        progress: bool,
-        what: str = SAMPLING,
+        self, argument: Any, *, draws: int, chains: int, key: Array, progress: bool, label: str = SAMPLING_LABEL,
         files: Files | None = None,
-    ) -> Chains:
-        """Run all chains.
+    ) -> Chains:  # fmt: skip
+        """Run all chains; the key is split into one for each.
 
-        Args:
-            argument: The model's argument, a pytree of arrays.
-            draws: Draws kept in each chain.
-            chains: Number of chains.
-            key: Random key, split into one for each chain.
-            progress: Whether to show a progress bar.
-            what: What the bar says.
-            files: Where chains are kept, and go on if they are there.
-
-        Raises:
-            InputError: The files hold other chains.
+        Files keep the chains, which are resumed from there; InputError is raised if they keep other chains.
         """
         with stages(progress):
-            return self._run(argument, draws, chains, key, what, files)
+            return self._run(argument, draws, chains, key, label, files)
 
-    def _run(self, argument: Any, draws: int, chains: int, key: Array, what: str, files: Files | None) -> Chains:
+    def _run(self, argument: Any, draws: int, chains: int, key: Array, label: str, files: Files | None) -> Chains:
         with stage("Compiling the sampler"):
             states = [self._start(key, argument) for key in jax.random.split(key, chains)]
-            # Compiled here, by a run of no iterations, so that the threads do not each do it.
+            # A run of no iterations compiles the program once, before the threads need it.
             self._advance(states[0], argument, 0)
             begun = [SoFar(state, 0) for state in states]
-            own: list[ChainFile | None] = [None] * chains
+            chain_files: list[ChainFile | None] = [None] * chains
             if files is not None:
-                own = [files.chain(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
-                begun = [(file and file.read()) or chain for file, chain in zip(own, begun, strict=True)]
+                chain_files = [files(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
+                begun = [(file and file.read()) or chain for file, chain in zip(chain_files, begun, strict=True)]
         stop, total = threading.Event(), self._tune + draws
 
-        with stage(what, chains * total) as line:
+        with stage(label, chains * total) as line:
             divergences = np.array([chain.divergences for chain in begun])
             line.advance(sum(chain.done for chain in begun))
 
             def one_chain(k: int) -> dict[str, np.ndarray]:
-                chain, file, most = begun[k], own[k], 1
+                chain, file, most = begun[k], chain_files[k], 1
                 while chain.done < total and not stop.is_set():
                     start, begin = chain.done, time.perf_counter()
                     length = min(most, (self._tune if start < self._tune else total) - start)
                     state, record = self._advance(chain.state, argument, length)
                     records = chain.records
                     if start >= self._tune:
-                        # Copied, for a part keeps the whole, which may be a hundred times as much.
+                        # A copy, since a view would keep the whole buffer alive.
                         record = {name: np.asarray(value)[:length].copy() for name, value in record.items()}
                         records = (*records, record)
                         divergences[k] += int(record["diverging"].sum())
                     chain = SoFar(jax.block_until_ready(state), start + length, records)
                     if file is not None:
                         file.write(chain)
-                    found = int(divergences.sum())
-                    line.advance(length, f"{found} divergences" if found else "")
-                    most = _paced(length, time.perf_counter() - begin)
+                    count = int(divergences.sum())
+                    line.advance(length, f"{count} divergences" if count else "")
+                    most = _next_length(length, time.perf_counter() - begin)
                 if file is not None and chain.done > begun[k].done:
                     file.write(chain, now=True)
                 return chain.record() if chain.done == total else {}
 
-            with ThreadPoolExecutor(min(chains, os.cpu_count() or 1)) as pool:
-                try:
-                    records = list(pool.map(one_chain, range(chains)))
-                except BaseException:
-                    stop.set()
-                    raise
+            stacked = in_threads(one_chain, chains, stop)
 
-        stacked = {name: np.stack([record[name] for record in records]) for name in records[0]}
         unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
         samples = {name: np.asarray(value) for name, value in self._constrain(unconstrained, argument).items()}
         return Chains(samples, stacked)
 
 
+def in_threads(
+    one: Callable[[int], dict[str, np.ndarray]], number: int, stop: threading.Event
+) -> dict[str, np.ndarray]:
+    """Run `number` independent chains in as many threads as there are cores, and stack their records.
+
+    `stop` is set after an error or an interrupt, so that the other chains end too.
+    """
+    with ThreadPoolExecutor(min(number, os.cpu_count() or 1)) as pool:
+        try:
+            records = list(pool.map(one, range(number)))
+        except BaseException:
+            stop.set()
+            raise
+    return {name: np.stack([record[name] for record in records]) for name in records[0]}
+
+
 def hmc_record(state: Any) -> dict[str, Array]:
-    """Position (sites as "z:name", unconstrained) and statistics of a sampler's state."""
+    """Return position (sites as "z:name", unconstrained) and statistics of a sampler's state."""
     is_hmc = lambda node: isinstance(node, HMCState)  # noqa: E731
     hmc = next(leaf for leaf in jax.tree.leaves(state, is_leaf=is_hmc) if is_hmc(leaf))
     positions: Mapping[str, Array] = state.z
@@ -203,10 +183,11 @@ def hmc_record(state: Any) -> dict[str, Array]:
 
 
 def _leaves(state: Any) -> list[Array]:
-    """Leaves whose types are what arrays from a file have, so that both are input of one program."""
+    """Return the leaves with the types that arrays from a file have, so that one program takes both."""
     return [jax.lax.convert_element_type(leaf, jnp.result_type(leaf)) for leaf in jax.tree.leaves(state)]
 
 
-def _paced(length: int, seconds: float) -> int:
-    """How many iterations come next; how they are divided changes no draw."""
-    return max(1, min(CHUNK, GROWTH * length, int(length * PACE / max(seconds, 1e-9))))
+def _next_length(length: int, seconds: float) -> int:
+    """Return the length of the next chunk; how iterations are divided changes no draw."""
+    paced = int(length * SECONDS_PER_CHUNK / max(seconds, 1e-9))
+    return max(1, min(ITERATIONS_PER_CHUNK, CHUNK_GROWTH * length, paced))

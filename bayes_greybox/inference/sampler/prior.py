@@ -12,20 +12,16 @@ from numpyro.handlers import seed, substitute, trace
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
-from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.traces import kept
+
+from .draws import by_chain
 
 
 def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
-    """A function (designs, key) that draws every site of the model but the target from the prior, and θ, γ and f.
+    """Return a function (designs, key) that draws θ, γ, f and every site of the model but the target from the prior.
 
-    Args:
-        model: The collapsed NumPyro model; `designs` is its argument.
-        n_draw: Number of draws.
-        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
-
-    Returns:
-        The function. It returns variables in scaled units under the names of the posterior's, each [1, n_draw, ...].
+    It returns scaled variables under the names that posterior draws have, each [1, n_draw, ...]. With an `identity` of
+    the model, traces are kept (see `traces.kept`).
     """
 
     def one(designs: Mapping[str, Design], key: Array) -> dict[str, Array]:
@@ -52,17 +48,15 @@ def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callabl
 
 
 def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
-    """A function (designs, draws) that gives log p of each site at each posterior draw, and of θ given its scales.
+    """Return a function (designs, draws) that gives log p of each site at each draw, and of θ given its scales.
 
-    Args:
-        model: The collapsed NumPyro model. Of the function, `designs` is the model's argument and `draws` its sites,
-            and `e_theta`, `e_theta_sd` of each equation in scaled units, each [n_chain, n_draw, ...].
-        identity: What the model depends on beside its argument, for `traces.kept`; None: keep no trace.
+    Draws are those of the sites, and `e_theta` and `e_theta_sd` of each equation in scaled units, each
+    [n_chain, n_draw, ...]. With an `identity` of the model, traces are kept (see `traces.kept`).
 
     Returns:
         The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is
-        Σ_j log N(θ_j; m_j, sd_j²) over the terms that are in the model, each normalised between its bounds, and
-        `e_gamma` log p(γ | π) also where the patterns are summed and γ is no site.
+        Σ_j log N(θ_j; m_j, sd_j²) over the included terms, each normalised between its bounds, and `e_gamma` is
+        log p(γ | π) even if the patterns are summed and γ is no site.
     """
 
     def one(designs: Mapping[str, Design], values: dict[str, Array]) -> dict[str, Array]:
@@ -81,22 +75,15 @@ def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, 
             density = jax.scipy.stats.norm.logpdf(theta, coefficients.mean, scale)
             out[own.theta] = jnp.sum(jnp.where(inside, density, 0.0)) + coefficients.log_restriction(sd)
             if log_odds is not None:
-                # log π where a term is in, log(1 − π) where it is out
+                # log π for an included term, log(1 − π) for an excluded one
                 out[own.gamma] = -jnp.sum(jnp.logaddexp(0.0, jnp.where(inside, -log_odds, log_odds)))
         return out
 
-    program = kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True)
-
-    def densities(designs: Mapping[str, Design], draws: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        shape = next(iter(draws.values())).shape[:2]
-        flat = on_device({name: v.reshape(shape[0] * shape[1], *v.shape[2:]) for name, v in draws.items()})
-        return {name: np.asarray(value).reshape(shape) for name, value in program(designs, flat).items()}
-
-    return densities
+    return by_chain(kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True))
 
 
 def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
-    """One draw of γ, θ and the weights or values of f given the hyperparameters, before any data."""
+    """Draw γ, θ and the weights or values of f from their prior given the hyperparameters."""
     design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
     key_gamma, key_theta, key_f = jax.random.split(key, 3)
     out: dict[str, Array] = {}

@@ -1,7 +1,7 @@
-"""Truths and targets drawn from a model, coefficient by coefficient: nothing here is integrated out.
+"""Truths and targets drawn from a model, coefficient by coefficient, with nothing integrated out.
 
-This is the side of simulation-based calibration that must not share a mistake with the collapsed likelihood, so apart
-from the sites of the prior it is NumPy on the rows as they were measured, not the compressed ones.
+Simulation-based calibration compares these with the collapsed likelihood, and must not share its mistakes. So apart
+from the sites of the prior this is NumPy on the rows as they were measured, not the compressed ones.
 """
 
 from collections.abc import Mapping
@@ -22,13 +22,10 @@ from bayes_greybox.model.program import Program
 
 @dataclass(frozen=True)
 class OpenEquation:
-    """One equation whose targets are still to be drawn.
+    """One equation whose targets are still to be drawn, with the design that the sampler gets.
 
-    Attributes:
-        equation: Rows, frame, and the design that the sampler gets.
-        Phi: Dictionary at the whitened rows, before compression, scaled units.
-        Psi: Orthogonal features there; no columns on the exact path.
-        compress: From targets at the whitened rows to those of the design.
+    Φ and the orthogonal Ψ, scaled units, are those at the whitened rows before compression; `compress` takes targets
+    from there to the rows of the design.
     """
 
     equation: Equation
@@ -38,11 +35,7 @@ class OpenEquation:
 
 
 def open_equation(equation: Equation) -> OpenEquation:
-    """An equation and its design for targets other than the measured one.
-
-    Args:
-        equation: From `Program.assemble`.
-    """
+    """Return an assembled equation with a design for targets other than the measured one."""
     Phi, Psi, _ = equation.parts()
     Phi, Psi = equation.rows.whiten(Phi), equation.rows.whiten(Psi)
     design, compress = equation.design.open(Phi, Psi)
@@ -50,33 +43,23 @@ def open_equation(equation: Equation) -> OpenEquation:
 
 
 def draw_truths(
-    model: Program,
-    open_equations: Mapping[str, OpenEquation],
-    replicates: int,
-    key: Array,
+    model: Program, open_equations: Mapping[str, OpenEquation], replicates: int, key: Array,
     generator: np.random.Generator,
-) -> tuple[dict[str, np.ndarray], dict[str, Float[np.ndarray, "n_replicate n_row"]]]:
-    """Draw η and the prior scales from the prior, then γ, θ, f and y = Φθ + f + σε.
-
-    Args:
-        model: Model.
-        open_equations: Its equations.
-        replicates: Number of draws.
-        key: Random key of the prior's sites.
-        generator: Source of γ, θ, f and ε.
+) -> tuple[dict[str, np.ndarray], dict[str, Float[np.ndarray, "n_replicate n_row"]]]:  # fmt: skip
+    """Draw η and the prior scales from the prior with the key, then γ, θ, f and y = Φθ + f + σε with the generator.
 
     Returns:
-        True values under the names that posterior draws have, each [n_replicate, ...], and compressed targets.
+        True values under the names of posterior draws, each [n_replicate, ...], and compressed targets.
     """
     designs: dict[str, Design] = {name: part.equation.design for name, part in open_equations.items()}
 
     def draw(key: Array) -> dict[str, Array]:
-        found = trace(seed(model.numpyro_model, key)).get_trace(designs)
-        values = {name: site["value"] for name, site in found.items()}
+        sites = trace(seed(model.numpyro_model, key)).get_trace(designs)
+        values = {name: site["value"] for name, site in sites.items()}
         for own in model.sites.values():
             del values[own.y]
             values.pop(own.placement, None)
-            scales = found[own.y]["fn"].scales
+            scales = sites[own.y]["fn"].scales
             values[own.theta_sd] = scales.sd
             if scales.log_odds is not None:
                 values[own.log_odds] = scales.log_odds
@@ -99,8 +82,8 @@ def draw_truths(
             low, high = ((float(limit[j]) - mean) / scale for limit in (coefficients.lower, coefficients.upper))
             theta[:, j] = sd[:, j] * truncnorm.rvs(low, high, size=len(sd), random_state=generator)
         theta = truths[own.theta] = np.where(sd > 0, np.asarray(coefficients.mean) + theta, 0.0)
-        nothing = np.ones(replicates)
-        hyper = Hyperparameters(*(jnp.asarray(truths.get(own[key], nothing)) for key in Hyperparameters._fields))
+        absent = np.ones(replicates)
+        hyper = Hyperparameters(*(jnp.asarray(truths.get(own[key], absent)) for key in Hyperparameters._fields))
         values, f = part.equation.design.simulate(hyper, part.Psi, generator)
         truths |= {own[quantity]: value for quantity, value in values.items()}
         epsilon = generator.standard_normal((replicates, len(part.Phi)))

@@ -1,4 +1,4 @@
-"""What is compiled for a fit, and kept for the next fit of its kind."""
+"""Compiled programs of a fit, which the next fit of the same kind uses again."""
 
 from collections.abc import Mapping
 from functools import lru_cache
@@ -20,21 +20,14 @@ PRIOR_DRAWS = 500
 """Draws in the `prior` group."""
 
 SHARED = 4
-"""Fits of different kinds or shapes whose compiled programs are kept for the next of the same: some 100 MB each."""
+"""Most kinds or shapes of fits whose compiled programs are kept at a time, some 100 MB each."""
 
 
 class Programs:
-    """What is compiled for a fit. Designs are arguments, so that others of the same shapes are not compiled again."""
+    """Compiled programs of a fit. Designs are arguments, so that others of the same shapes need no compilation."""
 
     def __init__(self, model: SamplingProgram, tune: int, target_accept: float, *, keep: bool = False) -> None:
-        """Compile nothing yet.
-
-        Args:
-            model: Model.
-            tune: Iterations of warm-up.
-            target_accept: Target acceptance probability of NUTS.
-            keep: Whether these three are all that the programs depend on beside designs, so that traces can be kept.
-        """
+        """Compile nothing yet; `keep` traces if the programs depend on nothing else but the designs."""
         identity = (model, tune, target_accept) if keep else None
         self.chains = Sampler(lambda designs: posterior_kernel(model, designs, target_accept), tune, identity)
         self.conditional = conditional_sampler(model.numpyro_model, model if keep else None)
@@ -43,16 +36,10 @@ class Programs:
 
 
 def programs_for(model: SamplingProgram, designs: Mapping[str, Design], sampling: Sampling) -> Programs:
-    """Programs for designs of these shapes: those of an earlier fit whose priors were equal, if there was one.
-
-    Args:
-        model: Model.
-        designs: Its argument.
-        sampling: Settings of the run.
-    """
+    """Return programs for designs of these shapes, those of an earlier fit with equal priors if there was one."""
     bare, tune, accept = model.bare, sampling.tune, sampling.target_accept
     if type(bare.prior) not in PRIORS.values():
-        # What a prior of the user's own reads may have changed since, whatever it says of being equal.
+        # A user-defined prior may depend on things that changed since, even if it compares equal.
         return Programs(bare, tune, accept)
     leaves, tree = jax.tree.flatten(designs)
     return _shared(bare, tune, accept, tree, tuple(map(jax.typeof, leaves)))

@@ -1,9 +1,7 @@
 """Posteriors of many data sets that share everything but the target: one compilation, one chain for each."""
 
-import os
 import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import jax
@@ -11,55 +9,35 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.program import Program
 
 from .draws import conditional_draw
 from .kernel import posterior_kernel
-from .nuts import hmc_record
+from .nuts import hmc_record, in_threads
 
 
 @dataclass(frozen=True)
 class Replicates:
-    """Draws of each replicate's posterior, scaled units.
-
-    Attributes:
-        samples: Sites, deterministics and conditional draws, each [n_replicate, n_draw, ...].
-        divergences: Divergences of each replicate after warm-up.
-    """
+    """Scaled draws of each replicate's posterior, [n_replicate, n_draw, ...], and its divergences after warm-up."""
 
     samples: dict[str, np.ndarray]
     divergences: np.ndarray
 
 
 def sample_replicates(
-    model: Program,
-    designs: Mapping[str, Design],
-    targets: Mapping[str, Float[np.ndarray, "n_replicate n_row"]],
-    keys: Array,
-    *,
-    draws: int,
-    tune: int,
-    target_accept: float = 0.9,
-    done: Callable[[int], None] = lambda _: None,
-) -> Replicates:
-    """Sample the posterior of each target with the kernel and the conditional draws of a fit.
+    model: Program, designs: Mapping[str, Design], targets: Mapping[str, Float[np.ndarray, "n_replicate n_row"]],
+    keys: Array, sampling: Sampling, done: Callable[[int], None] = lambda _: None,
+) -> Replicates:  # fmt: skip
+    """Sample the posterior of each compressed target with the kernel and the conditional draws of a fit.
 
-    Only the compressed target changes between replicates, and it is an argument of the compiled chain. Chains run one
-    by one in as many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest
-    tree of all.
-
-    Args:
-        model: Model.
-        designs: Its argument, for any target.
-        targets: Compressed target of every equation and replicate.
-        keys: One random key for each replicate; its draws depend on no other.
-        draws: Draws kept of each chain.
-        tune: Warm-up iterations of each chain.
-        target_accept: Target acceptance probability of NUTS.
-        done: Called with the number of the replicates that have just been finished, from any thread.
+    Only the target changes between replicates, and it is an argument of the compiled chain. Chains run one by one in as
+    many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest tree of all.
+    Each replicate has a random key of its own. `done` is called with the number of replicates that have just been
+    finished, from any thread.
     """
-    chain = jax.jit(_chain(model, designs, draws, tune, target_accept))
+    chain = jax.jit(_chain(model, designs, sampling))
     rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
     compiled = chain.lower(rows[0], keys[0]).compile()
     stop = threading.Event()
@@ -71,37 +49,31 @@ def sample_replicates(
         done(1)
         return out
 
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        try:
-            records = list(pool.map(one, range(len(keys))))
-        except BaseException:
-            stop.set()
-            raise
-    samples = {name: np.stack([record[name] for record in records]) for name in records[0]}
+    samples = in_threads(one, len(keys), stop)
     return Replicates(samples, samples.pop("diverging").sum(axis=1))
 
 
 def _chain(
-    model: Program, designs: Mapping[str, Design], draws: int, tune: int, target_accept: float
+    model: Program, designs: Mapping[str, Design], sampling: Sampling
 ) -> Callable[[dict[str, Array], Array], dict[str, Array]]:
     def chain(target: dict[str, Array], key: Array) -> dict[str, Array]:
         argument = {name: design.with_target(target[name]) for name, design in designs.items()}
-        kernel = posterior_kernel(model, argument, target_accept)
+        kernel = posterior_kernel(model, argument, sampling.target_accept)
         run_key, draw_key = jax.random.split(key)
-        state = kernel.init(run_key, tune, None, (argument,), {})
+        state = kernel.init(run_key, sampling.tune, None, (argument,), {})
 
         def step(state: tuple, _: None) -> tuple[tuple, dict[str, Array]]:
             state = kernel.sample(state, (argument,), {})
             return state, hmc_record(state)
 
         # Warm-up is recorded too and thrown away: a loop of its own would compile the sampler twice.
-        _, record = jax.lax.scan(step, state, length=tune + draws)
-        record = {name: value[tune:] for name, value in record.items()}
+        _, record = jax.lax.scan(step, state, length=sampling.tune + sampling.draws)
+        record = {name: value[sampling.tune :] for name, value in record.items()}
         position = {name[2:]: value for name, value in record.items() if name.startswith("z:")}
         values = jax.vmap(kernel.postprocess_fn((argument,), {}))(position)
         drawn = jax.lax.map(
             lambda item: conditional_draw(model.numpyro_model, argument, item[0], item[1]),
-            (values, jax.random.split(draw_key, draws)),
+            (values, jax.random.split(draw_key, sampling.draws)),
         )
         return {**values, **drawn, "diverging": record["diverging"]}
 

@@ -6,7 +6,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.equations.learned import LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
+from bayes_greybox.equations.learned import INTERVAL_LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.plain_values import plain_values
@@ -38,7 +38,7 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
             "format": FORMAT,
             "of": system.origin,
             "rule": system.rule,
-            "interval": LEVEL,
+            "interval": INTERVAL_LEVEL,
             "time": data.time_name,
             "states": list(system.states),
             "inputs": list(system.inputs),

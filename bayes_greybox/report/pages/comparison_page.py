@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence, convergence_table
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
@@ -275,7 +275,7 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
     caption = f"How well each model was sampled{'; marked: not converged' if failed else ''}"
     blocks: list[Any] = [Table(heads, rows, caption, failed)]
     if reasons:
-        said = Words("The sampler did not converge; what to try:", "alert") if failed else Words(SHORT)
+        said = Words("The sampler did not converge; what to try:", "alert") if failed else Words(SHORT_VERDICT)
         blocks += [said, Items(reasons)]
     blocks += [
         Details(f"{name}: every quantity with R̂ and effective sample sizes", [summary_table(fit)])

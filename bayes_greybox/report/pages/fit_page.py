@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
@@ -95,7 +95,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
         _settings(fit, config or fit.idata.attrs.get(CONFIGURATION)),
     ]
-    doubt = SHORT if verdict.short else "The sampler did not converge; do not rely on these numbers."
+    doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
     return Page(
         title="Fit: converged" if verdict.mixed else "Fit: not converged",
         kind="bayes_greybox · fit",

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from bayes_greybox.criticism.convergence import SHORT, convergence
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.equations.learned import LearnedSystem
@@ -79,7 +79,7 @@ def verdict_blocks(fit: Any) -> list[Any]:
         return [Words("Every convergence check passed."), details]
     reasons = Items([("", reason) for reason in convergence(fit).reasons])
     if convergence(fit).mixed:
-        return [Words(SHORT), reasons, details]
+        return [Words(SHORT_VERDICT), reasons, details]
     return [Words("The sampler did not converge; what to try:", "alert"), reasons, details]
 
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.calibration.calibrate import Calibration
 from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.checks.sensitivity import THRESHOLD
+from bayes_greybox.criticism.checks.sensitivity import SENSITIVITY_THRESHOLD
 from bayes_greybox.criticism.discrepancy import discrepancy_grid
 from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.inclusion import inclusion
@@ -198,7 +198,7 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 def sensitivity(fit: Posterior) -> Figure:
     """Power-scaling sensitivity of coefficients and inclusion probabilities."""
     labels = {name: _label(fit, name) for name in fit.equations}
-    return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
+    return plot_sensitivity(checks(fit).sensitivity, threshold=SENSITIVITY_THRESHOLD, labels=labels)
 
 
 def _label(fit: Posterior, name: str) -> str:
