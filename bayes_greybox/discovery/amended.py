@@ -14,7 +14,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
-from .grid.noise_grid import SENSOR, TIME
+from .grid.noise.points import SENSOR, TIME
 from .regressors.columns import Column
 
 

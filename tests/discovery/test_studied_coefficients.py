@@ -6,10 +6,10 @@ from scipy.stats import multivariate_normal
 from tiny_equation import CUBE, on, tiny_data, tiny_model
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.grid.evidence import log_evidences
-from bayes_greybox.discovery.grid.hypotheses import weigh
-from bayes_greybox.discovery.grid.noise_grid import NONE
-from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.noise.points import NONE
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows

@@ -20,7 +20,7 @@ from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.noise_grid import NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import NONE, SENSOR, TIME, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.noise_shapes import Shape
 from bayes_greybox.discovery.odds import Odds

@@ -10,12 +10,12 @@ from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.decide import Verdict
-from bayes_greybox.discovery.grid.noise_grid import SENSOR as HANGS_TOGETHER
+from bayes_greybox.discovery.grid.noise.points import SENSOR as HANGS_TOGETHER
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
-from bayes_greybox.discovery.suspects.bends import POWERS
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.bends import POWERS
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit

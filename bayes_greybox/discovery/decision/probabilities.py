@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise_grid import KINDS, REMAINS
-from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, SENSOR, Regressor
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.noise.points import KINDS, REMAINS
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
 
 from .criteria import Criteria
 

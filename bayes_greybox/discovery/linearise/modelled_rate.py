@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import Rate
+from bayes_greybox.discovery.sensor_errors.channels import Rate
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.terms import Term
 

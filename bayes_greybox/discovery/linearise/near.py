@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.latent_force import LatentForce
-from bayes_greybox.discovery.grid.regressors import Regressor
-from bayes_greybox.discovery.grid.set_prior import Window
+from bayes_greybox.discovery.grid.evidence.set_prior import Window
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.table import Regressor
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import EFFECT, SENSOR, Regressors
-from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, ChannelSuspect, Rate
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term

@@ -14,8 +14,8 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.suspects.bends import POWERS
-from bayes_greybox.discovery.suspects.channels import (
+from bayes_greybox.discovery.sensor_errors.bends import POWERS
+from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     GAIN,
     ChannelSuspect,
@@ -26,7 +26,7 @@ from bayes_greybox.discovery.suspects.channels import (
     shifted,
     slope_along,
 )
-from bayes_greybox.discovery.suspects.sensors import bent_by, input_columns, sensor_columns
+from bayes_greybox.discovery.sensor_errors.sensors import bent_by, input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.hidden_states import HiddenState, along

@@ -10,15 +10,22 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.data.noise.weighted import correlation_and_sd
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.known_noise import KnownNoise
-from bayes_greybox.discovery.grid.latent_force import ForcedRates, LatentForce, rough_noise
+from bayes_greybox.discovery.grid.noise.known_noise import KnownNoise
+from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, LatentForce, rough_noise
 from bayes_greybox.discovery.linearise.sensor_rows import at_end, beyond, earlier, mended, usable
 from bayes_greybox.discovery.regressors.build import regressors_of
-from bayes_greybox.discovery.suspects.channels import DELAY, ChannelSuspect, Rate, calibrated, suspect_columns, undone
-from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late, in_step, late_states
-from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.samples import SampleNoise, Smoother, known_rates
+from bayes_greybox.discovery.sensor_errors.channels import (
+    DELAY,
+    ChannelSuspect,
+    Rate,
+    calibrated,
+    suspect_columns,
+    undone,
+)
+from bayes_greybox.discovery.sensor_errors.drift import drift_columns
+from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
+from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.samples import SampleNoise, Smoother, known_rates
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_kind import RowKind

@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.evidence import log_evidences
-from bayes_greybox.discovery.grid.gram import Gram, discrepancy_basis
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise_grid import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint
-from bayes_greybox.discovery.grid.regressors import RegressorTable
+from bayes_greybox.discovery.grid.evidence.gram import Gram, discrepancy_basis
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.table import RegressorTable
 from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
 from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
 from bayes_greybox.discovery.regressors.regressors import EFFECT, FREE, Regressors

@@ -11,16 +11,16 @@ from jaxtyping import Bool, Float
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.gap_size import gap_size
-from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.noise.gap_size import gap_size
+from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late
-from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.samples import SampleNoise
-from bayes_greybox.discovery.suspects.sensors import unit_of_rows
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.drift import drift_columns
+from bayes_greybox.discovery.sensor_errors.late import Late
+from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
+from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import AnyProgram, Program

@@ -9,9 +9,9 @@ from jaxtyping import Bool
 from bayes_greybox.data.samples.clipping import clipped
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import Rate, measured_at, shifted, slope_along, within
-from bayes_greybox.discovery.suspects.late import Late
-from bayes_greybox.discovery.suspects.samples import misread
+from bayes_greybox.discovery.sensor_errors.channels import Rate, measured_at, shifted, slope_along, within
+from bayes_greybox.discovery.sensor_errors.late import Late
+from bayes_greybox.discovery.sensor_errors.samples import misread
 
 
 def at_end(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n_obs"]]:

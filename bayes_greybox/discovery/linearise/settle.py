@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.agreement import blocks
-from bayes_greybox.discovery.grid.hypotheses import weigh
-from bayes_greybox.discovery.grid.noise_grid import NONE, NoisePoint
-from bayes_greybox.discovery.grid.regressors import Features, RegressorTable
-from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.hypotheses.agreement import blocks
+from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.noise.points import NONE, NoisePoint
+from bayes_greybox.discovery.grid.table import Features, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import Regressors

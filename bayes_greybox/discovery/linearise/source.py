@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.late import Late
-from bayes_greybox.discovery.suspects.samples import SampleNoise
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.late import Late
+from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
 from bayes_greybox.model.program import AnyProgram
 from bayes_greybox.model.rows.row_kind import RowKind
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.memory import Memory
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term

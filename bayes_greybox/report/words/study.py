@@ -10,10 +10,19 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.sensor_errors import bends
+from bayes_greybox.discovery.sensor_errors.channels import (
+    DELAY,
+    DELAY_STEPS,
+    GAIN,
+    GAIN_SD,
+    LAG,
+    OFFSET,
+    OFFSET_SD,
+    STATES,
+)
+from bayes_greybox.discovery.sensor_errors.drift import DRIFT
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects import bends
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
-from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing
 

@@ -6,12 +6,12 @@ import pytest
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW, VERDICTS, decide
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
-from bayes_greybox.discovery.grid.gram import Gram
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise_grid import KINDS, LAW, NONE, SENSOR, TIME, NoisePoint
-from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
-from bayes_greybox.discovery.grid.set_prior import SetPrior
+from bayes_greybox.discovery.grid.evidence.gram import Gram
+from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.noise.points import KINDS, LAW, NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 
 N = 4

@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.build import FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import COLLINEAR, CORRECTION_SCALE, Regressors
-from bayes_greybox.discovery.suspects.channels import GAIN, OFFSET, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import GAIN, OFFSET, ChannelSuspect
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program

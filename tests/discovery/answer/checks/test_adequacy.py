@@ -16,9 +16,9 @@ from bayes_greybox.discovery.answer.checks.adequacy import (
     _whiteness,
     check_hypothesis,
 )
-from bayes_greybox.discovery.grid.hypotheses import weigh
-from bayes_greybox.discovery.grid.noise_grid import NONE
-from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.noise.points import NONE
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.noise_shapes import noise_shapes
 from bayes_greybox.discovery.linearise.rates import RateRows

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import eigh
 
-from .latent_force import LatentForce
-from .noise_grid import LAW, MEMORY, SENSOR, TIME, NoisePoint
-from .regressors import RegressorTable
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.table import RegressorTable
 
 TINY = 1e-10
 """Spectral density, over its largest, below which a feature of f carries nothing."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import (
+from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     DELAY_STEPS,
     DRIFT,

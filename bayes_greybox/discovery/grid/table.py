@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from .latent_force import LatentForce
+from .noise.latent_force import LatentForce
 
 FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "sensor", "effect"
 """Kinds of regressors: the user's terms, the simulation's coefficients, sensor errors, effects of the catalogue."""

@@ -7,20 +7,20 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.discovery.grid.evidence.gram import Gram, gram
+from bayes_greybox.discovery.grid.evidence.log_evidence import RIDGE, log_evidences, modes
+from bayes_greybox.discovery.grid.evidence.ranges import log_ranges
+from bayes_greybox.discovery.grid.evidence.search import Reach, Sets, search
+from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior, Window
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.noise.points import KINDS, LAW, RATIOS, REMAINS, TIME, noise_points
+from bayes_greybox.discovery.grid.table import FREE, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
 from .agreement import bagged
 from .band import Band
-from .evidence import RIDGE, log_evidences, modes
-from .gram import Gram, gram
-from .latent_force import LatentForce
-from .noise_grid import KINDS, LAW, RATIOS, REMAINS, TIME, noise_points
-from .pieces import Pieces
-from .ranges import log_ranges
-from .regressors import FREE, RegressorTable
-from .search import Reach, Sets, search
-from .set_prior import SetPrior, Window
+from .residuals import Pieces
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the RMS of the gap."""

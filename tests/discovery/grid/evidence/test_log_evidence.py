@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_greybox.discovery.grid.evidence import log_evidences, modes
-from bayes_greybox.discovery.grid.gram import Gram
-from bayes_greybox.discovery.grid.noise_grid import NONE, TIME, NoisePoint
+from bayes_greybox.discovery.grid.evidence.gram import Gram
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences, modes
+from bayes_greybox.discovery.grid.noise.points import NONE, TIME, NoisePoint
 
 N = 80
 POINTS = (NoisePoint(NONE), NoisePoint(TIME, 1.0, 0.3))

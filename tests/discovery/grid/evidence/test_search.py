@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_greybox.discovery.grid.evidence import log_evidences
-from bayes_greybox.discovery.grid.gram import Gram
-from bayes_greybox.discovery.grid.noise_grid import NONE, NoisePoint
-from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, FREE, SENSOR, Regressor
-from bayes_greybox.discovery.grid.search import Reach, search
-from bayes_greybox.discovery.grid.set_prior import SetPrior
+from bayes_greybox.discovery.grid.evidence.gram import Gram
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.evidence.search import Reach, search
+from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
+from bayes_greybox.discovery.grid.noise.points import NONE, NoisePoint
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
 
 CATALOGUE = (

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from .gram import Gram
-from .noise_grid import STEP
+from bayes_greybox.discovery.grid.evidence.gram import Gram
+from bayes_greybox.discovery.grid.noise.points import STEP
 
 CHUNK = 400_000
 """Largest number of values in a batch's arrays, some 3 MB: they stay in the cache."""

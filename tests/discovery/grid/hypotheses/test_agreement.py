@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.agreement import FEWEST_BLOCKS, MOST_BLOCKS, REPLICATES, bagged, blocks
+from bayes_greybox.discovery.grid.hypotheses.agreement import FEWEST_BLOCKS, MOST_BLOCKS, REPLICATES, bagged, blocks
 
 
 def test_one_hypothesis_is_always_agreed_on():

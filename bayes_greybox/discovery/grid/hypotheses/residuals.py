@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .gram import Basis, discrepancy_basis
-from .latent_force import LatentForce
-from .noise_grid import LAW, MEMORY, SENSOR, TIME, NoisePoint
-from .regressors import RegressorTable
+from bayes_greybox.discovery.grid.evidence.gram import Basis, discrepancy_basis
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.table import RegressorTable
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.late import in_step, late_states
+from bayes_greybox.discovery.sensor_errors.late import in_step, late_states
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 STEP, N = 0.05, 500

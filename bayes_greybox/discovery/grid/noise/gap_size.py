@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .latent_force import LatentForce
-from .noise_grid import TIME_SCALES
+from .points import TIME_SCALES
 
 SIZES = 10.0 ** np.arange(-6.0, 0.6, 0.5)
 """Standard deviations of the force, over that of the target, that are tried: from a millionth to all of it. Half a step

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.memory import (
+from bayes_greybox.discovery.sensor_errors.memory import (
     HYSTERESIS,
     LIMITS,
     RELAXATION,

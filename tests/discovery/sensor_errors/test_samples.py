@@ -5,7 +5,7 @@ import pytest
 from sampled_paths import STEP, paths
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.samples import Smoother, misread
+from bayes_greybox.discovery.sensor_errors.samples import Smoother, misread
 from bayes_greybox.physics.systems import duffing
 
 

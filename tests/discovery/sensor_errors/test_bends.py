@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.bends import CUBIC, POWERS, QUADRATIC, Curve
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect, as_shown, calibrated
-from bayes_greybox.discovery.suspects.sensors import bent_by, sensor_columns, unit_of_rows
+from bayes_greybox.discovery.sensor_errors.bends import CUBIC, POWERS, QUADRATIC, Curve
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, OFFSET, ChannelSuspect, as_shown, calibrated
+from bayes_greybox.discovery.sensor_errors.sensors import bent_by, sensor_columns, unit_of_rows
 
 X = np.linspace(-1.3, 2.1, 137)
 CENTER = 0.4

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr
 
-from .regressors import Regressor
+from bayes_greybox.discovery.grid.table import Regressor
 
 WRONG_SIGN = 0.1
 """Prior probability that an effect that dissipates or restores does the opposite."""

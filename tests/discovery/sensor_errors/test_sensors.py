@@ -5,8 +5,8 @@ import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.linearise.path_sensors import freed
-from bayes_greybox.discovery.suspects.channels import DELAY, GAIN, OFFSET, ChannelSuspect
-from bayes_greybox.discovery.suspects.sensors import _gradient, input_columns, sensor_columns
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, OFFSET, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.sensors import _gradient, input_columns, sensor_columns
 from bayes_greybox.physics.terms import Term
 
 RATE = [(Term("F"), 1.0), (Term("y"), -2.0), (Term("u**2*y"), 0.3), (Term("u*sin(F)"), 0.7)]

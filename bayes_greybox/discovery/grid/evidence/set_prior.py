@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
-
-from .regressors import CORRECTION, EFFECT, SENSOR, Regressor
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.discovery.grid.table import EFFECT, FREE, SENSOR, Regressor
 from bayes_greybox.discovery.ties import ranked
-
-from .regressors import EFFECT, FREE, SENSOR, Regressor
 
 Sets = Sequence[tuple[int, ...]]
 """Regressors of each set, sorted."""

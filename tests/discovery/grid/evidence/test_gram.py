@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.gram import discrepancy_basis, gram, law_variances
-from bayes_greybox.discovery.grid.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise_grid import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint, noise_points
-from bayes_greybox.discovery.grid.regressors import EFFECT, Features, Regressor, RegressorTable
+from bayes_greybox.discovery.grid.evidence.gram import discrepancy_basis, gram, law_variances
+from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint, noise_points
+from bayes_greybox.discovery.grid.table import EFFECT, Features, Regressor, RegressorTable
 
 N, K, M = 30, 3, 6
 RNG = np.random.default_rng(0)
