@@ -16,7 +16,7 @@ from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Verdict
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, Probabilities, Share
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, TIME
+from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
@@ -45,7 +45,7 @@ UNUSUAL = "the opposite of what such an effect usually does"
 ANOTHER_SENSOR = "show the sensor a motion that is known, or measure with another one beside it"
 """Advice where only a fault of the sensor does the same as an effect: no range of the data tells them apart."""
 
-REMAINS = {LAW: "a law of the states", TIME: "something in time", MEMORY: "something that remembers"}
+REMAINS = {LAW: "a law of the states", LATENT_FORCE: "something in time", MEMORY: "something that remembers"}
 """Kinds of what has no name, in words."""
 
 

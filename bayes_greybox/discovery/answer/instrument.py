@@ -10,7 +10,7 @@ from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.decide import Verdict
-from bayes_greybox.discovery.grid.noise.points import SENSOR as HANGS_TOGETHER
+from bayes_greybox.discovery.grid.noise.points import SENSOR_NOISE
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
@@ -99,14 +99,14 @@ def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> list[dict[s
     """Return what is suspected of the noise."""
     p, rows = verdict.probabilities, []
     likeliest = near.weighed.grid.points[verdict.hypothesis.point]
-    together = p.by_discrepancy[HANGS_TOGETHER]
+    together = p.by_discrepancy[SENSOR_NOISE]
     if together >= LISTED:
         every = zip(verdict.hypothesis.points, near.weighed.grid.points, strict=True)
-        points = [(float(share), point) for share, point in every if point.kind == HANGS_TOGETHER]
+        points = [(float(share), point) for share, point in every if point.kind == SENSOR_NOISE]
         _, best = max(points, key=lambda item: item[0])
         rho = float(np.exp(-near.rows.force.step / best.scale)) * best.ratio**2 / (1 + best.ratio**2)
         size: dict[str, Any] = {"correlation": rho, "time_scale": best.scale}
-        inside = likeliest.kind == HANGS_TOGETHER
+        inside = likeliest.kind == SENSOR_NOISE
         rows.append(_noise_row(near.regressors.equation, CORRELATED, together, size, inside, data))
     shares: dict[str, float] = {}
     about: dict[str, Mapping[str, Any]] = {}

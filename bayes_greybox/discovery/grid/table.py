@@ -9,25 +9,26 @@ from jaxtyping import Float, Int
 
 from .noise.latent_force import LatentForce
 
-FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "sensor", "effect"
-"""Kinds of regressors: the user's terms, the simulation's coefficients, sensor errors, effects of the catalogue."""
+FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
+"""Kinds of regressors, as files have them: the user's terms, the simulation's coefficients, errors of sensors and
+inputs, effects of the catalogue."""
 
 
 @dataclass(frozen=True)
 class Regressor:
-    """What the search needs to know of one column.
+    """Prior and names of one column, for the search.
 
     Attributes:
         kind: One of `FREE`, `CORRECTION`, `SENSOR`, `EFFECT`.
-        group: Columns of one group exclude each other: the values of an effect's nonlinear parameters.
-        name: What its probability counts for in the tables: an effect's slug, else the group.
+        group: Name of the columns that exclude each other: the values of an effect's nonlinear parameters.
+        name: Name in the tables of probabilities: an effect's slug, else the group.
+        sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
         family: Effects of one family are one answer to a user, such as dry friction.
         quantity: Columns of the data that an effect is a function of.
-        bends: Whether an effect has a nonlinear parameter.
-        sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
+        bends: True if an effect has a nonlinear parameter.
         log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
         sign: Sign that physics expects of its coefficient; 0 where it expects none.
-        expected: What its coefficient is about as large as; 0 where nothing is known.
+        expected: Expected size of its coefficient; 0 where nothing is known.
         limit: Largest size of its coefficient, in prior standard deviations; infinite where there is none.
     """
 
@@ -45,7 +46,7 @@ class Regressor:
 
     @property
     def ranged(self) -> bool:
-        """Return whether its prior is no plain normal density."""
+        """Return true if its prior is no plain normal density."""
         return bool(self.sign or self.expected or math.isfinite(self.limit))
 
 
@@ -54,8 +55,8 @@ class Features:
     """Features of a discrepancy.
 
     Attributes:
-        rows: What they do to the rows.
-        acting: Themselves at the samples, in the unit of the force; the very rows where these are rates.
+        rows: Effects of the features on the rows.
+        acting: Features at the samples, in the unit of the force; the very rows where these are rates.
     """
 
     rows: Float[np.ndarray, "n_row n_feature"]
@@ -74,12 +75,12 @@ class RegressorTable:
         regressors: One for each column.
         target: y, of unit size.
         columns: X.
-        acting: The regressors themselves at the samples, in the unit of the force; zero of what acts on a sensor alone.
-        force: How a latent force and the sensor's noise act on the rows.
+        acting: Regressors at the samples, in the unit of the force; zero for those that act on a sensor alone.
+        force: Latent force and sensor noise on the rows.
         block: Number of the block of the record that each row belongs to.
         law: Features of f; none where no f is weighed.
         frequency: Square roots of the Laplacian's eigenvalues of the features.
-        memories: Elements of forces that remember, by what they are.
+        memories: Elements of forces with memory, by the memory's name.
     """
 
     regressors: tuple[Regressor, ...]

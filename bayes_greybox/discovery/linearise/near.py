@@ -12,7 +12,7 @@ from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.table import Regressor
 from bayes_greybox.discovery.regressors.columns import Column, Values
-from bayes_greybox.discovery.regressors.regressors import EFFECT, SENSOR, Regressors
+from bayes_greybox.discovery.regressors.regressors import EFFECT, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, ChannelSuspect, Rate
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
@@ -198,8 +198,7 @@ def as_regressor(column: Column, gap: float) -> Regressor:
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip
-    kind = "sensor" if column.kind == SENSOR else column.kind
     limit = np.inf
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
-    return Regressor(kind, f"{kind}:{column.called}", column.called, column.sd, limit=limit)
+    return Regressor(column.kind, f"{column.kind}:{column.called}", column.called, column.sd, limit=limit)

@@ -10,8 +10,7 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.data.noise.weighted import correlation_and_sd
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.known_noise import KnownNoise
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, LatentForce, rough_noise
+from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.linearise.sensor_rows import at_end, beyond, earlier, mended, usable
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.sensor_errors.channels import (

@@ -11,7 +11,7 @@ from bayes_greybox.discovery.grid.evidence.gram import Gram, discrepancy_basis
 from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import RegressorTable
 from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
 from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
@@ -271,20 +271,11 @@ class _AtPoint:
     number: int
 
     def __call__(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
-        point = self.ground.points[self.number]
-        force = self.ground.forces[point.shape]
-        if point.kind in (TIME, SENSOR):
-            return force.whiten(table, point.scale, np.array([point.ratio]), point.kind == SENSOR)[0][:, 0]
-        white = force.whiten(table, 1.0, np.zeros(1))[0][:, 0]
-        if point.kind == NONE:
+        ground, point = self.ground, self.ground.points[self.number]
+        white, _ = ground.forces[point.shape].whiten_at(point, table)
+        if point.kind not in (LAW, MEMORY):
             return white
-        assert point.kind in (LAW, MEMORY)
-        # (I − F s Fᵀ)^½, s = r²/(1 + r² a): along each direction F of square a the factor is 1/√(1 + r² a).
-        basis = discrepancy_basis(self.ground.table, point)
-        some = basis.eigenvalues > 1e-12 * np.max(basis.eigenvalues)
-        a = basis.eigenvalues[some]
-        unit = basis.features[:, some] / np.sqrt(a)
-        return white - unit @ ((1 - 1 / np.sqrt(1 + point.ratio**2 * a))[:, None] * (unit.T @ white))
+        return discrepancy_basis(ground.table, point).whiten(white, point.ratio)
 
 
 def _shares(logs: np.ndarray) -> np.ndarray:

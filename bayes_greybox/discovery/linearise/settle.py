@@ -10,7 +10,7 @@ from jaxtyping import Float
 from bayes_greybox.discovery.grid.evidence.search import Reach
 from bayes_greybox.discovery.grid.hypotheses.agreement import blocks
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.points import NONE, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.table import Features, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
@@ -59,7 +59,7 @@ def settle(
     known: frozenset[Company] = frozenset()
     if not start.values:
         # Effects compete at their best from the start: coarse values would leave their places to stand-ins.
-        ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
+        ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
         values, known = refined(rows.regressors, ground)
         rows = build(replace(start, values=values)) if values else rows
     near = weighed_on(rows, odds, reach, seed)
@@ -142,7 +142,7 @@ class Visit(NamedTuple):
             return self
         more = other.own + near.log_unit - logs[other.hypothesis]
         shifts = [more * (near.names(h) == other.hypothesis) for h in near.weighed.hypotheses]
-        return self._replace(near=replace(near, weighed=near.weighed.told(shifts, seed)))
+        return self._replace(near=replace(near, weighed=near.weighed.reweighted(shifts, seed)))
 
 
 def _best(visits: Sequence[Visit], seed: int) -> Visit:

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
@@ -37,9 +38,6 @@ ZERO = "zero on all the data"
 
 PARALLEL = 1e-4
 """Share of a sensor error's square outside another column's span below which the two are one."""
-
-FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
-"""Kinds of columns, as files have them."""
 
 
 @dataclass(eq=False)

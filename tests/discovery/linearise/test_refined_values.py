@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tiny_study_of
 
-from bayes_greybox.discovery.grid.noise.points import NONE, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.refine import KEPT, Ground, refined
@@ -30,7 +30,7 @@ def found(effects, hidden, noise=0.005, n=400):
     """Rows, and the values that they are refined to before anything is weighed."""
     source = RateRows(tiny_model(), tiny_data(hidden, noise, n), "x", [on(effect) for effect in effects])
     rows = source.near(Point())
-    ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
+    ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
     return source, rows, refined(rows.regressors, ground)[0]
 
 

@@ -19,7 +19,7 @@ class Table:
 
     def __post_init__(self):
         hypotheses = [SimpleNamespace(names=names, log_weight=value) for names, value in self.logs.items()]
-        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, told=self.told))
+        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, reweighted=self.told))
 
     def told(self, shifts, seed):
         return {names: value + more for (names, value), more in zip(self.logs.items(), shifts, strict=True)}

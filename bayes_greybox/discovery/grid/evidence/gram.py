@@ -1,14 +1,14 @@
 """Products of target and regressors under every noise point: all that the evidence needs of the data."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.linalg import eigh
 
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY, SENSOR_NOISE, NoisePoint
 from bayes_greybox.discovery.grid.table import RegressorTable
 
 TINY = 1e-10
@@ -23,9 +23,9 @@ class Gram:
         points: Noise points.
         products: [y X]ᵀ R⁻¹ [y X] of each point.
         log_det: log|R| of each point.
-        n_obs: White numbers that the rows carry.
-        most: Largest standard deviation of what remains, in units of the target: it is a part of the gap. A larger one
-            would need effects that happen to cancel it.
+        n_obs: Number of white values that the rows carry.
+        most: Largest standard deviation of the discrepancy, in units of the target: it is a part of the gap. A larger
+            one would need effects that happen to cancel it.
     """
 
     points: tuple[NoisePoint, ...]
@@ -43,8 +43,8 @@ class Basis:
     shrinks direction k by r²/(1 + r² a_k).
 
     Attributes:
-        features: Rotated, whitened.
-        acting: Rotated, as forces at the samples, of unit size all together.
+        features: Rotated, whitened features.
+        acting: Rotated features as forces at the samples, of unit size all together.
         eigenvalues: a.
     """
 
@@ -53,7 +53,7 @@ class Basis:
     eigenvalues: Float[np.ndarray, " n_kept"]
 
     def shrunk(self, ratio: float) -> Float[np.ndarray, " n_kept"]:
-        """Return what R⁻¹ takes off each direction."""
+        """Return the share by which R⁻¹ shrinks each direction."""
         return ratio**2 / (1 + ratio**2 * self.eigenvalues)
 
     def log_det(self, ratio: float) -> float:
@@ -64,13 +64,24 @@ class Basis:
         """Return the posterior mean of the weights given whitened residuals."""
         return self.shrunk(ratio)[:, None] * (self.features.T @ white)
 
+    def whiten(self, white: Float[np.ndarray, "n_white k"], ratio: float) -> Float[np.ndarray, "n_white k"]:
+        """Return (I − F s Fᵀ)^½ of rows that are white but for the discrepancy, s = r²/(1 + r² a).
 
-def discrepancy_basis(table: RegressorTable, point: NoisePoint) -> Basis:
+        Along each direction F of square a the factor is 1/√(1 + r² a).
+        """
+        carried = self.eigenvalues > 1e-12 * np.max(self.eigenvalues)
+        a = self.eigenvalues[carried]
+        unit = self.features[:, carried] / np.sqrt(a)
+        return white - unit @ ((1 - 1 / np.sqrt(1 + ratio**2 * a))[:, None] * (unit.T @ white))
+
+
+def discrepancy_basis(table: RegressorTable, point: NoisePoint, force: LatentForce | None = None) -> Basis:
     """Return the basis of a law or of a memory.
 
     Args:
         table: Rows with features and elements.
-        point: Which.
+        point: Noise point with the law or the memory.
+        force: Latent force and noise of the rows; those of the table by default.
     """
     if point.kind == MEMORY:
         elements = table.memories[point.memory]
@@ -81,7 +92,7 @@ def discrepancy_basis(table: RegressorTable, point: NoisePoint) -> Basis:
         root = np.sqrt(variances[kept])
         features, acting = table.law.rows[:, kept] * root, table.law.acting[:, kept] * root
     size = np.sqrt(np.mean(np.sum(acting**2, axis=1)))
-    white = table.force.whiten(features / size, 1.0, np.zeros(1))[0][:, 0]
+    white = (force or table.force).whiten_plain(features / size)
     eigenvalues, rotation = eigh(white.T @ white)
     return Basis(white @ rotation, acting / size @ rotation, np.maximum(eigenvalues, 0.0))
 
@@ -106,30 +117,30 @@ def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[L
     Args:
         table: Target and regressors at the rows.
         points: Noise points.
-        forces: The rows under each shape of the noise.
+        forces: Rows under each shape of the noise.
     """
     Z = np.column_stack([table.target, table.columns])
     products, log_det = np.empty((len(points), Z.shape[1], Z.shape[1])), np.zeros(len(points))
-    places: dict[tuple, list[int]] = {}
-    n_white = len(Z)
+    # Points that differ by their ratio alone share a filter or a basis.
+    shared: dict[tuple, list[int]] = {}
     for k, point in enumerate(points):
-        places.setdefault((point.shape, point.kind, point.scale, point.memory), []).append(k)
-    for (shape, kind, scale, _), own in places.items():
-        ratios = np.array([points[k].ratio for k in own])
-        if kind in (TIME, SENSOR):
-            white, logs = forces[shape].whiten(Z, scale, ratios, kind == SENSOR)
-            for j, k in enumerate(own):
+        shared.setdefault((point.shape, point.kind, point.scale, point.memory), []).append(k)
+    n_white = len(Z)
+    for (shape, kind, scale, _), places in shared.items():
+        force, ratios = forces[shape], np.array([points[k].ratio for k in places])
+        if kind in (LATENT_FORCE, SENSOR_NOISE):
+            white, logs = force.whiten(Z, scale, ratios, kind == SENSOR_NOISE)
+            for j, k in enumerate(places):
                 products[k] = white[:, j].T @ white[:, j]
-            log_det[own] = logs.sum(axis=0)
+            log_det[places] = logs.sum(axis=0)
             continue
-        white, logs = forces[shape].whiten(Z, 1.0, np.zeros(1))
-        white, plain = white[:, 0], white[:, 0].T @ white[:, 0]
+        white, logs = force.whiten_at(points[places[0]], Z)
         n_white = len(white)
-        products[own], log_det[own] = plain, logs.sum()
+        products[places], log_det[places] = white.T @ white, logs.sum()
         if kind in (LAW, MEMORY):
-            basis = discrepancy_basis(replace(table, force=forces[shape]), points[own[0]])
-            with_target = basis.features.T @ white
-            for k, r in zip(own, ratios, strict=True):
-                products[k] -= with_target.T @ (basis.shrunk(r)[:, None] * with_target)
-                log_det[k] += basis.log_det(r)
+            basis = discrepancy_basis(table, points[places[0]], force)
+            projected = basis.features.T @ white
+            for k, ratio in zip(places, ratios, strict=True):
+                products[k] -= projected.T @ (basis.shrunk(ratio)[:, None] * projected)
+                log_det[k] += basis.log_det(ratio)
     return Gram(tuple(points), products, log_det, float(n_white), table.force.gap)

@@ -1,4 +1,4 @@
-"""Prior probability of inclusion sets, beside nothing and beside a discrepancy."""
+"""Prior probability of inclusion sets, without a discrepancy and beside one."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -8,7 +8,7 @@ from math import log, log1p
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
@@ -18,13 +18,13 @@ from bayes_greybox.discovery.odds import Odds
 class SetPrior:
     """Log prior of sets.
 
-    P(S) = P(number of effects) · P(which) · Π suspects · P(corrections), with P(which) shared equally by names, and by
-    the places of a name among these.
+    P(S) = P(number of effects) · P(which) · Π sensor errors · P(corrections). P(which) is shared equally by names, and
+    the share of a name by its places.
 
     Attributes:
         regressors: One for each column.
         odds: Prior probabilities.
-        by_size: Log prior of so many effects, over the sum of what sets of as many weigh.
+        by_size: Log prior of each number of effects, over the summed weights of the sets of that size.
         ways: Log number of groups of each name.
     """
 
@@ -34,10 +34,10 @@ class SetPrior:
     ways: Mapping[str, float]
 
     def among(self, regressors: Sequence[Regressor]) -> "SetPrior":
-        """Return the same prior of sets of some of the effects and sensor errors.
+        """Return the same prior for fewer effects and sensor errors.
 
         Args:
-            regressors: These, beside all free terms and corrections.
+            regressors: The effects and sensor errors that are left, with all free terms and corrections.
         """
         return replace(self, regressors=tuple(regressors))
 
@@ -64,32 +64,34 @@ class SetPrior:
         return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()})
 
     def logs(self, sets: Sequence[Sequence[int]]) -> Float[np.ndarray, "n_set 2"]:
-        """Return the log prior of each set beside nothing, and beside a discrepancy.
+        """Return the log prior of each set without a discrepancy, and beside one.
 
         Args:
-            sets: Regressors of each.
+            sets: Regressors of each set.
         """
-        own, effects, corrections = self._by_regressor[:, _padded(sets, len(self.regressors))].sum(axis=2)
-        odds, every = self.odds, sum(each.kind == CORRECTION for each in self.regressors)
+        # Shorter sets are filled up with a regressor that adds nothing, the last one.
+        width, nothing = max(map(len, sets), default=0), len(self.regressors)
+        padded = np.array([(*each, *(nothing,) * (width - len(each))) for each in sets], int).reshape(len(sets), width)
+        weights, effects, corrections = self._by_regressor[:, padded].sum(axis=2)
+        odds, n_correction = self.odds, sum(each.kind == CORRECTION for each in self.regressors)
         effects, corrections = np.rint(effects).astype(int), np.rint(corrections)
-        total = own + np.array(self.by_size)[effects]
-        beside = corrections * log(odds.correction) + (every - corrections) * log1p(-odds.correction)
-        # Which of them are off, given that some are.
-        some = beside - (log(-np.expm1(every * log1p(-odds.correction))) if every else 0.0)
-        plain = np.where(corrections > 0, some + log(odds.recalibrate), log(odds.no_gap))
-        plain = np.where(effects > 0, beside + log1p(-odds.remainder), plain)
-        remains = np.where(effects > 0, beside + log(odds.remainder), beside + log(odds.unknown))
-        return np.column_stack([total + plain, total + remains])
+        total = weights + np.array(self.by_size)[effects]
+        beside = corrections * log(odds.correction) + (n_correction - corrections) * log1p(-odds.correction)
+        # Which coefficients are off, given that some are.
+        some = beside - (log(-np.expm1(n_correction * log1p(-odds.correction))) if n_correction else 0.0)
+        complete = np.where(corrections > 0, some + log(odds.recalibrate), log(odds.no_gap))
+        complete = np.where(effects > 0, beside + log1p(-odds.remainder), complete)
+        incomplete = np.where(effects > 0, beside + log(odds.remainder), beside + log(odds.unknown))
+        return np.column_stack([total + complete, total + incomplete])
 
     @cached_property
     def _by_regressor(self) -> Float[np.ndarray, "3 n"]:
-        """Return what each regressor adds to the log prior, whether it is an effect, and whether it is a correction."""
-        odds, rows = self.odds, []
+        """Return the log prior that each regressor adds, and ones for the effects and for the corrections."""
+        rows = []
         for each in self.regressors:
-            effect, sensor = each.kind == EFFECT, each.kind == SENSOR
-            own = each.log_weight - (self.ways[each.name] if effect else 0.0)
-            own += log(odds.suspect) - log1p(-odds.suspect) if sensor else 0.0
-            rows.append((own, float(effect), float(each.kind == CORRECTION)))
+            log_prior = each.log_weight - (self.ways[each.name] if each.kind == EFFECT else 0.0)
+            log_prior += log(self.odds.suspect) - log1p(-self.odds.suspect) if each.kind == SENSOR else 0.0
+            rows.append((log_prior, float(each.kind == EFFECT), float(each.kind == CORRECTION)))
         return np.array([*rows, (0.0, 0.0, 0.0)]).T
 
 
@@ -97,17 +99,11 @@ class Window(NamedTuple):
     """Effects, sensor errors and memories that had some probability: they alone are weighed until the likeliest stays.
 
     Attributes:
-        called: What they are called.
+        called: Their names.
         prior: Prior probability of all sets.
-        memories: Everything that may be remembered.
+        memories: Names of all memories.
     """
 
     called: frozenset[str]
     prior: SetPrior
     memories: tuple[str, ...]
-
-
-def _padded(sets: Sequence[Sequence[int]], by: int) -> Int[np.ndarray, "n_set most"]:
-    """Return sets of different sizes as one array."""
-    most = max((len(each) for each in sets), default=0)
-    return np.array([(*each, *(by,) * (most - len(each))) for each in sets], dtype=int).reshape(len(sets), most)

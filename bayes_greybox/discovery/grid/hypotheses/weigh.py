@@ -1,4 +1,4 @@
-"""The table of hypotheses: sets of regressors with their probability, coefficients, what they leave, and agreement."""
+"""The table of hypotheses: inclusion sets with their probability, coefficients, discrepancy and agreement."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,30 +8,30 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.discovery.grid.evidence.gram import Gram, gram
-from bayes_greybox.discovery.grid.evidence.log_evidence import RIDGE, log_evidences, modes
+from bayes_greybox.discovery.grid.evidence.log_evidence import UNIT_RIDGE, log_evidences, modes
 from bayes_greybox.discovery.grid.evidence.ranges import log_ranges
 from bayes_greybox.discovery.grid.evidence.search import Reach, Sets, search
 from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior, Window
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import KINDS, LAW, RATIOS, REMAINS, TIME, noise_points
+from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
 from bayes_greybox.discovery.grid.table import FREE, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
 from .agreement import bagged
 from .band import Band
-from .residuals import Pieces
+from .residuals import Residuals
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the RMS of the gap."""
 
-FAR = 30.0
-"""Nats behind the likeliest set from which on signs and limits are not asked: far beyond the window of the search."""
+RANGES_WINDOW = 30.0
+"""Nats behind the likeliest set within which signs and limits are weighed: far beyond the window of the search."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One set of regressors, with everything that may remain beside it summed over.
+    """One inclusion set, with every discrepancy that may be beside it summed over.
 
     Attributes:
         members: Its regressors.
@@ -45,10 +45,10 @@ class Hypothesis:
         noise: Standard deviation of the sensor's noise there.
         mean: Posterior means of its coefficients there.
         covariance: Their posterior covariance.
-        sizes: RMS of what each regressor contributes that the others of the set could not.
+        sizes: RMS of the part of each regressor's contribution that the others of the set cannot take over.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
         beside: RMS of the part of that discrepancy in the band of each regressor, times the same root.
-        against: Mean product of what each regressor contributes so with the whole discrepancy, times that probability:
+        against: Mean product of that contribution of each regressor with the whole discrepancy, times that probability:
             below zero where the two cancel.
     """
 
@@ -72,7 +72,7 @@ class Hypothesis:
         """Return the hypothesis without some of its regressors, its other coefficients as they are.
 
         Args:
-            places: Of the regressors that stay, among its members.
+            places: Places among its members of the regressors that stay.
         """
         own = list(places)
         members = tuple(self.members[k] for k in own)
@@ -93,11 +93,11 @@ class Weighed:
 
     Attributes:
         table: Target and regressors.
-        forces: The rows under each shape of the noise.
+        forces: Rows under each shape of the noise.
         grid: Products under every noise point.
         precision: Prior precisions of the coefficients.
         floor: Least variance of the noise.
-        hypotheses: Likeliest first.
+        hypotheses: Hypotheses, likeliest first.
         blocks: Log likelihood of each block of the record at each hypothesis's mode.
         prior: Prior probability of sets.
     """
@@ -111,26 +111,23 @@ class Weighed:
     blocks: Float[np.ndarray, "n_hypothesis n_block"]
     prior: SetPrior
 
-    def told(self, more: Sequence[float], seed: int) -> "Weighed":
-        """Return the hypotheses where their log weights are known better.
+    def reweighted(self, shifts: Sequence[float], seed: int) -> "Weighed":
+        """Return the hypotheses with other log weights.
 
         Args:
-            more: What is added to the log weight of each.
-            seed: Of the bagged records.
+            shifts: Changes of the log weights.
+            seed: Seed of the bagged records.
         """
-        if not np.any(more):
+        if not np.any(shifts):
             return self
-        weights = np.array([h.log_weight for h in self.hypotheses]) + np.asarray(more, float)
+        weights = np.array([h.log_weight for h in self.hypotheses]) + np.asarray(shifts, float)
         probability = np.exp(weights - np.logaddexp.reduce(weights))
         agreement = bagged(self.blocks, probability, seed)
         order = ranked(range(len(weights)), lambda k: float(weights[k]))
+        numbers = {"log_weight": weights, "probability": probability, "agreement": agreement}
         hypotheses = tuple(
-            replace(
-                self.hypotheses[k], log_weight=float(weights[k]), probability=float(probability[k]),
-                agreement=float(agreement[k]),
-            )
-            for k in order
-        )  # fmt: skip
+            replace(self.hypotheses[k], **{name: float(values[k]) for name, values in numbers.items()}) for k in order
+        )
         return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
 
     @property
@@ -138,9 +135,11 @@ class Weighed:
         """Return the mean square of the gap as a force, in scaled units."""
         return float(np.mean(self.table.target**2)) * self.table.force.gap**2
 
-    def residual(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_row"]:
-        """Return the target less what a hypothesis's regressors explain at its mode."""
-        return self.table.target - self.table.columns[:, list(hypothesis.members)] @ hypothesis.mean
+    @property
+    def before(self) -> Hypothesis:
+        """Return the hypothesis with the user's own terms alone."""
+        free = self.table.of_kind(FREE)
+        return next(h for h in self.hypotheses if h.members == free)
 
     def white(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
         """Return the whitened residual of a hypothesis at its likeliest point whose noise is white and normal.
@@ -148,15 +147,16 @@ class Weighed:
         It is white and of unit variance where the model is right.
         """
         number, residual, v = self._likeliest(hypothesis, [point.shape == 0 for point in self.grid.points])
-        return self._pieces.white(number, residual)[0][:, 0] / np.sqrt(v)
+        return self._residuals.white(number, residual)[0][:, 0] / np.sqrt(v)
 
     def standardised(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
         """Return leave-one-out residuals at a hypothesis's mode, each over its predictive standard deviation.
 
         z_i = e_i / (√v √(1 − h_i)), e the whitened residual and h the leverage of the columns.
         """
-        rows = np.column_stack([self.residual(hypothesis), self.table.columns[:, list(hypothesis.members)]])
-        white = self._pieces.white(hypothesis.point, rows)[0]
+        columns = self.table.columns[:, list(hypothesis.members)]
+        residual = self.table.target - columns @ hypothesis.mean
+        white = self._residuals.white(hypothesis.point, np.column_stack([residual, columns]))[0]
         X = white[:, 1:]
         leverage = np.clip(np.einsum("ij,jk,ik->i", X, hypothesis.covariance, X) / hypothesis.noise**2, 0.0, 0.99)
         return white[:, 0] / (hypothesis.noise * np.sqrt(1 - leverage))
@@ -164,29 +164,26 @@ class Weighed:
     def latent_force(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Return the smoothed latent force beside a hypothesis at the samples, mean and standard deviation, scaled.
 
-        It is that of the likeliest noise point with a force in time: a law of the states is one, too.
+        It is that of the likeliest noise point with a latent force, or with a law where no latent force is weighed.
         """
         kinds = [point.kind for point in self.grid.points]
-        number, residual, v = self._likeliest(hypothesis, [kind == (TIME if TIME in kinds else LAW) for kind in kinds])
-        mean, variance = self._pieces.smoothed(number, residual)
+        wanted = LATENT_FORCE if LATENT_FORCE in kinds else LAW
+        number, residual, v = self._likeliest(hypothesis, [kind == wanted for kind in kinds])
+        mean, variance = self._residuals.smoothed(number, residual)
         return mean[:, 0], np.sqrt(v * variance)
 
     @cached_property
-    def _pieces(self) -> Pieces:
-        return Pieces(self.table, self.forces, self.grid.points, {})
+    def _residuals(self) -> Residuals:
+        return Residuals(self.table, self.forces, self.grid.points)
 
-    def _likeliest(self, hypothesis: Hypothesis, able: Sequence[bool]) -> tuple[int, Float[np.ndarray, "n 1"], float]:
-        """Return the likeliest of the noise points that may be, with the residual and v at the mode there."""
-        number = int(np.argmax(np.where(able, hypothesis.points, -1.0)))
-        found = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
-        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ found.mean[0]
-        return number, residual[:, None], float(found.v[0])
-
-    @property
-    def before(self) -> Hypothesis:
-        """Return the hypothesis with the user's own terms alone."""
-        free = self.table.of_kind(FREE)
-        return next(h for h in self.hypotheses if h.members == free)
+    def _likeliest(
+        self, hypothesis: Hypothesis, allowed: Sequence[bool]
+    ) -> tuple[int, Float[np.ndarray, "n 1"], float]:
+        """Return the likeliest of the allowed noise points, with the residual and v at the mode there."""
+        number = int(np.argmax(np.where(allowed, hypothesis.points, -1.0)))
+        mode = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
+        residual = self.table.target - self.table.columns[:, list(hypothesis.members)] @ mode.mean[0]
+        return number, residual[:, None], float(mode.v[0])
 
 
 def weigh(
@@ -198,66 +195,66 @@ def weigh(
     Args:
         table: Target and regressors at the rows.
         odds: Prior probabilities.
-        reach: How far the search goes.
+        reach: Limits of the search.
         floor: Least variance of the noise, in units of the target's.
         shapes: Rows under further shapes of the noise, each with the log prior that it adds.
-        seed: Of the bagged records.
-        window: What the regressors are some of; None if they are all.
+        seed: Seed of the bagged records.
+        window: Window that the regressors are in; None if they are all there are.
     """
-    forces = (table.force, *(force for force, _ in shapes))
-    force = table.force
-    noise = max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
-    ratios: np.ndarray = RATIOS * force.gap / noise
-    memories = tuple(table.memories) if window is None else window.memories
-    points = noise_points(
-        force.period, force.step, ratios, table.law.rows.shape[1] > 0, memories,
-        (0.0, *(log_prior for _, log_prior in shapes)),
-        odds.noise if force.forced else None, RATIOS / noise,
-    )  # fmt: skip
-    kinds = len({point.kind for point in points} & set(REMAINS))
+    forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
+    prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
+    points = _noise_grid(table, odds, floor, window).points((0.0, *(log_prior for _, log_prior in shapes)))
+    n_unnamed = len({point.kind for point in points} & set(UNNAMED))
     points = tuple(point for point in points if not point.memory or point.memory in table.memories)
-    every = table.regressors
-    prior = SetPrior.of(every, odds, reach.effects) if window is None else window.prior.among(every)
-    weight = _Weight(
-        table, gram(table, points, forces), np.array([each.sd**-2.0 for each in every]), prior, floor, kinds
-    )  # fmt: skip
-    sets = search(table.regressors, weight.total, reach)
-    # The model before is one of them, however unlikely: the gap is what it leaves.
+    precision = np.array([each.sd**-2.0 for each in regressors])
+    weight = _Weight(table, gram(table, points, forces), precision, prior, floor, n_unnamed)
+    sets = search(regressors, weight.total, reach)
+    # The model before is one of them, however unlikely: the gap is its residual.
     before = table.of_kind(FREE)
     sets += [before] if before not in sets else []
     logs = weight.by_point(sets)
     totals = np.logaddexp.reduce(logs, axis=1)
     probability = np.exp(totals - np.logaddexp.reduce(totals))
     best = np.argmax(logs, axis=1)
-    found = modes(weight.products, weight.precision, sets, best, floor)
-    residuals = np.column_stack(
-        [table.target - table.columns[:, list(s)] @ m for s, m in zip(sets, found.mean, strict=True)]
-    )
-    pieces = Pieces(table, forces, points, {})
-    in_blocks = pieces.block_logs(best, residuals, found.v)
-    agreement = bagged(in_blocks, probability, seed)
-    remainder = pieces.remainder(logs, residuals)
-    left, with_left = np.sqrt(np.mean(remainder**2, axis=0)), table.acting.T @ remainder / len(remainder)
-    band = Band(table.acting, remainder)
-    of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in KINDS}
+    mode = modes(weight.products, precision, sets, best, floor)
+    fitted = [table.columns[:, list(members)] @ mean for members, mean in zip(sets, mode.mean, strict=True)]
+    residuals = np.column_stack([table.target - each for each in fitted])
+    split = Residuals(table, forces, points)
+    block_logs = split.block_logs(best, residuals, mode.v)
+    agreement = bagged(block_logs, probability, seed)
+    discrepancy = split.discrepancies(logs, residuals)
+    left, overlap = np.sqrt(np.mean(discrepancy**2, axis=0)), table.acting.T @ discrepancy / len(discrepancy)
+    band = Band(table.acting, discrepancy)
+    of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in DISCREPANCIES}
     of_memory = {memory: np.array([p.memory == memory for p in points]) for memory in table.memories}
     hypotheses = []
     for k, members in enumerate(sets):
-        share = np.exp(logs[k] - totals[k])
-        kinds = {kind: float(share[own].sum()) for kind, own in of_kind.items()}
-        memories = {memory: float(share[own].sum()) for memory, own in of_memory.items()}
+        share, mean = np.exp(logs[k] - totals[k]), mode.mean[k]
+        kinds = {kind: float(share[there].sum()) for kind, there in of_kind.items()}
+        memories = {memory: float(share[there].sum()) for memory, there in of_memory.items()}
         apart, alone = _apart(weight.products.products[0], members)
-        remains = sum(kinds[kind] for kind in REMAINS)
+        unnamed = sum(kinds[kind] for kind in UNNAMED)
         hypotheses.append(
             Hypothesis(
                 members, float(totals[k]), float(probability[k]), float(agreement[k]), kinds, memories, share,
-                int(best[k]), float(np.sqrt(found.v[k])), found.mean[k], found.covariance[k],
-                np.abs(found.mean[k]) * apart, float(left[k] * np.sqrt(remains)),
-                left[k] * np.sqrt(remains * band.of(k, members, alone)),
-                remains * found.mean[k] * (alone @ with_left[list(members), k]),
+                int(best[k]), float(np.sqrt(mode.v[k])), mean, mode.covariance[k], sizes=np.abs(mean) * apart,
+                left=float(left[k] * np.sqrt(unnamed)),
+                beside=left[k] * np.sqrt(unnamed * band.share(k, members, alone)),
+                against=unnamed * mean * (alone @ overlap[list(members), k]),
             )
         )  # fmt: skip
-    return Weighed(table, forces, weight.products, weight.precision, floor, tuple(hypotheses), in_blocks, prior)
+    return Weighed(table, forces, weight.products, precision, floor, tuple(hypotheses), block_logs, prior)
+
+
+def _noise_grid(table: RegressorTable, odds: Odds, floor: float, window: Window | None) -> NoiseGrid:
+    """Return the noise grid of a table; its ratios are relative to a first guess of the noise."""
+    force = table.force
+    noise = max(force.noise, np.sqrt(floor), LEAST_NOISE * force.gap)
+    return NoiseGrid(
+        force.period, force.step, GAP_RATIOS * force.gap / noise, GAP_RATIOS / noise,
+        odds.noise if force.forced else None, table.law.rows.shape[1] > 0,
+        tuple(table.memories) if window is None else window.memories,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -269,22 +266,23 @@ class _Weight:
     precision: np.ndarray
     prior: SetPrior
     floor: float
-    kinds: int
+    n_unnamed: int
 
     @cached_property
     def _on_grid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the log prior of each point given whether something remains, and whether it does at each."""
+        """Return the log prior of each point given whether it has an unnamed discrepancy, and true where it has."""
         points = self.products.points
-        remains = np.array([point.remains for point in points])
-        every = np.array([point.log_prior for point in points]) - np.where(remains, np.log(max(self.kinds, 1)), 0.0)
-        return every - np.logaddexp.reduce(every[~remains]), remains
+        unnamed = np.array([point.unnamed for point in points])
+        log_prior = np.array([point.log_prior for point in points])
+        log_prior = log_prior - np.where(unnamed, np.log(max(self.n_unnamed, 1)), 0.0)
+        return log_prior - np.logaddexp.reduce(log_prior[~unnamed]), unnamed
 
     def by_point(self, sets: Sets) -> Float[np.ndarray, "n_set n_point"]:
         """Return the log weight of each set under each point."""
-        on_grid, remains = self._on_grid
-        beside = self.prior.logs(sets)
+        on_grid, unnamed = self._on_grid
+        log_prior = self.prior.logs(sets)
         logs = log_evidences(self.products, self.precision, sets, self.floor)
-        logs = logs + on_grid + np.where(remains, beside[:, 1:], beside[:, :1])
+        logs = logs + on_grid + np.where(unnamed, log_prior[:, 1:], log_prior[:, :1])
         return logs + self._ranges(sets, logs)[:, None]
 
     def total(self, sets: Sets) -> Float[np.ndarray, " n_set"]:
@@ -292,47 +290,43 @@ class _Weight:
         return np.logaddexp.reduce(self.by_point(sets), axis=1)
 
     def _ranges(self, sets: Sets, logs: np.ndarray) -> np.ndarray:
-        """Return what signs and limits add to the log weight of each set, at its likeliest point."""
-        every, added = self.table.regressors, np.zeros(len(sets))
+        """Return the change of each log weight by signs and limits, at the set's likeliest point."""
+        regressors, added = self.table.regressors, np.zeros(len(sets))
         totals = np.logaddexp.reduce(logs, axis=1)
-        open_ = np.array([any(every[i].ranged for i in each) for each in sets], dtype=bool)
+        waiting = np.array([any(regressors[i].ranged for i in each) for each in sets], dtype=bool)
         while True:
-            # What makes the likeliest set impossible brings others near.
-            own = np.flatnonzero(open_ & (totals + added > np.max(totals + added) - FAR))
-            if not len(own):
+            # Where the likeliest set turns out impossible, others come near.
+            places = np.flatnonzero(waiting & (totals + added > np.max(totals + added) - RANGES_WINDOW))
+            if not len(places):
                 return added
-            added[own] = self._ranged([sets[k] for k in own.tolist()], np.argmax(logs[own], axis=1))
-            open_[own] = False
+            added[places] = self._ranged([sets[k] for k in places.tolist()], np.argmax(logs[places], axis=1))
+            waiting[places] = False
 
     def _ranged(self, sets: Sets, best: Int[np.ndarray, " n_set"]) -> Float[np.ndarray, " n_set"]:
-        """Return what signs and limits add, each set at a point of its own."""
-        every, added = self.table.regressors, np.zeros(len(sets))
-        found = modes(self.products, self.precision, sets, best, self.floor)
-        places: dict[int, list[tuple[int, float, float]]] = {}
-        for k, (members, mean, covariance) in enumerate(zip(sets, found.mean, found.covariance, strict=True)):
+        """Return the change by signs and limits, each set at a point of its own."""
+        regressors, added = self.table.regressors, np.zeros(len(sets))
+        mode = modes(self.products, self.precision, sets, best, self.floor)
+        by_regressor: dict[int, list[tuple[int, float, float]]] = {}
+        for k, (members, mean, covariance) in enumerate(zip(sets, mode.mean, mode.covariance, strict=True)):
             for place, i in enumerate(members):
-                if every[i].ranged:
+                if regressors[i].ranged:
                     sd = float(np.sqrt(max(covariance[place, place], 0.0)))
-                    places.setdefault(i, []).append((k, float(mean[place]), sd))
-        for i, items in places.items():
+                    by_regressor.setdefault(i, []).append((k, float(mean[place]), sd))
+        for i, items in by_regressor.items():
             rows, mean, sd = (np.array(x) for x in zip(*items, strict=True))
-            np.add.at(added, rows, log_ranges((every[i],), mean[:, None], sd[:, None])[:, 0])
+            added[rows] += log_ranges(regressors[i], mean, sd)
         return added
 
 
 def _apart(products: np.ndarray, members: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of each member's size that the other members cannot take over, and the sums that are that part.
+    """Return the share of each member's size that the others cannot take over, and the sums that are that part.
 
     √(1 − R²), 1 − R² = 1/(G_ii (G⁻¹)_ii), and x_i less its projection on the others, Σ_j x_j (G⁻¹)_ij/(G⁻¹)_ii. Columns
-    that nearly cancel each other are large and say little.
-
-    Args:
-        products: Of the columns under white noise, the target first.
-        members: Regressors of a set.
+    that nearly cancel each other are large and say little. The products are those under white noise, the target first.
     """
     at = np.array(members, dtype=int) + 1
     G = products[np.ix_(at, at)]
     root = 1 / np.sqrt(np.diag(G))
-    inverse = np.linalg.inv(G * np.outer(root, root) + RIDGE * np.eye(len(at)))
-    own = np.diag(inverse)
-    return np.sqrt(np.clip(1 / own, 0.0, 1.0)), inverse * np.outer(1 / (root * own), root)
+    inverse = np.linalg.inv(G * np.outer(root, root) + UNIT_RIDGE * np.eye(len(at)))
+    diagonal = np.diag(inverse)
+    return np.sqrt(np.clip(1 / diagonal, 0.0, 1.0)), inverse * np.outer(1 / (root * diagonal), root)

@@ -15,19 +15,19 @@ from jaxtyping import Array, Bool, Float
 from bayes_greybox.physics.sensitivity import power_of_two
 from bayes_greybox.running.compiling import compiled
 
-COLUMNS = 32
-"""Tables have a multiple of so many columns."""
+COLUMN_MULTIPLE = 32
+"""Tables are filled up to a multiple of so many columns."""
 
 
 class Process(NamedTuple):
     """A linear process that sensors show, one sample after the other.
 
     Attributes:
-        F: Transition to each sample from the one before; of a fresh one from the start.
+        F: Transition to each sample from the one before; to the first of a stretch from its start.
         Q: Covariance that the process of unit intensity adds on the way.
-        H: What each sensor shows of the state.
+        H: Rows by which the sensors read the state.
         noise: Variances of the sensors' noise at each sample.
-        fresh: Whether a sample begins a stretch.
+        fresh: True for each sample that begins a stretch.
         start: Covariance at the start of a stretch, beside that of the process.
         started: Covariance at the start of the process of unit intensity.
     """
@@ -49,13 +49,10 @@ def innovations(
     Args:
         process: The process.
         ratios: Intensities r.
-        z: Values that sensors show, by sample and sensor.
+        z: Readings by sample and sensor.
     """
-    n, k = len(z), z.shape[2]
-    wide = np.zeros((power_of_two(n), z.shape[1], -(-k // COLUMNS) * COLUMNS))
-    wide[:n, :, :k] = z
-    white, logs = _innovations(_filled(process, n), np.asarray(ratios, float), wide)
-    return np.asarray(white)[:n, ..., :k], np.asarray(logs)[:n]
+    white, logs = _innovations(*_filled(process, z), np.asarray(ratios, float))
+    return np.asarray(white)[: len(z), ..., : z.shape[2]], np.asarray(logs)[: len(z)]
 
 
 def smoothed(
@@ -66,30 +63,27 @@ def smoothed(
     Args:
         process: The process.
         ratio: Intensity r.
-        z: Values that sensors show, by sample and sensor.
-        state: Which state.
+        z: Readings by sample and sensor.
+        state: Number of the state.
     """
-    n, k = len(z), z.shape[2]
-    wide = np.zeros((power_of_two(n), z.shape[1], -(-k // COLUMNS) * COLUMNS))
-    wide[:n, :, :k] = z
-    unit = np.eye(process.F.shape[1])[state]
-    mean, variance = _smoothed(_filled(process, n), float(ratio), wide, unit)
-    return np.asarray(mean)[:n, :k], np.asarray(variance)[:n]
+    mean, variance = _smoothed(*_filled(process, z), float(ratio), np.eye(process.F.shape[1])[state])
+    return np.asarray(mean)[: len(z), : z.shape[2]], np.asarray(variance)[: len(z)]
 
 
-def _filled(process: Process, n: int) -> Process:
-    """Return the process filled up behind the record, where nothing sees it."""
+def _filled(process: Process, z: np.ndarray) -> tuple[Process, np.ndarray]:
+    """Return process and table filled up behind the record, where nothing sees it."""
+    rows, columns = power_of_two(len(z)) - len(z), -z.shape[2] % COLUMN_MULTIPLE
 
     def longer(values: np.ndarray, by: float = 0.0) -> np.ndarray:
-        more = np.full((power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
-        return np.concatenate([values, more])
+        return np.concatenate([values, np.full((rows, *values.shape[1:]), by, dtype=values.dtype)])
 
     F, Q, H, noise, fresh, start, started = process
-    return Process(longer(F), longer(Q), H, longer(noise, 1.0), longer(fresh), start, started)
+    filled = Process(longer(F), longer(Q), H, longer(noise, 1.0), longer(fresh), start, started)
+    return filled, np.pad(z, ((0, rows), (0, 0), (0, columns)))
 
 
 def _updated(P: Array, H: Array, noise: Array) -> tuple[Array, Array, Array]:
-    """Return gain, variance of the innovation, and the covariance after a reading; Joseph's form keeps it positive."""
+    """Return gain, variance of the innovation, and the covariance after a reading, positive by Joseph's form."""
     shown = P @ H
     S = shown @ H + noise
     K = shown / S[..., None]
@@ -98,7 +92,7 @@ def _updated(P: Array, H: Array, noise: Array) -> tuple[Array, Array, Array]:
 
 
 def _gains(process: Any, ratios: Array) -> tuple[Array, Array]:
-    """Return gains and the variances of the innovations, which no column of a table changes."""
+    """Return gains and the variances of the innovations, which are the same for all columns of a table."""
     F, Q, H, noise, fresh, start, started = process
     square = (ratios**2)[:, None, None]
     begun = start + square * started
@@ -116,7 +110,7 @@ def _gains(process: Any, ratios: Array) -> tuple[Array, Array]:
     return jax.lax.scan(step, jnp.zeros((ratios.shape[0], *start.shape)), (F, Q, noise, fresh))[1]
 
 
-def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
+def _filter_of(process: Any, z: Array, ratios: Array) -> tuple[Array, Array]:
     F, H, d = jnp.where(process.fresh[:, None, None], 0.0, process.F), process.H, process.F.shape[1]
     gains, variances = _gains(process, ratios)
     scale = 1 / jnp.sqrt(variances)
@@ -136,7 +130,7 @@ def _filter_of(process: Any, ratios: Array, z: Array) -> tuple[Array, Array]:
     return jax.lax.scan(step, first, (F, z, gains, scale))[1], jnp.log(variances)
 
 
-def _smoother_of(process: Any, ratio: Array, z: Array, unit: Array) -> tuple[Array, Array]:
+def _smoother_of(process: Any, z: Array, ratio: Array, unit: Array) -> tuple[Array, Array]:
     F, Q, H, noise, fresh, start, started = process
     begun = start + ratio**2 * started
 
@@ -159,7 +153,7 @@ def _smoother_of(process: Any, ratio: Array, z: Array, unit: Array) -> tuple[Arr
     _, (P, m, K, scaled, precision) = jax.lax.scan(ahead, first, (F, Q, noise, fresh, z))
 
     def back(later: tuple[Array, Array], piece: tuple[Array, ...]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        # What later innovations say of the state, r and N: mean m + P r, covariance P − P N P.
+        # Later innovations are summed up in r and N: mean m + P r, covariance P − P N P.
         F, fresh, P, m, K, scaled, precision = piece
         r, N = later
         for a in reversed(range(H.shape[0])):

@@ -1,54 +1,49 @@
-"""Latent force and noise of the sensors on rows, and the Kalman filters that whiten them.
+"""Latent force and sensor noise on the rows, and the Kalman filters that whiten them.
 
 w(t) is a Gaussian process of time scale τ, whose standard deviation is r times that of the noise (Álvarez, Luengo &
 Lawrence 2009; Hartikainen & Särkkä 2010). The innovations of the filter are the whitened rows, with the same gains for
 every column of a table.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Real
 
+from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import transition
 
 from .kalman import Process, innovations, smoothed
+from .points import LATENT_FORCE, SENSOR_NOISE, NoisePoint
+
+MEDIAN_ABSOLUTE_NORMAL = 0.6745
+"""Median of |z| of a standard normal number."""
 
 Ratios = Float[np.ndarray, " n_ratio"]
 """Standard deviations of the force over that of the noise."""
 
 
-@runtime_checkable
-class LatentForce(Protocol):
-    """Rows under a latent force and white noise."""
+class LatentForce(ABC):
+    """Rows under a latent force and white noise.
 
-    @property
-    def period(self) -> float:
-        """Period of the motion, which time scales are shares of."""
-        ...
+    Attributes:
+        period: Period of the motion, which time scales are shares of.
+        step: Usual time between two rows of a sensor.
+        noise: First guess of the noise's standard deviation, over the target's size.
+        gap: RMS of the gap as a force, over that of the target: the scale of effects and of what remains.
+        forced: True if a latent force is weighed on these rows.
+    """
 
-    @property
-    def step(self) -> float:
-        """Usual time between two rows of a sensor."""
-        ...
+    period: float
+    step: float
+    noise: float
+    gap: float = 1.0
+    forced: bool = True
 
-    @property
-    def forced(self) -> bool:
-        """Return whether a latent force is weighed on these rows."""
-        ...
-
-    @property
-    def noise(self) -> float:
-        """Return a first guess of the noise's standard deviation, over the target's size."""
-        ...
-
-    @property
-    def gap(self) -> float:
-        """Return the RMS of the gap as a force, over that of the target: the scale of effects and of what remains."""
-        ...
-
+    @abstractmethod
     def whiten(
         self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
     ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
@@ -58,10 +53,10 @@ class LatentForce(Protocol):
             table: Values at the rows.
             scale: τ.
             ratios: r, several at once; 0 is no force.
-            sensor: Whether w is noise of the sensors that hangs together, and moves nothing.
+            sensor: If true, w is correlated noise of the sensors, which moves nothing.
         """
-        ...
 
+    @abstractmethod
     def smooth(
         self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
     ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
@@ -72,31 +67,44 @@ class LatentForce(Protocol):
             scale: τ.
             ratio: r.
         """
-        ...
 
-    def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
-        """Return relative standard deviations of the noise of several sensors by their whitened rows; none of one.
-
-        Args:
-            white: Whitened residual, of unit variance where these are right.
-        """
-        ...
-
-    def weighted(self, spread: Float[np.ndarray, " n_row"]) -> "LatentForce":
+    @abstractmethod
+    def weighted(self, spread: Float[np.ndarray, " n_row"]) -> Any:
         """Return the same rows with noise of other standard deviations.
 
         Args:
             spread: Factors of the noise's standard deviation.
         """
-        ...
+
+    def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
+        """Return relative standard deviations of several sensors' noise by their whitened rows; none of one sensor.
+
+        Args:
+            white: Whitened residual, of unit variance where these are right.
+        """
+        return ()
+
+    def whiten_plain(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
+        """Return rows whitened without any force."""
+        return self.whiten(table, 1.0, np.zeros(1))[0][:, 0]
+
+    def whiten_at(
+        self, point: NoisePoint, table: Float[np.ndarray, "n_row k"]
+    ) -> tuple[Float[np.ndarray, "n_white k"], Float[np.ndarray, "n_white 1"]]:
+        """Return rows whitened at a noise point, but for a law or a memory there, and their log variances."""
+        if point.kind in (LATENT_FORCE, SENSOR_NOISE):
+            white, logs = self.whiten(table, point.scale, np.array([point.ratio]), point.kind == SENSOR_NOISE)
+        else:
+            white, logs = self.whiten(table, 1.0, np.zeros(1))
+        return white[:, 0], logs
 
 
 @dataclass(frozen=True, eq=False)
-class ForcedRates:
+class ForcedRates(LatentForce):
     """Rows of a rate, or of an output: the force itself, and noise; z_k = w_k + s_k e_k.
 
     Attributes:
-        time: Of each row, in order within its run.
+        time: Time of each row, in order within its run.
         run: Run of each row.
         period: Period of the motion.
         spread: s, relative standard deviations of the noise.
@@ -110,34 +118,15 @@ class ForcedRates:
     noise: float
 
     @cached_property
-    def fresh(self) -> Bool[np.ndarray, " n_row"]:
-        """Return whether a row begins a run."""
+    def _fresh(self) -> Bool[np.ndarray, " n_row"]:
+        """Return true for each row that begins a run."""
         return np.diff(self.run, prepend=self.run[0] - 1) != 0
 
-    @cached_property
-    def steps(self) -> Float[np.ndarray, " n_row"]:
-        """Return the time since the row before, infinite where a run begins."""
-        return np.where(self.fresh, np.inf, np.diff(self.time, prepend=self.time[0]))
-
     @property
-    def step(self) -> float:
+    def step(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Return the usual time between two rows."""
-        inside = self.steps[np.isfinite(self.steps)]
+        inside = np.diff(self.time, prepend=self.time[0])[~self._fresh]
         return float(np.median(inside)) if len(inside) else 1.0
-
-    @property
-    def forced(self) -> bool:
-        """See `LatentForce.forced`."""
-        return True
-
-    @property
-    def gap(self) -> float:
-        """See `LatentForce.gap`: the target is the force."""
-        return 1.0
-
-    def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
-        """See `LatentForce.rescaled`: rates have one sensor."""
-        return ()
 
     def weighted(self, spread: Float[np.ndarray, " n_row"]) -> "ForcedRates":
         """See `LatentForce.weighted`."""
@@ -160,22 +149,61 @@ class ForcedRates:
         return smoothed(self._process(scale, False), ratio, residual[:, None], 0)
 
     def _process(self, scale: float, sensor: bool) -> Process:
-        # Noise of a sensor is rough; a force of the machine is as smooth as its motion.
+        # A sensor's noise is rough; a force of the machine is as smooth as its motion.
         kind = "exponential" if sensor else "matern32"
-        F, Q, stationary = transition(kind, np.where(self.fresh, 0.0, self.steps) / scale)
+        steps = np.where(self._fresh, 0.0, np.diff(self.time, prepend=self.time[0]))
+        F, Q, stationary = transition(kind, steps / scale)
         d = len(stationary)
         noise = (self.spread**2)[:, None]
-        return Process(F, Q, np.eye(d)[:1], noise, self.fresh, np.zeros((d, d)), stationary)
+        return Process(F, Q, np.eye(d)[:1], noise, self._fresh, np.zeros((d, d)), stationary)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownNoise(LatentForce):
+    """Rows under noise R that is known up to its size, such as rates that a filter computed.
+
+    No latent force is weighed beside it: a filter makes white noise look like a force, and a force like that noise.
+
+    Attributes:
+        rows: R.
+        period: Period of the motion.
+        step: Usual time between two rows.
+        noise: First guess of the noise's standard deviation, over the target's size.
+    """
+
+    rows: RowNoise
+    period: float
+    step: float
+    noise: float
+    forced = False
+
+    def whiten(
+        self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
+    ) -> tuple[Float[np.ndarray, "n_white n_ratio n_column"], Float[np.ndarray, "n_white n_ratio"]]:
+        """See `LatentForce.whiten`."""
+        white = self.rows.whiten(table)
+        logs = np.full((len(white), len(ratios)), self.rows.log_det / len(white))
+        return np.repeat(white[:, None], len(ratios), axis=1), logs
+
+    def smooth(
+        self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
+    ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
+        """See `LatentForce.smooth`: there is no force."""
+        return np.zeros_like(residual), np.zeros(len(residual))
+
+    def weighted(self, spread: Float[np.ndarray, " n_row"]) -> "KnownNoise":
+        """See `LatentForce.weighted`: the shape of this noise is known."""
+        return self
 
 
 def rough_noise(target: Float[np.ndarray, " n"]) -> float:
-    """Return a first guess of the noise over the size of a target: its differences of second order over √6.
+    """Return a first guess of the noise over the size of a target, by its second differences over √6.
 
-    They have the variance of white noise, and next to nothing of anything smooth.
+    White noise has all of its variance in them, anything smooth next to nothing.
 
     Args:
         target: Values in order of time.
     """
     spread = float(np.sqrt(np.mean(target**2)))
     rough = np.abs(np.diff(target, 2)) / np.sqrt(6.0)
-    return min(float(np.median(rough)) / 0.6745 / spread, 1.0) if len(rough) and spread > 0 else 1.0
+    return min(float(np.median(rough)) / MEDIAN_ABSOLUTE_NORMAL / spread, 1.0) if len(rough) and spread > 0 else 1.0

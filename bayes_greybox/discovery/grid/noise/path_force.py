@@ -12,10 +12,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .kalman import Process, innovations, smoothed
-from .latent_force import Ratios
+from .latent_force import LatentForce, Ratios
 
-MOST_KEPT = 12
-"""Time scales whose transitions are kept."""
+MOST_TRANSITIONS = 12
+"""Largest number of time scales whose transitions are kept."""
 
 
 class Steps(NamedTuple):
@@ -35,12 +35,12 @@ class Steps(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class ForcedPath:
+class ForcedPath(LatentForce):
     """Rows of samples along a path, ordered by sensor, then by sample.
 
     Attributes:
-        steps: Of the path.
-        outputs: States that have a sensor.
+        steps: Steps of the path.
+        outputs: Numbers of the states that have a sensor.
         start_sd: Prior standard deviation of each state at the start of a segment, over that of the noise.
         spread: Relative standard deviations of the noise of each row.
         period: Period of the motion.
@@ -61,13 +61,8 @@ class ForcedPath:
 
     @property
     def fresh(self) -> Bool[np.ndarray, " n_sample"]:
-        """Return whether a sample is the first one of its segment."""
+        """Return true for each sample that is the first one of its segment."""
         return np.diff(self.steps.end[:, 0], prepend=-1) != 0
-
-    @property
-    def forced(self) -> bool:
-        """See `LatentForce.forced`."""
-        return True
 
     def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
         """See `LatentForce.rescaled`."""
@@ -85,14 +80,12 @@ class ForcedPath:
         self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
     ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
         """See `LatentForce.whiten`."""
-        repeats = 1
-        if not np.any(ratios):
-            # No force: one filter serves all.
-            ratios, repeats = np.zeros(1), len(ratios)
-        white, logs = innovations(self._process(scale, sensor), ratios, self._by_sample(table))
-        white, logs, n_row = white.swapaxes(0, 1), logs.swapaxes(0, 1), len(table)
-        white, logs = white.reshape(n_row, *white.shape[2:]), logs.reshape(n_row, -1)
-        return (white, logs) if repeats == 1 else (np.repeat(white, repeats, 1), np.repeat(logs, repeats, 1))
+        # Without any force one filter serves all.
+        used, repeats = (ratios, 1) if np.any(ratios) else (np.zeros(1), len(ratios))
+        white, logs = innovations(self._process(scale, sensor), used, self._by_sample(table))
+        white = white.swapaxes(0, 1).reshape(len(table), *white.shape[2:])
+        logs = logs.swapaxes(0, 1).reshape(len(table), -1)
+        return np.repeat(white, repeats, axis=1), np.repeat(logs, repeats, axis=1)
 
     def smooth(
         self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
@@ -113,10 +106,10 @@ class ForcedPath:
         return Process(F, Q, H, self.spread.reshape(p, -1).T ** 2, self.fresh, start, started)
 
     def _transitions(self, scale: float, sensor: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Return the transition of (δ, w) to each sample from the one before, and the covariance of unit w's part."""
+        """Return the transition of (δ, w) to each sample from the one before, and the covariance that unit w adds."""
         key = (scale, sensor)
         if key not in self._moved:
-            if len(self._moved) > MOST_KEPT:
+            if len(self._moved) > MOST_TRANSITIONS:
                 self._moved.clear()
             steps = self.steps._replace(b=np.zeros_like(self.steps.b)) if sensor else self.steps
             self._moved[key] = _discretised(steps, self.fresh, scale)
@@ -124,8 +117,7 @@ class ForcedPath:
 
 
 def _discretised(steps: Steps, fresh: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-    d = steps.M.shape[-1]
-    end = steps.end
+    d, end = steps.M.shape[-1], steps.end
     n = len(end)
     F, Q = np.tile(np.eye(d + 1), (n, 1, 1)), np.zeros((n, d + 1, d + 1))
     before = np.where(fresh, 0, np.concatenate([[0], end[:-1, 1]]))
@@ -136,8 +128,7 @@ def _discretised(steps: Steps, fresh: np.ndarray, scale: float) -> tuple[np.ndar
         at = end[on, 0], before[on] + k
         half = np.exp(-0.5 * steps.h[at] / scale)
         whole = half**2
-        step, noise = np.zeros((len(on), d + 1, d + 1)), np.zeros((len(on), d + 1, d + 1))
-        b = steps.b[at]
+        step, b = np.zeros((len(on), d + 1, d + 1)), steps.b[at]
         step[:, :d, :d] = steps.M[at]
         step[:, :d, d] = b[..., 0] + b[..., 1] * half[:, None] + b[..., 2] * whole[:, None]
         step[:, d, d] = whole

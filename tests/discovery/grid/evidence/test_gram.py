@@ -5,7 +5,15 @@ import pytest
 
 from bayes_greybox.discovery.grid.evidence.gram import discrepancy_basis, gram, law_variances
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint, noise_points
+from bayes_greybox.discovery.grid.noise.points import (
+    LATENT_FORCE,
+    LAW,
+    MEMORY,
+    NO_DISCREPANCY,
+    SENSOR_NOISE,
+    NoiseGrid,
+    NoisePoint,
+)
 from bayes_greybox.discovery.grid.table import EFFECT, Features, Regressor, RegressorTable
 
 N, K, M = 30, 3, 6
@@ -20,12 +28,13 @@ TABLE = RegressorTable(
     {"relaxation of x": ELEMENTS},
 )  # fmt: skip
 Z = np.column_stack([TABLE.target, TABLE.columns])
+RATIOS = np.array([0.1, 1.0, 10.0])
 
 
 def dense(point, spread=SPREAD):
     """R of a point: features of f have the prior variances of a kernel, elements of a memory equal ones."""
     noise = np.diag(spread**2)
-    if point.kind == NONE:
+    if point.kind == NO_DISCREPANCY:
         return noise
     if point.kind in (LAW, MEMORY):
         own = LAWS if point.kind == LAW else ELEMENTS
@@ -33,14 +42,16 @@ def dense(point, spread=SPREAD):
         size = np.mean(own.acting**2 @ variances)
         return noise + point.ratio**2 * (own.rows * variances / size) @ own.rows.T
     x = np.abs(FORCE.time[:, None] - FORCE.time) / point.scale
-    kernel = np.exp(-x) if point.kind == SENSOR else (1 + np.sqrt(3) * x) * np.exp(-np.sqrt(3) * x)
+    kernel = np.exp(-x) if point.kind == SENSOR_NOISE else (1 + np.sqrt(3) * x) * np.exp(-np.sqrt(3) * x)
     return noise + point.ratio**2 * kernel
 
 
 POINTS = (
-    NoisePoint(NONE), NoisePoint(TIME, 2.0, 0.5), NoisePoint(TIME, 0.1, 0.5), NoisePoint(SENSOR, 1.5, 0.2),
+    NoisePoint(NO_DISCREPANCY), NoisePoint(LATENT_FORCE, 2.0, 0.5), NoisePoint(LATENT_FORCE, 0.1, 0.5),
+    NoisePoint(SENSOR_NOISE, 1.5, 0.2),
     NoisePoint(LAW, 3.0, 0.7), NoisePoint(LAW, 0.2, 0.7), NoisePoint(LAW, 3.0, 0.3),
-    NoisePoint(MEMORY, 2.0, memory="relaxation of x"), NoisePoint(NONE, shape=1), NoisePoint(LAW, 3.0, 0.7, shape=1),
+    NoisePoint(MEMORY, 2.0, memory="relaxation of x"), NoisePoint(NO_DISCREPANCY, shape=1),
+    NoisePoint(LAW, 3.0, 0.7, shape=1),
 )  # fmt: skip
 
 
@@ -71,21 +82,21 @@ def test_the_mean_variance_of_f_at_the_samples_is_one():
 
 
 def test_each_kind_of_point_has_prior_probability_one_and_a_sensors_noise_that_of_a_suspect():
-    points = noise_points(6.0, 0.1, (0.1, 1.0, 10.0), True, ("relaxation of x", "backlash of x"), (0.0, -1.0), 0.05)
+    points = NoiseGrid(6.0, 0.1, RATIOS, RATIOS, 0.05, True, ("relaxation of x", "backlash of x")).points((0.0, -1.0))
     for shape, log_prior in ((0, 0.0), (1, -1.0)):
         total = {
             kind: np.sum(np.exp([p.log_prior for p in points if p.kind == kind and p.shape == shape]))
-            for kind in (NONE, SENSOR, TIME, LAW, MEMORY)
+            for kind in (NO_DISCREPANCY, SENSOR_NOISE, LATENT_FORCE, LAW, MEMORY)
         }
         # Under a shape of the noise that was found, neither a correlation nor a memory is weighed besides.
         plain = float(shape == 0)
-        share = {NONE: 0.95, SENSOR: 0.05 * plain, TIME: 1.0, LAW: 1.0, MEMORY: plain}
+        share = {NO_DISCREPANCY: 0.95, SENSOR_NOISE: 0.05 * plain, LATENT_FORCE: 1.0, LAW: 1.0, MEMORY: plain}
         assert total == pytest.approx({kind: value * np.exp(log_prior) for kind, value in share.items()})
-    assert not {p.kind for p in noise_points(6.0, 0.1, (1.0,), False)} & {LAW, MEMORY}
+    assert not {p.kind for p in NoiseGrid(6.0, 0.1, RATIOS, RATIOS, law=False).points()} & {LAW, MEMORY}
 
 
 def test_time_scales_below_a_step_are_white_noise():
-    scales = {p.scale for p in noise_points(1.0, 0.1, (1.0,), False) if p.kind == TIME}
+    scales = {p.scale for p in NoiseGrid(1.0, 0.1, RATIOS, RATIOS).points() if p.kind == LATENT_FORCE}
     assert scales == {0.2, 1.0, 4.0}
     # Of a motion of a few steps the step itself is left.
-    assert {p.scale for p in noise_points(1.0, 9.0, (1.0,), False) if p.kind == TIME} == {9.0}
+    assert {p.scale for p in NoiseGrid(1.0, 9.0, RATIOS, RATIOS).points() if p.kind == LATENT_FORCE} == {9.0}

@@ -8,10 +8,10 @@ from scipy.special import logsumexp
 
 from bayes_greybox.discovery.grid.evidence.gram import Gram
 from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences, modes
-from bayes_greybox.discovery.grid.noise.points import NONE, TIME, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, NoisePoint
 
 N = 80
-POINTS = (NoisePoint(NONE), NoisePoint(TIME, 1.0, 0.3))
+POINTS = (NoisePoint(NO_DISCREPANCY), NoisePoint(LATENT_FORCE, 1.0, 0.3))
 FLOOR = 1e-12
 
 

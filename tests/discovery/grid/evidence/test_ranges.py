@@ -19,7 +19,7 @@ def summed(ratio, mean, sd):
 
 
 def found(regressor, mean, sd):
-    return log_ranges((regressor,), np.array([[mean]]), np.array([[sd]])).item()
+    return log_ranges(regressor, np.array([mean]), np.array([sd])).item()
 
 
 @CASES
@@ -56,8 +56,8 @@ def test_what_has_a_plain_prior_adds_nothing():
 
 
 def test_what_is_known_exactly_is_no_division_by_zero():
-    each = (Regressor(EFFECT, "e", "e", 1.0, sign=1, expected=0.5), Regressor(SENSOR, "s", "s", 1.0, limit=5.0))
-    assert np.all(np.isfinite(log_ranges(each, np.array([[0.5, 1.0]]), np.zeros((1, 2)))))
+    assert np.isfinite(found(Regressor(EFFECT, "e", "e", 1.0, sign=1, expected=0.5), 0.5, 0.0))
+    assert np.isfinite(found(Regressor(SENSOR, "s", "s", 1.0, limit=5.0), 1.0, 0.0))
     # The priors' ratio there, without what rounding makes of 1/sd².
     effect = Regressor(EFFECT, "e", "e", 1.0, expected=0.8)
     ratio = norm.logpdf(0.7, 0.8, EXPECTED_SPREAD * 0.8) - norm.logcdf(1 / EXPECTED_SPREAD) - norm.logpdf(0.7)

@@ -10,7 +10,7 @@ from bayes_greybox.discovery.grid.evidence.gram import Gram
 from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
 from bayes_greybox.discovery.grid.evidence.search import Reach, search
 from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
-from bayes_greybox.discovery.grid.noise.points import NONE, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
 
@@ -79,7 +79,7 @@ def problem(seed, n=60):
     X = rng.standard_normal((n, len(CATALOGUE))) + 0.8 * rng.standard_normal((n, 1))
     y = 0.5 * X[:, 4] - 0.4 * X[:, 6] + 0.2 * X[:, 1] + 0.4 * rng.standard_normal(n)
     Z = np.column_stack([y, X])
-    gram = Gram((NoisePoint(NONE),), (Z.T @ Z)[None], np.zeros(1), float(n))
+    gram = Gram((NoisePoint(NO_DISCREPANCY),), (Z.T @ Z)[None], np.zeros(1), float(n))
     return weight_of(gram)
 
 
@@ -135,6 +135,6 @@ def test_two_columns_that_do_nothing_alone_are_found_together():
     own = tuple(Regressor(EFFECT, f"e{k}", f"e{k}", 1.0) for k in range(5))
     X = np.column_stack([common, common + 0.1 * apart, rng.standard_normal((200, 3))])
     Z = np.column_stack([X[:, 1] - X[:, 0] + 0.01 * rng.standard_normal(200), X])
-    gram = Gram((NoisePoint(NONE),), (Z.T @ Z)[None], np.zeros(1), 200.0)
+    gram = Gram((NoisePoint(NO_DISCREPANCY),), (Z.T @ Z)[None], np.zeros(1), 200.0)
     assert search(own, weight_of(gram, own), Reach(effects=3))[0] == (0, 1)
     assert list(combinations(range(2), 2)) == [(0, 1)]

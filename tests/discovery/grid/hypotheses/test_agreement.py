@@ -3,7 +3,13 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.hypotheses.agreement import FEWEST_BLOCKS, MOST_BLOCKS, REPLICATES, bagged, blocks
+from bayes_greybox.discovery.grid.hypotheses.agreement import (
+    BAGGED_RECORDS,
+    FEWEST_BAGGED_BLOCKS,
+    MOST_BAGGED_BLOCKS,
+    bagged,
+    blocks,
+)
 
 
 def test_one_hypothesis_is_always_agreed_on():
@@ -28,7 +34,7 @@ def test_blocks_that_contradict_each_other_agree_on_nothing():
     p = 1 / (1 + np.exp(-8.0))
     agreement = bagged(logs, np.array([p, 1 - p]), 0)
     # The sum over a bagged record has standard deviation 20 √30 = 110: Φ(8/110), to two standard errors and a half.
-    assert agreement[0] == pytest.approx(0.53, abs=2.5 * 0.5 / np.sqrt(REPLICATES))
+    assert agreement[0] == pytest.approx(0.53, abs=2.5 * 0.5 / np.sqrt(BAGGED_RECORDS))
     assert agreement.sum() == pytest.approx(1.0)
 
 
@@ -38,7 +44,7 @@ def test_the_same_seed_draws_the_same_records():
     assert np.any(bagged(logs, p, 4) != bagged(logs, p, 5))
 
 
-@pytest.mark.parametrize(("n", "count"), [(3, 3), (60, FEWEST_BLOCKS), (400, 16), (10_000, MOST_BLOCKS)])
+@pytest.mark.parametrize(("n", "count"), [(3, 3), (60, FEWEST_BAGGED_BLOCKS), (400, 16), (10_000, MOST_BAGGED_BLOCKS)])
 def test_blocks_are_contiguous_and_of_equal_length(n, count):
     found = blocks(n)
     assert np.all(np.diff(found) >= 0) and found[0] == 0

@@ -14,7 +14,7 @@ BLOCK = N // 30
 def in_band(left, forces):
     """Shares of each remainder in the band of each force by itself."""
     band, k = Band(forces, left), forces.shape[1]
-    return np.array([band.of(h, range(k), np.eye(k)) for h in range(left.shape[1])])
+    return np.array([band.share(h, range(k), np.eye(k)) for h in range(left.shape[1])])
 
 
 def test_what_has_the_spectrum_of_a_force_is_all_in_its_band():
@@ -51,8 +51,8 @@ def test_of_a_force_beside_another_its_own_part_has_the_band():
     left = np.sin(2 * np.pi * 9 * T / BLOCK)[:, None]
     alone = np.array([[1.0, 0.0], [-0.75, 1.0]])
     band = Band(forces, left)
-    assert band.of(0, [0, 1], alone) == pytest.approx([0.0, 1.0], abs=0.02)
-    assert band.of(0, [0, 1], np.eye(2))[1] < 0.2
+    assert band.share(0, [0, 1], alone) == pytest.approx([0.0, 1.0], abs=0.02)
+    assert band.share(0, [0, 1], np.eye(2))[1] < 0.2
 
 
 @pytest.mark.parametrize("n", [1, 5, 26, 200])

@@ -40,7 +40,7 @@ def test_probabilities_and_blocks_belong_to_each_hypothesis(two):
 def test_what_is_told_better_moves_probabilities_order_and_agreement(two):
     first = two.hypotheses[0]
     shifts = [-30.0 * (h is first) for h in two.hypotheses]
-    told = two.told(shifts, 0)
+    told = two.reweighted(shifts, 0)
     assert told.hypotheses[0].members == two.hypotheses[1].members
     assert next(h.log_weight for h in told.hypotheses if h.members == first.members) == first.log_weight - 30.0
     assert sum(h.probability for h in told.hypotheses) == pytest.approx(1.0)
@@ -48,7 +48,7 @@ def test_what_is_told_better_moves_probabilities_order_and_agreement(two):
     places = {h.members: k for k, h in enumerate(two.hypotheses)}
     for h, block in zip(told.hypotheses, told.blocks, strict=True):
         np.testing.assert_array_equal(block, two.blocks[places[h.members]])
-    assert two.told([0.0] * len(shifts), 0) is two
+    assert two.reweighted([0.0] * len(shifts), 0) is two
 
 
 def test_what_an_effect_and_the_force_share_is_their_mean_product():
