@@ -1,1 +1,1 @@
-"""What measurement may do to data: suspects that stand beside missing effects."""
+"""Errors of sensors and inputs: their columns, how they are undone in data, and noise on the samples."""

@@ -1,4 +1,4 @@
-"""The channels of a measurement as suspects: a delay, a gain or an offset of the rate, of states and of inputs.
+"""Errors of the channels of a measurement: a delay, a gain or an offset of the rate, of states and of inputs.
 
 A channel that is late by d, has a gain 1 + κ or an offset o is, to first order, a column beside the effects:
 
@@ -7,20 +7,21 @@ A channel that is late by d, has a gain 1 + κ or an offset o is, to first order
     rate offset     o                      state offset        −o · ∂G/∂x_k
     rate drift      o · (t − t̄) / range
 
-with G the whole modelled rate, what was found missing so far included; it is followed by central differences along the
-measured path, so any simulation serves. A delay that was found is undone in the data and its column taken anew there,
-until it moves no more: what is reported is not first order.
+with G the whole modelled rate, the terms found missing so far included. G is followed by central differences along the
+measured path, so that any simulation serves. A delay is undone in the data and its column taken anew there, until it
+moves no more: the delay that is reported is not first order.
 
-A rate that a filter computed has no sensor of its own. It is late, and reads too large, with the samples that it is of
-and with the states S that are of them too; a constant in them is none in it:
+A rate that a filter computed has no sensor of its own. It is late, and reads too large, together with the samples that
+it was computed from and with all states S of the same sensor; a constant in the samples leaves the rate as it is:
 
     sensor late   −d · (Σ ∂G/∂z ż + ∂G/∂t), z all states and inputs but S        gain   κ · (G − Σ_S ∂G/∂x_k x_k)
 
-The slope of a state is that rate, noise and all: were such a state to be late alone, the rate would explain itself.
+The slope of such a state is that very rate, noise and all: were the state late alone, the rate would explain itself.
 """
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,15 +30,15 @@ from scipy.interpolate import CubicSpline
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integrate import between_samples
 
-from . import bends
+from .bends import BENDS, POWERS, Curve
 
 DELAY, GAIN, OFFSET, DRIFT = ("delay", "gain", "offset", "drift")
 
-KINDS = (DELAY, GAIN, OFFSET, DRIFT, *bends.KINDS)
-"""What a channel may be suspected of."""
+ERRORS = (DELAY, GAIN, OFFSET, DRIFT, *BENDS)
+"""Kinds of errors of a channel."""
 
 LAG = "lag"
-"""What the only sensor of a machine may do in the place of its actuator; no column of its own, see `mirrored`."""
+"""Lag of a machine's only sensor, in files of earlier versions: it may stand in the place of an actuator's lag."""
 
 STATES = "states"
 """Channel that stands for all states together."""
@@ -60,14 +61,14 @@ Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
 
 @dataclass(frozen=True)
 class ChannelSuspect:
-    """One suspect about one channel.
+    """One error that one channel may have.
 
     Attributes:
-        kind: One of `KINDS`.
+        kind: One of `ERRORS`.
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
-        sd: Prior standard deviation of its size, in `unit`'s unit.
+        sd: Prior standard deviation of its size, in the unit of the size.
         step: Sampling step, for a delay.
-        center: What a bend is about, see `bends`.
+        center: Middle of a bend, see `bends`.
     """
 
     kind: str
@@ -78,23 +79,29 @@ class ChannelSuspect:
 
     @property
     def key(self) -> str:
-        """Name for tables."""
+        """Return the name for tables."""
         return f"{self.kind} of {self.channel}"
 
 
-def is_fault(name: str) -> bool:
-    """Whether what could stand in an effect's place is the fault of a sensor; effects stand there by their slugs.
+Sizes = Mapping[ChannelSuspect, float]
+"""Sizes of errors; a delay is positive where its channel is late."""
 
-    Args:
-        name: A suspect's key ("offset of y"), or a slug, which has no spaces.
-    """
-    return name.startswith(tuple(f"{kind} of " for kind in (*KINDS, LAG)))
+
+def is_fault(name: str) -> bool:
+    """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
+    return name.startswith(tuple(f"{kind} of " for kind in (*ERRORS, LAG)))
+
+
+def run_slices(run: np.ndarray) -> list[slice]:
+    """Return the rows of each run, which stand one after the other."""
+    edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(run)]
+    return [slice(start, end) for start, end in pairwise(edges)]
 
 
 def suspect_columns(
     data: Trajectories, equation: str, rate: Rate
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_obs"]]]:
-    """Every suspect with its column: what the measured rate gains per unit of its size.
+    """Return every error with its column: the change of the measured rate per unit of its size.
 
     Args:
         data: Measurements, as corrected so far.
@@ -103,16 +110,13 @@ def suspect_columns(
     """
     inside = np.diff(data.time)[np.diff(data.run) == 0]
     step = float(np.median(inside)) if len(inside) else 1.0
-    own, shift = data.target_label(equation), step / 4
-    states, inputs, one = data.state_names, data.input_names, _one_sensor(data, equation)
-    apart = tuple(name for name in states if name not in one)
+    label, shift = data.target_label(equation), step / 4
+    states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
+    apart = tuple(name for name in states if name not in same_sensor)
 
     def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
-        """DG/dd for channels taken d later, and the clock where time itself is in G."""
-        ahead, behind = (
-            rate(shifted(data, {name: side * shift for name in names}, side * shift if clock else 0.0))
-            for side in (1, -1)
-        )
+        """Return dG/dd for channels taken d later, and the clock with them where time itself is in G."""
+        ahead, behind = (rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0)) for by in (shift, -shift))
         return (ahead - behind) / (2 * shift)
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
@@ -121,153 +125,152 @@ def suspect_columns(
     def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
         return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step), column
 
+    def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
+        return zero_error(data, name), -slope(name, ones)
+
     G, ones = rate(data), np.ones(data.n_obs)
-    if one:
-        found = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
+    if same_sensor:
+        sensor = same_sensor[0]
+        columns = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
         if apart:
-            found.append(late(one[0], -along((*apart, *inputs), clock=True)))
-        found.append((ChannelSuspect(GAIN, one[0], GAIN_SD), G - sum(slope(x, data.column(x)) for x in one)))
-        found.append((_zero(data, one[0]), -slope(one[0], ones)))
+            columns.append(late(sensor, -along((*apart, *inputs), clock=True)))
+        gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
+        columns += [(ChannelSuspect(GAIN, sensor, GAIN_SD), gained), zero(sensor)]
     else:
-        found = [late(own, -along((*states, *inputs), clock=True))]
+        columns = [late(label, -along((*states, *inputs), clock=True))]
         if inputs:
-            found += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
-        found.append((ChannelSuspect(GAIN, own, GAIN_SD), G))
+            columns += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
-        found.append((ChannelSuspect(OFFSET, own, OFFSET_SD * size), ones))
+        columns += [(ChannelSuspect(GAIN, label, GAIN_SD), G), (ChannelSuspect(OFFSET, label, OFFSET_SD * size), ones)]
         if span > 0:
-            found.append((ChannelSuspect(DRIFT, own, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+            columns.append((ChannelSuspect(DRIFT, label, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
     for name in (*apart, *inputs):
-        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))))
-        found.append((_zero(data, name), -slope(name, ones)))
+        columns += [(ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
-        # Last: of suspects with one and the same column the first stands, and this is the oddest one.
-        found += [late(x, along((x,))) for x in apart]
-    return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
+        # Last: of errors with one and the same column the first stands, and this is the oddest one.
+        columns += [late(x, along((x,))) for x in apart]
+    return with_column(columns)
+
+
+def with_column(
+    columns: list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]],
+) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]:
+    """Return the errors whose columns are finite and not zero."""
+    return [(error, column) for error, column in columns if np.all(np.isfinite(column)) and np.any(column != 0)]
+
+
+def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
+    """Return the offset of the sensor of a state or an input."""
+    return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
 
 
 def slope_along(
     data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
 ) -> Float[np.ndarray, " n_obs"]:
-    """∂G/∂name along a direction, by central differences.
+    """Return ∂G/∂name along a direction, by central differences.
 
     Args:
-        data: Where.
+        data: Rows.
         rate: G.
         name: A state or an input.
-        direction: How far it moves at each row, per unit.
+        direction: Move of the state or the input at each row, per unit.
     """
-    size = float(np.sqrt(np.mean(data.column(name) ** 2)))
-    largest = float(np.max(np.abs(direction)))
+    values = data.column(name)
+    size, largest = float(np.sqrt(np.mean(values**2))), float(np.max(np.abs(direction)))
     h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
-    up, down = (rate(_moved(data, name, side * h * direction)) for side in (1, -1))
+    up, down = (rate(with_columns(data, {name: values + side * h * direction})) for side in (1, -1))
     return (up - down) / (2 * h)
 
 
+def with_columns(data: Trajectories, columns: Mapping[str, np.ndarray]) -> Trajectories:
+    """Return the data with other values of some states and inputs."""
+    return replace(
+        data,
+        states={name: columns.get(name, x) for name, x in data.states.items()},
+        inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
+    )
+
+
 def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:
-    """The data with delays of channels undone: states and inputs at the times that the measured rate belongs to.
+    """Return the data with states and inputs at the times that the measured rate belongs to.
 
     Args:
         data: Measurements as they came.
         equation: The studied state.
-        delays: By channel; positive is late.
+        delays: Delays by channel; positive is late.
     """
     if not any(delays.values()):
         return data
-    one = _one_sensor(data, equation)
-    late = {one[0], STATES} if one else {data.target_label(equation)}
+    same_sensor = _one_sensor(data, equation)
+    late = {same_sensor[0], STATES} if same_sensor else {data.target_label(equation)}
     return shifted(data, _later_by(data, equation, delays), -sum(delays.get(name, 0.0) for name in late))
 
 
 def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bool[np.ndarray, " n_obs"]:
-    """Rows whose states and inputs are inside their run once delays are undone: beyond it nothing was measured.
-
-    Args:
-        data: Measurements as they came.
-        equation: The studied state.
-        delays: By channel.
-    """
+    """Return true for rows whose states and inputs are still inside their run once delays are undone."""
     return measured_at(data, set(_later_by(data, equation, delays).values()))
 
 
 def measured_at(data: Trajectories, later: Collection[float]) -> Bool[np.ndarray, " n_obs"]:
-    """Rows that are inside their run so much later, too.
-
-    Args:
-        data: Measurements.
-        later: Times.
-    """
+    """Return true for rows that are inside their run at each of some later times, too."""
     inside = np.ones(data.n_obs, bool)
-    for by in set(later) - {0.0}:
-        for r in dict.fromkeys(data.run.tolist()):
-            own = data.run == r
-            time = data.time[own]
-            inside[own] &= (time + by >= time[0]) & (time + by <= time[-1])
+    for rows in run_slices(data.run):
+        time = data.time[rows]
+        for by in set(later) - {0.0}:
+            inside[rows] &= (time + by >= time[0]) & (time + by <= time[-1])
     return inside
 
 
-def calibrated(
-    data: Trajectories, equation: str, sizes: Mapping[ChannelSuspect, float], clock: Trajectories
-) -> Trajectories:
-    """The data with gains, offsets and drifts of channels taken out: x = (measured − o)/(1 + κ), and rates alike.
+def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajectories) -> Trajectories:
+    """Return the data without gains, offsets and drifts of channels: x = (measured − o)/(1 + κ), and rates alike.
 
-    Of a sensor that bends it is the x that it shows so, see `bends`.
+    A sensor that bends is inverted, see `bends`. Delays are left alone.
 
     Args:
         data: Measurements with delays undone.
         equation: The studied state.
-        sizes: By suspect, as found; delays are left alone.
+        sizes: Sizes of the errors.
         clock: Data that drifts were found on: their centre and span of time.
     """
-    gains, offsets = {}, {}
-    for suspect, size in sizes.items():
-        if suspect.kind == GAIN:
-            gains[suspect.channel] = size
-        elif suspect.kind == OFFSET:
-            offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + size
-        elif suspect.kind == DRIFT:
-            slope = size * (data.time - np.mean(clock.time)) / np.ptp(clock.time)
-            offsets[suspect.channel] = offsets.get(suspect.channel, 0.0) + slope
-
-    def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        # What was computed from samples is as much too large as they are, and has none of their offset.
-        return {
-            name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
-            for name, x in columns.items()
-        }
-
-    if not any(suspect.kind != DELAY for suspect in sizes):
+    if all(error.kind == DELAY for error in sizes):
         return data
-    own, one = data.target_label(equation), _one_sensor(data, equation)
-    rates = {}
-    for name, x in data.derivatives.items():
-        gain = gains.get(one[0] if one else own, 0.0) if name == equation else 0.0
-        rates[name] = (x - (offsets.get(own, 0.0) if name == equation else 0.0)) / (1.0 + gain)
-    return replace(data, states=part(data.states), inputs=part(data.inputs), derivatives=rates)
+    gains, offsets = {}, {}
+    for error, size in sizes.items():
+        if error.kind == GAIN:
+            gains[error.channel] = size
+        elif error.kind in (OFFSET, DRIFT):
+            slope = (data.time - np.mean(clock.time)) / np.ptp(clock.time) if error.kind == DRIFT else 1.0
+            offsets[error.channel] = offsets.get(error.channel, 0.0) + size * slope
+    # A state computed from samples has their gain, and none of their offset.
+    columns = {
+        name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
+        for name, x in data.columns.items()
+    }
+    label, rates, same_sensor = data.target_label(equation), dict(data.derivatives), _one_sensor(data, equation)
+    if equation in rates:
+        gain = gains.get(same_sensor[0] if same_sensor else label, 0.0)
+        rates[equation] = (rates[equation] - offsets.get(label, 0.0)) / (1.0 + gain)
+    return replace(with_columns(data, columns), derivatives=rates)
 
 
 def as_shown(
-    paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Mapping[ChannelSuspect, float],
-    clock: Trajectories,
-) -> Float[np.ndarray, "n_draw n_obs"]:  # fmt: skip
-    """What a state's sensor shows of paths, its curve at t − d, + o + drift: the inverse of `calibrated`.
+    paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Sizes, clock: Trajectories
+) -> Float[np.ndarray, "n_draw n_obs"]:
+    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`.
 
     Args:
-        paths: At the rows of the data; NaN where a path failed.
-        name: Of the state.
+        paths: Paths at the rows of the data; NaN where a path failed.
+        name: Name of the state.
         data: Rows.
-        sizes: By suspect, as found.
+        sizes: Sizes of the errors.
         clock: Data that drifts were found on.
     """
     sensor = _sensor(data, name)
-    own = {suspect.kind: size for suspect, size in sizes.items() if suspect.channel == sensor}
-    if sensor != name:
-        own = {GAIN: own.get(GAIN, 0.0)}
+    own = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
     late = late_by(data, sizes).get(name, 0.0)
     if late:
         paths = paths.copy()
-        for r in dict.fromkeys(data.run.tolist()):
-            rows = data.run == r
+        for rows in run_slices(data.run):
             for path in paths:
                 if np.all(np.isfinite(path[rows])):
                     path[rows] = _later(data.time[rows], path[rows], -late)
@@ -276,112 +279,88 @@ def as_shown(
     return shown + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
 
 
-def curve_of(sizes: Mapping[ChannelSuspect, float], sensor: str, state: str = "") -> bends.Curve:
-    """What a sensor shows of what it measures, beyond its offset.
+def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
+    """Return the curve of a sensor, beyond its offset.
 
     Args:
-        sizes: By suspect, as found.
-        sensor: State whose sensor it is: what was computed from samples has its gain.
-        state: State that is shown; it alone bends.
+        sizes: Sizes of the errors.
+        sensor: State whose sensor it is: a state computed from its samples has its gain.
+        state: State that is shown, which alone bends; that of the sensor by default.
     """
-    gain = sum(size for suspect, size in sizes.items() if (suspect.kind, suspect.channel) == (GAIN, sensor))
-    bending = [suspect for suspect in sizes if suspect.kind in bends.POWERS and suspect.channel == (state or sensor)]
-    errors = {bends.POWERS[suspect.kind]: sizes[suspect] for suspect in bending}
-    return bends.Curve(errors, bending[0].center if bending else 0.0, 1.0 + gain)
+    gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
+    bending = [error for error in sizes if error.kind in POWERS and error.channel == (state or sensor)]
+    errors = {POWERS[error.kind]: sizes[error] for error in bending}
+    return Curve(errors, bending[0].center if bending else 0.0, 1.0 + gain)
 
 
-def late_by(data: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> dict[str, float]:
-    """How late each state and input is shown.
+def delays_of(sizes: Sizes) -> dict[str, float]:
+    """Return the delays among errors, by channel."""
+    return {error.channel: size for error, size in sizes.items() if error.kind == DELAY}
 
-    Args:
-        data: Measurements.
-        sizes: By suspect, as found.
-    """
-    late = {suspect.channel: size for suspect, size in sizes.items() if suspect.kind == DELAY}
-    found = {name: late.get(_sensor(data, name), 0.0) + late.get(STATES, 0.0) for name in data.state_names}
-    found |= {name: late.get(name, 0.0) for name in data.input_names}
-    return {name: by for name, by in found.items() if by}
+
+def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
+    """Return the delay of each state and input that is late."""
+    late = delays_of(sizes)
+    delays = {name: late.get(_sensor(data, name), 0.0) + late.get(STATES, 0.0) for name in data.state_names}
+    delays |= {name: late.get(name, 0.0) for name in data.input_names}
+    return {name: by for name, by in delays.items() if by}
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
-    """States and inputs as they are so much later, by cubic splines through the samples of each run.
+    """Return states and inputs at later times, by cubic splines through the samples of each run.
 
     Args:
         data: Measurements.
-        later: By state or input.
-        clock: How much later it is then, for rates that depend on time.
+        later: Shift of each state or input.
+        clock: Shift of the clock, for rates that depend on time.
     """
-    columns: dict[str, np.ndarray] = {}
-    for name, by in later.items():
-        if by == 0.0:
-            continue
-        values = data.column(name)
-        columns[name] = np.concatenate(
-            [_later(data.time[data.run == r], values[data.run == r], by) for r in dict.fromkeys(data.run.tolist())]
-        )
-    return replace(
-        data,
-        time=data.time + clock,
-        states={name: columns.get(name, x) for name, x in data.states.items()},
-        inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
-    )
+    columns = {
+        name: np.concatenate([_later(data.time[rows], data.column(name)[rows], by) for rows in run_slices(data.run)])
+        for name, by in later.items()
+        if by != 0.0
+    }
+    return replace(with_columns(data, columns), time=data.time + clock)
 
 
 def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
-    """Inputs as they are so much later, between their samples as a path takes them; before and after a run they hold.
+    """Return inputs at later times, between their samples as a path takes them; before and after a run they hold.
 
     Args:
         data: Measurements.
-        later: By input.
+        later: Shift of each input.
     """
     inputs = dict(data.inputs)
     for name, by in later.items():
         moved = inputs[name].copy()
-        for r in dict.fromkeys(data.run.tolist()):
-            own = data.run == r
-            t, u = data.time[own], inputs[name][own]
+        for rows in run_slices(data.run):
+            t, u = data.time[rows], inputs[name][rows]
             at = np.clip(t + by, t[0], t[-1])
             (kind,) = between_samples(t, u[:, None])
-            moved[own] = CubicSpline(t, u)(at) if kind == "cubic" else np.interp(at, t, u)
+            moved[rows] = CubicSpline(t, u)(at) if kind == "cubic" else np.interp(at, t, u)
         inputs[name] = moved
     return replace(data, inputs=inputs)
 
 
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
-    """How much later each state and input has to be taken."""
-    one, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
-    own = delays.get(one[0] if one else data.target_label(equation), 0.0)
-    if one:
-        # The rate is late with its samples: what others show is taken earlier.
-        later = {name: 0.0 if name in one else delays.get(name, 0.0) - own for name in data.state_names}
-        return later | {name: delays.get(name, 0.0) - own - states for name in data.input_names}
-    later = {name: states + delays.get(name, 0.0) - own for name in data.state_names}
-    return later | {name: delays.get(name, 0.0) - own for name in data.input_names}
+    """Return the shift of each state and input that undoes the delays."""
+    same_sensor, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
+    own = delays.get(same_sensor[0] if same_sensor else data.target_label(equation), 0.0)
+    later = {name: delays.get(name, 0.0) - own for name in (*data.state_names, *data.input_names)}
+    # A rate that is late with its samples has all other channels taken earlier.
+    moved = data.input_names if same_sensor else data.state_names
+    later |= {name: later[name] + (-states if same_sensor else states) for name in moved}
+    return later | dict.fromkeys(same_sensor, 0.0)
 
 
 def _one_sensor(data: Trajectories, equation: str) -> tuple[str, ...]:
-    """States of the samples that the rate was computed from, see `RateFilter.one_sensor`."""
+    """Return the states of the samples that the rate was computed from, see `RateFilter.one_sensor`."""
     return data.filter.one_sensor(equation) if data.filter is not None else ()
 
 
 def _sensor(data: Trajectories, state: str) -> str:
-    """The state whose samples one is of."""
+    """Return the state from whose samples a state or an input was computed."""
     return data.filter.source(state) if data.filter is not None else state
 
 
-def _zero(data: Trajectories, name: str) -> ChannelSuspect:
-    """An offset of the sensor of a state or an input."""
-    return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
-
-
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
-    if len(time) < 4:
-        return values
-    return CubicSpline(time, values)(time + by)
-
-
-def _moved(data: Trajectories, name: str, by: np.ndarray) -> Trajectories:
-    def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        return {k: x + by if k == name else x for k, x in columns.items()}
-
-    return replace(data, states=part(data.states), inputs=part(data.inputs))
+    return CubicSpline(time, values)(time + by) if len(time) >= 4 else values

@@ -16,9 +16,8 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 
+from .channels import DRIFT
 from .memory import Chosen, Memory, everything
-
-DRIFT = "drift"
 
 SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 """Time constants τ over the duration of the record."""
@@ -27,11 +26,11 @@ SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 def drift_columns(
     data: Trajectories, chosen: Chosen = everything
 ) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs 1"]]]:
-    """Every state and input times each of the ways of settling, one element each.
+    """Yield every state and input times each of the ways of settling, one element each.
 
     Args:
         data: Samples; runs that go on at the time at which others ended belong to one record.
-        chosen: Which ones.
+        chosen: Test of which ones are asked for.
     """
     since = data.time - np.min(data.time)
     duration = np.max(since)

@@ -1,4 +1,4 @@
-"""The sensors whose samples are the rows, and the inputs that drive their path, as suspects.
+"""Errors of the sensors whose samples are the rows, and of the inputs that drive their path.
 
 A sensor that shows (1 + κ) y + a (y − c)² + b (y − c)³ at t − d, + o + drift, adds to its rows, to first order,
 
@@ -26,73 +26,74 @@ from .channels import (
     ZERO_SD,
     ChannelSuspect,
     Rate,
+    Sizes,
     curve_of,
+    run_slices,
     shifted,
     slope_along,
+    with_column,
+    zero_error,
 )
 
 NEAR_ZERO = 0.2
-"""Share of its range that a sensor may stay away from zero, and bends about it all the same."""
+"""Share of its range that a sensor may stay away from zero, and still bend about it."""
 
 
 def sensor_columns(
     samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
-    """Suspects about every sensor with their columns at all samples, in the sensor's unit per unit of their size.
+    """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size.
 
     Args:
-        samples: What the sensors showed; columns are ordered by sensor, then by sample.
+        samples: Readings; columns are ordered by sensor, then by sample.
         path: The path at the samples.
-        late: What sensors were found to be late by, at which their delays' columns are taken.
+        late: Delays of sensors found so far, at which the columns of delays are taken.
     """
-    found, names, late = [], samples.state_names, late or {}
+    columns, late = [], late or {}
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     span = float(np.ptp(samples.time))
-    for k, name in enumerate(names):
-
-        def row(values: np.ndarray, k: int = k) -> np.ndarray:
-            return np.concatenate([values if j == k else np.zeros(len(values)) for j in range(len(names))])
-
-        by, ones = late.get(name, 0.0), np.ones(path.n_obs)
-        # What a late sensor shows too large is what it shows.
+    for k, name in enumerate(samples.state_names):
+        by = late.get(name, 0.0)
+        # The gain of a late sensor is that of its reading.
         x = shifted(path, {name: -by}).column(name)
-        size = float(np.sqrt(np.mean(x**2)))
+        zero_sd = ZERO_SD * float(np.sqrt(np.mean(x**2)))
         later, sooner = (shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
-        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), row((later - sooner) / (step / 2))))
-        found.append((ChannelSuspect(GAIN, name, GAIN_SD), row(x)))
-        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), row(ones)))
+        alone = [
+            (ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), (later - sooner) / (step / 2)),
+            (ChannelSuspect(GAIN, name, GAIN_SD), x),
+            (ChannelSuspect(OFFSET, name, zero_sd), np.ones(path.n_obs)),
+        ]
         if span > 0:
-            found.append((ChannelSuspect(DRIFT, name, ZERO_SD * size), row((path.time - np.mean(path.time)) / span)))
+            alone.append((ChannelSuspect(DRIFT, name, zero_sd), (path.time - np.mean(path.time)) / span))
         low, high = float(np.min(x)), float(np.max(x))
         # A tank that starts empty passes zero as well, whatever the noise says.
         margin = NEAR_ZERO * (high - low)
         center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
         furthest = max(high - center, center - low)
         if high > low:
-            for kind, p in POWERS.items():
-                bend = ChannelSuspect(kind, name, BEND_SD / furthest ** (p - 1), center=center)
-                found.append((bend, row((x - center) ** p)))
-    return found
+            for kind, power in POWERS.items():
+                bend = ChannelSuspect(kind, name, BEND_SD / furthest ** (power - 1), center=center)
+                alone.append((bend, (x - center) ** power))
+        for error, values in alone:
+            table = np.zeros((len(samples.state_names), path.n_obs))
+            table[k] = values
+            columns.append((error, table.ravel()))
+    return columns
 
 
-def bent_by(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> Float[np.ndarray, " n_sample"]:
-    """What sensors that bend made of samples which are free of it, one sensor after the other.
-
-    Args:
-        samples: Free of the errors.
-        sizes: Errors by suspect.
-    """
+def bent_by(samples: Trajectories, sizes: Sizes) -> Float[np.ndarray, " n_sample"]:
+    """Return the bend of each sensor's reading at samples that are free of errors, one sensor after the other."""
     return np.concatenate([curve_of(sizes, name).bend(samples.column(name)) for name in samples.state_names])
 
 
-def unit_of_rows(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -> float:
-    """Mean of log |d reading / d row| over samples that were put right and bent again, see `bent_by`.
+def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
+    """Return the mean of log |d reading / d row| over samples that were put right and bent again, see `bent_by`.
 
     A row is x + B(x) + κ x̄, with x̄ of the model, where the reading is (1 + κ) x + B(x).
 
     Args:
-        samples: Free of the errors.
-        sizes: Errors by suspect.
+        samples: Samples free of the errors.
+        sizes: Sizes of the errors.
     """
     seen, logs = seen_samples(samples), []
     for name in samples.state_names:
@@ -105,35 +106,28 @@ def unit_of_rows(samples: Trajectories, sizes: Mapping[ChannelSuspect, float]) -
 def input_columns(
     nodes: Trajectories, names: Sequence[str], rate: Rate, step: float
 ) -> list[tuple[ChannelSuspect, np.ndarray]]:
-    """Suspects about inputs with the force that they stand for along the path.
+    """Return every error of inputs with the force along the path that it stands for.
 
     Args:
         nodes: States and inputs along the path.
-        names: Inputs that are suspected.
+        names: Inputs whose errors are weighed.
         rate: The whole modelled rate.
-        step: Between two samples.
+        step: Time between two samples.
     """
-    found, ones = [], np.ones(nodes.n_obs)
-
-    def slope(name: str, direction: np.ndarray) -> np.ndarray:
-        return slope_along(nodes, rate, name, direction)
-
+    columns = []
     for name in names:
         u = nodes.column(name)
-        change = np.concatenate([_gradient(nodes.time[own], u[own]) for own in _runs(nodes)])
-        size = float(np.sqrt(np.mean(u**2)))
-        found.append((ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), slope(name, change)))
-        found.append((ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, u)))
-        found.append((ChannelSuspect(OFFSET, name, ZERO_SD * size), -slope(name, ones)))
-    return [(suspect, column) for suspect, column in found if np.all(np.isfinite(column)) and np.any(column != 0)]
-
-
-def _runs(data: Trajectories) -> list[np.ndarray]:
-    return [np.flatnonzero(data.run == r) for r in dict.fromkeys(data.run.tolist())]
+        change = np.concatenate([_gradient(nodes.time[rows], u[rows]) for rows in run_slices(nodes.run)])
+        columns += [
+            (ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), slope_along(nodes, rate, name, change)),
+            (ChannelSuspect(GAIN, name, GAIN_SD), -slope_along(nodes, rate, name, u)),
+            (zero_error(nodes, name), -slope_along(nodes, rate, name, np.ones(nodes.n_obs))),
+        ]
+    return with_column(columns)
 
 
 def _gradient(time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """du/dt; where an input leaps at one time, through the middle of the leap."""
+    """Return du/dt; where an input leaps at one time, through the middle of the leap."""
     at, place, count = np.unique(time, return_inverse=True, return_counts=True)
     if len(at) < 2:
         return np.zeros(len(time))

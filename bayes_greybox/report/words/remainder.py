@@ -1,7 +1,7 @@
 """Words for what is missing without a name: its kind, and what it depends on."""
 
-from bayes_greybox.discovery.sensor_errors.drift import DRIFT
-from bayes_greybox.discovery.sensor_errors.memory import LAW
+from bayes_greybox.discovery.grid.noise.points import LAW
+from bayes_greybox.discovery.sensor_errors.channels import DRIFT
 from bayes_greybox.discovery.study import StudyResult
 
 from .formatting import probability_text

@@ -23,7 +23,7 @@ def along(t, x, **inputs):
 
 
 def times_of(t, x=None):
-    return relaxation_times(t if x is None else x, t, [np.arange(len(t))], x is None)
+    return relaxation_times(t if x is None else x, t, [slice(0, len(t))], x is None)
 
 
 def test_time_constants_of_an_input_go_from_two_steps_to_half_a_run_by_about_two():
