@@ -9,7 +9,7 @@ from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tin
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.refine import KEPT, Ground, refined
+from bayes_greybox.discovery.linearise.refine import MOST_CARRYING, Ground, refined
 from bayes_greybox.discovery.linearise.settle import table_of
 
 SHAPE = replace(WIDTH, name="bend", meaning="bend", low=0.2, high=5.0, unit_of="")
@@ -43,7 +43,7 @@ def test_the_width_of_a_dead_zone_is_found_to_a_percent(gap):
     points, weights = values[label].points[:, 0], values[label].log_weights
     assert np.min(np.abs(points / gap - 1)) < 0.01
     # Of the finer ones those that carry nothing are not kept, and all weigh as much of the prior as they stand for.
-    assert len(points) <= KEPT + len(first) and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
+    assert len(points) <= MOST_CARRYING + len(first) and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
 
 
 def test_the_likeliest_value_of_a_study_is_the_true_one():
