@@ -7,7 +7,7 @@ from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.regressors.build import FEATURES, regressors_of
+from bayes_greybox.discovery.regressors.build import LAW_FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import COLLINEAR, CORRECTION_SCALE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import GAIN, OFFSET, ChannelSuspect
@@ -322,7 +322,7 @@ def test_f_has_the_features_that_the_user_names_and_finer_ones_otherwise():
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, 30)
     data = Trajectories.from_arrays(np.arange(30.0), states={"x": x}, derivatives={"x": x**2})
-    assert regressors_of(Program(), data, "x", []).basis.per_variable == (FEATURES[1],)
+    assert regressors_of(Program(), data, "x", []).basis.per_variable == (LAW_FEATURES[1],)
 
 
 def test_columns_are_evaluated_anywhere_in_the_scale_of_the_data():

@@ -58,7 +58,7 @@ def _by_size(sets: Sequence[Sequence[int]]) -> Iterator[tuple[np.ndarray, Int[np
     sizes = np.array([len(each) for each in sets], dtype=int)
     for k in dict.fromkeys(sizes.tolist()):
         places = np.flatnonzero(sizes == k)
-        yield places, np.array([sets[p] for p in places], dtype=int).reshape(len(places), k)
+        yield places, np.array([sets[p] for p in places.tolist()], dtype=int).reshape(len(places), k)
 
 
 def _of_one_size(gram: Gram, precision: np.ndarray, index: Int[np.ndarray, "n_set k"], floor: float) -> np.ndarray:
