@@ -14,7 +14,7 @@ from bayes_greybox.discovery.grid.noise.points import SENSOR_NOISE
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
-from bayes_greybox.discovery.sensor_errors.bends import POWERS
+from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
@@ -148,7 +148,7 @@ def _row(
         }  # fmt: skip
     elif suspect.kind == GAIN:
         row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
-    elif suspect.kind in POWERS:
+    elif suspect.kind in BEND_POWERS:
         row |= _bend(suspect, mean, samples, unit_text(data.unit(suspect.channel)))
     else:
         rate = suspect.channel not in data.columns
@@ -162,7 +162,7 @@ def _row(
 
 def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str) -> dict[str, str]:
     """Unit of a bend's coefficient, and how far off the sensor is where that is most; of like ends the upper one."""
-    power, values = POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
+    power, values = BEND_POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
     low, high = float(np.min(values)), float(np.max(values))
     x = high if high - suspect.center >= ALIKE * (suspect.center - low) else low
     off = mean * (x - suspect.center) ** power

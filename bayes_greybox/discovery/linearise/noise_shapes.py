@@ -44,13 +44,7 @@ class Shape(NamedTuple):
 def noise_shapes(
     white: Float[np.ndarray, " n_row"], quantities: Mapping[str, Float[np.ndarray, " n_row"]], odds: Odds
 ) -> tuple[Shape, ...]:
-    """Return the shapes that a residual speaks for.
-
-    Args:
-        white: Whitened residual of the likeliest hypothesis.
-        quantities: Quantities that the noise may grow with, at the rows.
-        odds: Prior probabilities.
-    """
+    """Return the shapes that a residual speaks for."""
     if len(white) < LEAST_ROWS or not np.all(np.isfinite(white)):
         return ()
     plain, prior = NoiseModel(WhiteNoise((len(white),))), NoisePrior(LEAST_WHITE_SCALE, 1.0)

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.sensor_errors.bends import POWERS
+from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     GAIN,
@@ -114,15 +114,7 @@ class Suspected(NamedTuple):
 
     @classmethod
     def of(cls, model: Program, data: Trajectories, equation: str, point: Point, rate: Rate) -> "Suspected":
-        """Return the columns along a path.
-
-        Args:
-            model: The model with rows near the point.
-            data: Samples that are free of the errors so far, with the path through them.
-            equation: The learned state.
-            point: Linearisation point, with the errors so far.
-            rate: The whole modelled rate.
-        """
+        """Return the columns along a path."""
         simulation, samples, sizes = model.simulator(data), data.samples, point.sensors
         assert samples is not None
         rows, nodes = model.equation_rows(data, equation), model.rows.nodes(data, equation, simulation)
@@ -141,7 +133,7 @@ class Suspected(NamedTuple):
             # Nothing is late against anything: nothing was undone.
             known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
         force = sum((known.get(error.key, 0.0) * column for error, column in inputs), np.zeros(nodes.n_obs))
-        straight = [(error, column) for error, column in sensors if error.kind not in POWERS]
+        straight = [(error, column) for error, column in sensors if error.kind not in BEND_POWERS]
         shown = sum((known.get(error.key, 0.0) * column for error, column in straight), np.zeros(rows.n_row))
         # Straightened samples are bent again: noise at the ends of a range is that of the sensor again.
         shown = shown + bent_by(samples, sizes)[at_rows]
@@ -156,9 +148,6 @@ class Suspected(NamedTuple):
         """Return the errors of sensors that samples identify, in the unit of the rows.
 
         Where nothing drives a system its clock may start at any time: a late sensor is another start.
-
-        Args:
-            regressors: Regressors at the rows.
         """
         gain, noise = regressors.rows.gain, regressors.rows.noise
         unitless = len(self.samples.state_names) == 1 and _unitless(regressors, self.nodes, self.simulation)

@@ -129,12 +129,7 @@ class Visit(NamedTuple):
         return same and self.origin is not None and near.stays(self.origin)
 
     def corrected(self, other: "Visit", seed: int) -> "Visit":
-        """Return the rows with the log weight of another hypothesis taken from rows near that one.
-
-        Args:
-            other: Rows near the other hypothesis.
-            seed: Seed of the bagged records.
-        """
+        """Return the rows with the log weight of another hypothesis taken from rows near that one."""
         near, logs = self.near, self.near.log_weights()
         if other.hypothesis is None or other.hypothesis == self.hypothesis or other.hypothesis not in logs:
             return self
@@ -152,14 +147,7 @@ def _best(visits: Sequence[Visit], seed: int) -> Visit:
 
 
 def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
-    """Return the hypotheses on rows.
-
-    Args:
-        rows: The rows.
-        odds: Prior probabilities.
-        reach: Limits of the search.
-        seed: Seed of the bagged records.
-    """
+    """Return the hypotheses on rows; the seed is that of the bagged records."""
     shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
     return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window))
 

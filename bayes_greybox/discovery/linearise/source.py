@@ -82,14 +82,7 @@ class Source(ABC):
 
 
 def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
-    """Return the whole modelled rate: that of the simulation and of terms, on any data of the same columns.
-
-    Args:
-        model: The model before.
-        data: Data with these columns.
-        equation: The studied state.
-        added: Terms and their coefficients.
-    """
+    """Return the whole modelled rate: that of the simulation and of terms, on any data of the same columns."""
     simulation = model.simulator(data)
 
     def rate(data: Trajectories) -> np.ndarray:

@@ -120,13 +120,7 @@ def first_values(
 
 
 def at_values(effect: BoundEffect, values: Values, /, **about: Any) -> list[tuple[Term, dict]]:
-    """Return the terms of an effect at values of its nonlinear parameters, each with the fields of its column.
-
-    Args:
-        effect: Effect bound to columns.
-        values: Values of its parameters.
-        about: Other fields of the columns.
-    """
+    """Return the terms of an effect at values of its nonlinear parameters, each with the fields of its column."""
     items = []
     for point, weight in zip(values.points, values.log_weights, strict=True):
         inner = {each.name: float(value) for each, value in zip(effect.effect.inner, point, strict=True)}
@@ -138,11 +132,6 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
     """Return log prior weights of increasing values of a nonlinear parameter, whose prior is log-uniform.
 
     They are trapezoidal, so that grids of any spacing can be mixed.
-
-    Args:
-        values: Increasing values.
-        low: Lower end of the prior.
-        high: Upper end of the prior.
     """
     position = np.log(np.asarray(values) / low) / np.log(high / low)
     edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)

@@ -211,11 +211,7 @@ class Regressors(EvaluatedColumns):
             self.columns, self.values, self.acting = self.columns[:-1], self.values[:, :-1], self.acting[:, :-1]
 
     def remember(self, memories: Iterable[tuple[Memory, Float[np.ndarray, "n n_element"]]]) -> None:
-        """Add forces with memory.
-
-        Args:
-            memories: Each memory with its elements at the samples.
-        """
+        """Add forces with memory."""
         for memory, table in memories:
             size = np.sqrt(np.mean(table**2, axis=0))
             table, size = table[:, size > 0], size[size > 0]
@@ -264,12 +260,7 @@ class Regressors(EvaluatedColumns):
         return others[parallel[0]] if len(parallel) else None
 
     def leave_out(self, refused: Mapping[str, str], new: Sequence[Column] = ()) -> None:
-        """Note effects that have no column left, by another binding or another value of a nonlinear parameter.
-
-        Args:
-            refused: Reasons by slug.
-            new: Columns that are about to be added.
-        """
+        """Note effects that have no column left, by another binding or another value of a nonlinear parameter."""
         serving = {column.effect.slug for column in (*self.columns, *new) if column.effect is not None}
         self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-QUADRATIC, CUBIC = BENDS = ("quadratic error", "cubic error")
+QUADRATIC, CUBIC = BEND_ERRORS = ("quadratic error", "cubic error")
 
-POWERS = {QUADRATIC: 2, CUBIC: 3}
+BEND_POWERS = {QUADRATIC: 2, CUBIC: 3}
 """Power of the measured state that an error grows with."""
 
 BEND_SD = 0.05
@@ -30,7 +30,7 @@ class Curve:
     """Reading of a sensor as a function of the state that it measures, beyond its offset.
 
     Attributes:
-        errors: Coefficients by power, of `POWERS`; nothing bends without any.
+        errors: Coefficients by power, of `BEND_POWERS`; nothing bends without any.
         center: c, in the unit of the state.
         gain: g, positive.
     """
@@ -55,11 +55,7 @@ class Curve:
         return self.gain * x + self.bend(x)
 
     def measured(self, reading: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the x of each reading.
-
-        Args:
-            reading: Reading free of its offset.
-        """
+        """Return the x of each reading that is free of its offset."""
         if not any(self.errors.values()) or not self.gain > 0:
             return reading / self.gain
         # Halve an interval about the center that holds every answer; Newton's step gives the last digits.

@@ -30,11 +30,11 @@ from scipy.interpolate import CubicSpline
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integrate import between_samples
 
-from .bends import BENDS, POWERS, Curve
+from .bends import BEND_ERRORS, BEND_POWERS, Curve
 
 DELAY, GAIN, OFFSET, DRIFT = ("delay", "gain", "offset", "drift")
 
-ERRORS = (DELAY, GAIN, OFFSET, DRIFT, *BENDS)
+ERRORS = (DELAY, GAIN, OFFSET, DRIFT, *BEND_ERRORS)
 """Kinds of errors of a channel."""
 
 LAG = "lag"
@@ -101,13 +101,7 @@ def run_slices(run: np.ndarray) -> list[slice]:
 def suspect_columns(
     data: Trajectories, equation: str, rate: Rate
 ) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_obs"]]]:
-    """Return every error with its column: the change of the measured rate per unit of its size.
-
-    Args:
-        data: Measurements, as corrected so far.
-        equation: The studied state or output.
-        rate: The whole modelled rate, or the modelled output.
-    """
+    """Return every error with its column: the change of the measured rate per unit of its size."""
     inside = np.diff(data.time)[np.diff(data.run) == 0]
     step = float(np.median(inside)) if len(inside) else 1.0
     label, shift = data.target_label(equation), step / 4
@@ -167,14 +161,7 @@ def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
 def slope_along(
     data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
 ) -> Float[np.ndarray, " n_obs"]:
-    """Return ∂G/∂name along a direction, by central differences.
-
-    Args:
-        data: Rows.
-        rate: G.
-        name: A state or an input.
-        direction: Move of the state or the input at each row, per unit.
-    """
+    """Return ∂G/∂name along a direction, its move at each row per unit, by central differences."""
     values = data.column(name)
     size, largest = float(np.sqrt(np.mean(values**2))), float(np.max(np.abs(direction)))
     h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
@@ -192,13 +179,7 @@ def with_columns(data: Trajectories, columns: Mapping[str, np.ndarray]) -> Traje
 
 
 def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:
-    """Return the data with states and inputs at the times that the measured rate belongs to.
-
-    Args:
-        data: Measurements as they came.
-        equation: The studied state.
-        delays: Delays by channel; positive is late.
-    """
+    """Return the data with states and inputs at the times that the measured rate belongs to."""
     if not any(delays.values()):
         return data
     same_sensor = _one_sensor(data, equation)
@@ -288,8 +269,8 @@ def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
         state: State that is shown, which alone bends; that of the sensor by default.
     """
     gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
-    bending = [error for error in sizes if error.kind in POWERS and error.channel == (state or sensor)]
-    errors = {POWERS[error.kind]: sizes[error] for error in bending}
+    bending = [error for error in sizes if error.kind in BEND_POWERS and error.channel == (state or sensor)]
+    errors = {BEND_POWERS[error.kind]: sizes[error] for error in bending}
     return Curve(errors, bending[0].center if bending else 0.0, 1.0 + gain)
 
 
@@ -323,12 +304,7 @@ def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) 
 
 
 def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
-    """Return inputs at later times, between their samples as a path takes them; before and after a run they hold.
-
-    Args:
-        data: Measurements.
-        later: Shift of each input.
-    """
+    """Return inputs so much later, between their samples as a path takes them; before and after a run they hold."""
     inputs = dict(data.inputs)
     for name, by in later.items():
         moved = inputs[name].copy()

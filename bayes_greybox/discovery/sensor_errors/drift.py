@@ -28,9 +28,7 @@ def drift_columns(
 ) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs 1"]]]:
     """Yield every state and input times each of the ways of settling, one element each.
 
-    Args:
-        data: Samples; runs that go on at the time at which others ended belong to one record.
-        chosen: Test of which ones are asked for.
+    Runs that go on at the time at which others ended belong to one record.
     """
     since = data.time - np.min(data.time)
     duration = np.max(since)

@@ -84,10 +84,6 @@ def memory_columns(
 
     Elements are at rest where a run starts; those of an input, which may begin there, also as if it had been zero
     before.
-
-    Args:
-        data: Samples in order of time.
-        chosen: Test of which ones are asked for.
     """
     runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 2]
     for name in (*data.state_names, *data.input_names):

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 
-from .bends import BEND_SD, POWERS
+from .bends import BEND_POWERS, BEND_SD
 from .channels import (
     DELAY,
     DELAY_STEPS,
@@ -71,7 +71,7 @@ def sensor_columns(
         center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
         furthest = max(high - center, center - low)
         if high > low:
-            for kind, power in POWERS.items():
+            for kind, power in BEND_POWERS.items():
                 bend = ChannelSuspect(kind, name, BEND_SD / furthest ** (power - 1), center=center)
                 alone.append((bend, (x - center) ** power))
         for error, values in alone:
@@ -87,13 +87,9 @@ def bent_by(samples: Trajectories, sizes: Sizes) -> Float[np.ndarray, " n_sample
 
 
 def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
-    """Return the mean of log |d reading / d row| over samples that were put right and bent again, see `bent_by`.
+    """Return the mean of log |d reading / d row| over samples free of errors that are bent again, see `bent_by`.
 
     A row is x + B(x) + κ x̄, with x̄ of the model, where the reading is (1 + κ) x + B(x).
-
-    Args:
-        samples: Samples free of the errors.
-        sizes: Sizes of the errors.
     """
     seen, logs = seen_samples(samples), []
     for name in samples.state_names:
@@ -106,14 +102,7 @@ def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
 def input_columns(
     nodes: Trajectories, names: Sequence[str], rate: Rate, step: float
 ) -> list[tuple[ChannelSuspect, np.ndarray]]:
-    """Return every error of inputs with the force along the path that it stands for.
-
-    Args:
-        nodes: States and inputs along the path.
-        names: Inputs whose errors are weighed.
-        rate: The whole modelled rate.
-        step: Time between two samples.
-    """
+    """Return every error of inputs with the force along the path that it stands for."""
     columns = []
     for name in names:
         u = nodes.column(name)

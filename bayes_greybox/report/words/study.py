@@ -361,7 +361,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
         *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
-        *[(weighed(kind, bending), f"{each} each; size {at_ends}") for kind in bends.BENDS if bending],
+        *[(weighed(kind, bending), f"{each} each; size {at_ends}") for kind in bends.BEND_ERRORS if bending],
         *lags,
         *(
             (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.bends import CUBIC, POWERS, QUADRATIC, Curve
+from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS, CUBIC, QUADRATIC, Curve
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, OFFSET, ChannelSuspect, as_shown, calibrated
 from bayes_greybox.discovery.sensor_errors.sensors import bent_by, sensor_columns, unit_of_rows
 
@@ -55,7 +55,7 @@ def test_a_sensor_is_put_right_with_all_its_errors_and_shows_them_again():
 def test_columns_are_of_their_own_sensor_about_its_zero():
     data = of(x=X, z=-2 * X)
     columns = {suspect.key: column for suspect, column in sensor_columns(data, data)}
-    for kind, power in POWERS.items():
+    for kind, power in BEND_POWERS.items():
         np.testing.assert_allclose(columns[f"{kind} of z"], [*np.zeros(len(X)), *(-2 * X) ** power])
 
 
@@ -63,7 +63,9 @@ def test_a_thermometer_bends_alike_in_every_scale_of_temperature():
     found = []
     for zero in (15.0, 288.15):
         data = of(T=zero + X)
-        found.append([(s.sd, s.center - zero, column) for s, column in sensor_columns(data, data) if s.kind in POWERS])
+        found.append(
+            [(s.sd, s.center - zero, column) for s, column in sensor_columns(data, data) if s.kind in BEND_POWERS]
+        )
     for (sd, center, column), (other_sd, other_center, other) in zip(*found, strict=True):
         assert sd == pytest.approx(other_sd) and center == pytest.approx(other_center)
         np.testing.assert_allclose(column, other, atol=1e-11)
@@ -72,12 +74,12 @@ def test_a_thermometer_bends_alike_in_every_scale_of_temperature():
 @pytest.mark.parametrize("start", [-1e-9, 1e-9])
 def test_a_tank_that_starts_empty_bends_about_zero(start):
     data = of(h=start + X - X[0])
-    assert {s.center for s, _ in sensor_columns(data, data) if s.kind in POWERS} == {0.0}
+    assert {s.center for s, _ in sensor_columns(data, data) if s.kind in BEND_POWERS} == {0.0}
 
 
 def test_a_sensor_that_does_not_move_has_no_bend():
     still = Trajectories.from_arrays(0.1 * np.arange(len(X)), states={"x": np.full(len(X), 3.0)}, constant="keep")
-    assert not any(suspect.kind in POWERS for suspect, _ in sensor_columns(still, still))
+    assert not any(suspect.kind in BEND_POWERS for suspect, _ in sensor_columns(still, still))
 
 
 def test_what_a_late_sensor_bends_is_what_it_shows():
@@ -100,7 +102,7 @@ def test_rows_are_in_the_unit_of_readings_that_are_bent_and_too_large():
     slope = (rows(shown + h) - rows(shown - h)) / (2 * h)
     assert unit_of_rows(of(x=X), sizes) == pytest.approx(-np.mean(np.log(slope)), rel=1e-6)
     # A bend alone is put back as it was, and a gain alone divides.
-    bend = {suspect: size for suspect, size in SIZES.items() if suspect.kind in POWERS}
+    bend = {suspect: size for suspect, size in SIZES.items() if suspect.kind in BEND_POWERS}
     assert unit_of_rows(of(x=X), bend) == pytest.approx(0.0, abs=1e-15)
     gain = {suspect: size for suspect, size in SIZES.items() if suspect.kind == GAIN}
     assert unit_of_rows(of(x=X), gain) == pytest.approx(np.log(1.03))

@@ -76,13 +76,7 @@ class Basis:
 
 
 def discrepancy_basis(table: RegressorTable, point: NoisePoint, force: LatentForce | None = None) -> Basis:
-    """Return the basis of a law or of a memory.
-
-    Args:
-        table: Rows with features and elements.
-        point: Noise point with the law or the memory.
-        force: Latent force and noise of the rows; those of the table by default.
-    """
+    """Return the basis of a point's law or memory, on the rows of the table or under another noise."""
     if point.kind == MEMORY:
         elements = table.memories[point.memory]
         features, acting = elements.rows, elements.acting
@@ -112,13 +106,7 @@ def law_variances(table: RegressorTable, length: float) -> Float[np.ndarray, " n
 
 
 def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[LatentForce]) -> Gram:
-    """Return the products under every point.
-
-    Args:
-        table: Target and regressors at the rows.
-        points: Noise points.
-        forces: Rows under each shape of the noise.
-    """
+    """Return the products under every point; there is one force for each shape of the noise."""
     Z = np.column_stack([table.target, table.columns])
     products, log_det = np.empty((len(points), Z.shape[1], Z.shape[1])), np.zeros(len(points))
     # Points that differ by their ratio alone share a filter or a basis.

@@ -42,13 +42,7 @@ class Reach:
 def search(
     regressors: Sequence[Regressor], log_weights: Callable[[Sets], Float[np.ndarray, " n_set"]], reach: Reach
 ) -> list[Set]:
-    """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first.
-
-    Args:
-        regressors: One for each column; free ones are in every set.
-        log_weights: Function that returns the log posterior weights of sets.
-        reach: Limits of the search.
-    """
+    """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first."""
     space = _Space(regressors, reach)
     weights: dict[Set, float] = {}
 

@@ -34,11 +34,7 @@ class SetPrior:
     ways: Mapping[str, float]
 
     def among(self, regressors: Sequence[Regressor]) -> "SetPrior":
-        """Return the same prior for fewer effects and sensor errors.
-
-        Args:
-            regressors: The effects and sensor errors that are left, with all free terms and corrections.
-        """
+        """Return the same prior for fewer effects and sensor errors, with all free terms and corrections."""
         return replace(self, regressors=tuple(regressors))
 
     @classmethod
@@ -64,11 +60,7 @@ class SetPrior:
         return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()})
 
     def logs(self, sets: Sequence[Sequence[int]]) -> Float[np.ndarray, "n_set 2"]:
-        """Return the log prior of each set without a discrepancy, and beside one.
-
-        Args:
-            sets: Regressors of each set.
-        """
+        """Return the log prior of each set without a discrepancy, and beside one."""
         # Shorter sets are filled up with a regressor that adds nothing, the last one.
         width, nothing = max(map(len, sets), default=0), len(self.regressors)
         padded = np.array([(*each, *(nothing,) * (width - len(each))) for each in sets], int).reshape(len(sets), width)

@@ -69,11 +69,7 @@ class Hypothesis:
     against: Float[np.ndarray, " k"]
 
     def keeping(self, places: Sequence[int]) -> "Hypothesis":
-        """Return the hypothesis without some of its regressors, its other coefficients as they are.
-
-        Args:
-            places: Places among its members of the regressors that stay.
-        """
+        """Return the hypothesis with the regressors at some of its places alone, their coefficients as they are."""
         own = list(places)
         members = tuple(self.members[k] for k in own)
         return replace(
@@ -112,12 +108,7 @@ class Weighed:
     prior: SetPrior
 
     def reweighted(self, shifts: Sequence[float], seed: int) -> "Weighed":
-        """Return the hypotheses with other log weights.
-
-        Args:
-            shifts: Changes of the log weights.
-            seed: Seed of the bagged records.
-        """
+        """Return the hypotheses with shifted log weights; the seed is that of the bagged records."""
         if not np.any(shifts):
             return self
         weights = np.array([h.log_weight for h in self.hypotheses]) + np.asarray(shifts, float)

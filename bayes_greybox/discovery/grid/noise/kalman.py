@@ -44,13 +44,7 @@ class Process(NamedTuple):
 def innovations(
     process: Process, ratios: Float[np.ndarray, " n_ratio"], z: Float[np.ndarray, "n p k"]
 ) -> tuple[Float[np.ndarray, "n p n_ratio k"], Float[np.ndarray, "n p n_ratio"]]:
-    """Return the innovations of a table, each over its standard deviation, and the logarithms of their variances.
-
-    Args:
-        process: The process.
-        ratios: Intensities r.
-        z: Readings by sample and sensor.
-    """
+    """Return the innovations of a table, each over its standard deviation, and the logarithms of their variances."""
     white, logs = _innovations(*_filled(process, z), np.asarray(ratios, float))
     return np.asarray(white)[: len(z), ..., : z.shape[2]], np.asarray(logs)[: len(z)]
 
@@ -58,14 +52,7 @@ def innovations(
 def smoothed(
     process: Process, ratio: float, z: Float[np.ndarray, "n p k"], state: int
 ) -> tuple[Float[np.ndarray, "n k"], Float[np.ndarray, " n"]]:
-    """Return the posterior mean of one state at the samples, and its variance.
-
-    Args:
-        process: The process.
-        ratio: Intensity r.
-        z: Readings by sample and sensor.
-        state: Number of the state.
-    """
+    """Return the posterior mean of one state at the samples, and its variance."""
     mean, variance = _smoothed(*_filled(process, z), float(ratio), np.eye(process.F.shape[1])[state])
     return np.asarray(mean)[: len(z), : z.shape[2]], np.asarray(variance)[: len(z)]
 

@@ -25,6 +25,15 @@ MEDIAN_ABSOLUTE_NORMAL = 0.6745
 Ratios = Float[np.ndarray, " n_ratio"]
 """Standard deviations of the force over that of the noise."""
 
+Table = Float[np.ndarray, "n_row n_column"]
+"""Values at the rows."""
+
+Whitened = tuple[Float[np.ndarray, "n_white n_ratio n_column"], Float[np.ndarray, "n_white n_ratio"]]
+"""Innovations in units of their standard deviations, and the logarithms of their variances."""
+
+Smoothed = tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]
+"""Posterior mean of the force at the samples, and its variance over that of the noise."""
+
 
 class LatentForce(ABC):
     """Rows under a latent force and white noise.
@@ -44,9 +53,7 @@ class LatentForce(ABC):
     forced: bool = True
 
     @abstractmethod
-    def whiten(
-        self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
-    ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
+    def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """Return innovations in units of their standard deviations, and the logarithms of their variances.
 
         Args:
@@ -57,9 +64,7 @@ class LatentForce(ABC):
         """
 
     @abstractmethod
-    def smooth(
-        self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
-    ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
+    def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
         """Return the posterior mean of the force at the samples, and its variance over that of the noise.
 
         Args:
@@ -70,11 +75,7 @@ class LatentForce(ABC):
 
     @abstractmethod
     def weighted(self, spread: Float[np.ndarray, " n_row"]) -> Any:
-        """Return the same rows with noise of other standard deviations.
-
-        Args:
-            spread: Factors of the noise's standard deviation.
-        """
+        """Return the same rows with noise whose standard deviations are multiplied by factors."""
 
     def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
         """Return relative standard deviations of several sensors' noise by their whitened rows; none of one sensor.
@@ -132,9 +133,7 @@ class ForcedRates(LatentForce):
         """See `LatentForce.weighted`."""
         return replace(self, spread=self.spread * spread)
 
-    def whiten(
-        self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
-    ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
+    def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """See `LatentForce.whiten`."""
         if not np.any(ratios):
             white = np.repeat((table / self.spread[:, None])[:, None], len(ratios), axis=1)
@@ -142,9 +141,7 @@ class ForcedRates(LatentForce):
         white, logs = innovations(self._process(scale, sensor), ratios, table[:, None])
         return white[:, 0], logs[:, 0]
 
-    def smooth(
-        self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
-    ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
+    def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
         """See `LatentForce.smooth`."""
         return smoothed(self._process(scale, False), ratio, residual[:, None], 0)
 
@@ -177,17 +174,13 @@ class KnownNoise(LatentForce):
     noise: float
     forced = False
 
-    def whiten(
-        self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
-    ) -> tuple[Float[np.ndarray, "n_white n_ratio n_column"], Float[np.ndarray, "n_white n_ratio"]]:
+    def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """See `LatentForce.whiten`."""
         white = self.rows.whiten(table)
         logs = np.full((len(white), len(ratios)), self.rows.log_det / len(white))
         return np.repeat(white[:, None], len(ratios), axis=1), logs
 
-    def smooth(
-        self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
-    ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
+    def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
         """See `LatentForce.smooth`: there is no force."""
         return np.zeros_like(residual), np.zeros(len(residual))
 
@@ -200,9 +193,6 @@ def rough_noise(target: Float[np.ndarray, " n"]) -> float:
     """Return a first guess of the noise over the size of a target, by its second differences over √6.
 
     White noise has all of its variance in them, anything smooth next to nothing.
-
-    Args:
-        target: Values in order of time.
     """
     spread = float(np.sqrt(np.mean(target**2)))
     rough = np.abs(np.diff(target, 2)) / np.sqrt(6.0)

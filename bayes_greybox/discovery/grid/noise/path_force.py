@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from .kalman import Process, innovations, smoothed
-from .latent_force import LatentForce, Ratios
+from .latent_force import LatentForce, Ratios, Smoothed, Table, Whitened
 
 MOST_TRANSITIONS = 12
 """Largest number of time scales whose transitions are kept."""
@@ -76,9 +76,7 @@ class ForcedPath(LatentForce):
         """See `LatentForce.weighted`."""
         return replace(self, spread=self.spread * spread)
 
-    def whiten(
-        self, table: Float[np.ndarray, "n_row n_column"], scale: float, ratios: Ratios, sensor: bool = False
-    ) -> tuple[Float[np.ndarray, "n_row n_ratio n_column"], Float[np.ndarray, "n_row n_ratio"]]:
+    def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """See `LatentForce.whiten`."""
         # Without any force one filter serves all.
         used, repeats = (ratios, 1) if np.any(ratios) else (np.zeros(1), len(ratios))
@@ -87,9 +85,7 @@ class ForcedPath(LatentForce):
         logs = logs.swapaxes(0, 1).reshape(len(table), -1)
         return np.repeat(white, repeats, axis=1), np.repeat(logs, repeats, axis=1)
 
-    def smooth(
-        self, residual: Float[np.ndarray, "n_row n_column"], scale: float, ratio: float
-    ) -> tuple[Float[np.ndarray, "n_sample n_column"], Float[np.ndarray, " n_sample"]]:
+    def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
         """See `LatentForce.smooth`: w at the samples."""
         return smoothed(self._process(scale, False), ratio, self._by_sample(residual), len(self.start_sd))
 
