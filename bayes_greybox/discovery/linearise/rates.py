@@ -6,9 +6,11 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayes_greybox.data.noise.weighted import correlation_and_sd
+from bayes_greybox.data.samples.clipping import clipped
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.regressors.build import regressors_of
@@ -16,23 +18,28 @@ from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     ChannelSuspect,
+    Rate,
     calibrated,
     delays_of,
+    measured_at,
     run_slices,
+    shifted,
+    slope_along,
     suspect_columns,
     undone,
+    with_columns,
+    within,
 )
 from bayes_greybox.discovery.sensor_errors.drift import drift_columns
-from bayes_greybox.discovery.sensor_errors.late import in_step, late_states
+from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
 from bayes_greybox.discovery.sensor_errors.memory import memory_columns
-from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates
+from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 
 from .near import Point, Rows
 from .period import period_of
-from .sensor_rows import at_end, beyond, earlier, mended, usable
 from .source import Source, modelled_rate
 
 CHANGE_OF = "change of {}"
@@ -48,20 +55,20 @@ class RateRows(Source):
         self._smooth = Smoother(train, known_rates(simulation, train))
         self.sample_noise = self._smooth.noise
         self._bare = modelled_rate(model, train, equation, ())
-        self.clipped = at_end(train, equation)
-        better, self.misread = mended(train, equation, self._bare)
+        self.clipped = _at_end(train, equation)
+        better, self.misread = _mended(train, equation, self._bare)
         smooth = self._smooth(better)
         noise = {name: each.left for name, each in self.sample_noise.items()}
         self.late = late_states(smooth, simulation, noise)
         self._in_step = in_step(smooth, simulation, noise)
-        self._measured = earlier(smooth, self.late)
-        self._out = (*self.clipped.values(), *self.misread.values(), *beyond(train, self.late))
+        self._measured = _earlier(smooth, self.late)
+        self._out = (*self.clipped.values(), *self.misread.values(), *_beyond(train, self.late))
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
         delays = delays_of(point.sensors)
         whole = undone(self._measured, self.equation, delays)
-        used = usable(self._measured, self.equation, delays, self._out)
+        used = _usable(self._measured, self.equation, delays, self._out)
         data = whole.keep(used)
         rate = modelled_rate(self.model, whole, self.equation, point.added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
@@ -112,10 +119,10 @@ class RateRows(Source):
         delays = delays_of(point.sensors)
         out: tuple[np.ndarray, ...] = ()
         if self.equation in data.derivatives:
-            data, slips = mended(data, self.equation, self._bare) if self.misread else (data, {})
-            out = (*at_end(data, self.equation).values(), *slips.values())
-        moved = undone(earlier(self._smooth(data), self.late), self.equation, delays)
-        kept = moved.keep(usable(data, self.equation, delays, (*out, *beyond(data, self.late))))
+            data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
+            out = (*_at_end(data, self.equation).values(), *slips.values())
+        moved = undone(_earlier(self._smooth(data), self.late), self.equation, delays)
+        kept = moved.keep(_usable(data, self.equation, delays, (*out, *_beyond(data, self.late))))
         return calibrated(kept, self.equation, sensors, clock)
 
 
@@ -129,3 +136,55 @@ def _force(regressors: Regressors, data: Trajectories) -> LatentForce:
     white = rows.whiten(target[:, None])[:, 0]
     noise = rough_noise(white) * float(np.sqrt(np.mean(white**2) / np.mean(target**2)))
     return KnownNoise(rows.noise, period, force.step, noise)
+
+
+def _at_end(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n_obs"]]:
+    """Return true at rows where the sensor of the rate was at its end, by its name in tables."""
+    # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
+    if not _separable(data):
+        return {}
+    values = data.rate(equation)
+    # An output may rest too, as a force does in a dead zone; a noisy one does not.
+    if data.is_output(equation) and not sample_noise(data.time, values[:, None], data.run_lengths)[0] > 0:
+        return {}
+    return clipped({data.target_label(equation): values}, data.run)
+
+
+def _mended(
+    data: Trajectories, equation: str, rate: Rate
+) -> tuple[Trajectories, dict[str, Bool[np.ndarray, " n_obs"]]]:
+    """Return the data without slips of sensors, and true where these were, by channel."""
+    if not _separable(data) or equation not in data.derivatives:
+        return data, {}
+    slips, columns, ones = {}, {}, np.ones(data.n_obs)
+    for name, values in data.columns.items():
+        slope = slope_along(data, rate, name, ones)
+        out, better = misread(values, data.run, data.rate(equation), slope)
+        if np.any(out):
+            slips[name], columns[name] = out, better
+    return (with_columns(data, columns) if slips else data), slips
+
+
+def _usable(
+    data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]
+) -> Bool[np.ndarray, " n_obs"]:
+    """Return true for rows that are not out, and whose states and inputs were measured where delays take them."""
+    used = within(data, equation, delays) if _separable(data) else np.ones(data.n_obs, bool)
+    for rows in out:
+        used = used & ~rows
+    return used
+
+
+def _earlier(data: Trajectories, late: Mapping[str, Late]) -> Trajectories:
+    """Return the data with late states at their own times."""
+    return shifted(data, {name: each.by for name, each in late.items()}) if late else data
+
+
+def _beyond(data: Trajectories, late: Mapping[str, Late]) -> list[Bool[np.ndarray, " n_obs"]]:
+    """Return rows at ends of runs that a late state was not measured at."""
+    return [~measured_at(data, {each.by for each in late.values()})] if late and _separable(data) else []
+
+
+def _separable(data: Trajectories) -> bool:
+    """Return true if a row can be left out: the rows of a filter hang together."""
+    return all(noise.local for noise in data.noise.values())
