@@ -93,7 +93,7 @@ class Late(NamedTuple):
         return cls(clock, inputs, {name: late[name] for name in names if name in late and len(names) > 1})
 
 
-class Suspected(NamedTuple):
+class PathErrors(NamedTuple):
     """Errors of sensors and inputs on rows near a model, in samples that are free of the errors so far.
 
     Attributes:
@@ -113,7 +113,7 @@ class Suspected(NamedTuple):
     simulation: Simulation
 
     @classmethod
-    def of(cls, model: Program, data: Trajectories, equation: str, point: Point, rate: Rate) -> "Suspected":
+    def of(cls, model: Program, data: Trajectories, equation: str, point: Point, rate: Rate) -> "PathErrors":
         """Return the columns along a path."""
         simulation, samples, sizes = model.simulator(data), data.samples, point.sensors
         assert samples is not None
@@ -128,13 +128,13 @@ class Suspected(NamedTuple):
         others = [name for name in simulation.equations if name not in driven]
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
         inputs = input_columns(nodes, alone, _followed(rate, point.hidden, alone), step)
-        known = {error.key: size for error, size in sizes.items()}
+        by_key = {error.key: size for error, size in sizes.items()}
         if not (len(samples.state_names) > 1 or nodes.input_names or _dated(simulation, nodes, step)):
             # Nothing is late against anything: nothing was undone.
-            known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
-        force = sum((known.get(error.key, 0.0) * column for error, column in inputs), np.zeros(nodes.n_obs))
+            by_key = {key: 0.0 if key.startswith(DELAY) else size for key, size in by_key.items()}
+        force = sum((by_key.get(error.key, 0.0) * column for error, column in inputs), np.zeros(nodes.n_obs))
         straight = [(error, column) for error, column in sensors if error.kind not in BEND_POWERS]
-        shown = sum((known.get(error.key, 0.0) * column for error, column in straight), np.zeros(rows.n_row))
+        shown = sum((by_key.get(error.key, 0.0) * column for error, column in straight), np.zeros(rows.n_row))
         # Straightened samples are bent again: noise at the ends of a range is that of the sensor again.
         shown = shown + bent_by(samples, sizes)[at_rows]
         # A delay is no product of size and column: the rest of a late sensor's reading is taken off.
@@ -216,12 +216,12 @@ def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulatio
     terms = [term for i in regressors.of_kind(FREE) if (term := regressors.columns[i].term) is not None]
     try:
         with np.errstate(all="ignore"):
-            known = [factor(lambda at, k=k: simulation.on(at, k)) for k in simulation.equations]
+            simulated = [factor(lambda at, k=k: simulation.on(at, k)) for k in simulation.equations]
             free = [factor(lambda at, term=term: np.asarray(term.evaluate(at.columns))) for term in terms]
     except InputError:
         # States in another unit leave the domain of the equations.
         return False
-    return all(f is not None and abs(f - SCALED) < PROPORTIONAL for f in known) and None not in free
+    return all(f is not None and abs(f - SCALED) < PROPORTIONAL for f in simulated) and None not in free
 
 
 def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:

@@ -78,7 +78,7 @@ class RateRows(Source):
             for error, column in suspect_columns(whole, self.equation, rate)
             if point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY)
         ]
-        regressors.suspect(columns, [error.key for error in point.sensors])
+        regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
         late = {error.key: size for error, size in point.sensors.items() if error.kind == DELAY}
         for k, column in enumerate(regressors.columns):

@@ -90,7 +90,7 @@ def refined(
         contexts = {names: context for names, context in contexts.items() if (label, names) not in before}
         companies |= {(label, names) for names in contexts}
         search = _Search(regressors, ground, label)
-        values = (search.zoomed if search.known.shape[1] == 1 else search.drawn)(contexts.values())
+        values = (search.zoomed if search.tabled.shape[1] == 1 else search.drawn)(contexts.values())
         if values is not None:
             finer[label] = values
     return finer, frozenset(companies)
@@ -129,13 +129,13 @@ class _Search:
         regressors: Regressors of the equation.
         ground: Their table.
         label: The effect's label.
-        known: Values that are in the table.
+        tabled: Values that are in the table.
     """
 
     regressors: Regressors
     ground: Ground
     label: str
-    known: np.ndarray = field(init=False)
+    tabled: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
         group = [self.regressors.columns[i] for i in self.regressors.group(self.label)]
@@ -143,14 +143,14 @@ class _Search:
         assert shape is not None
         self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
         self._least, self._most = limits(shape, self.regressors.rows.columns, self.regressors.path)
-        self.known = np.array([list(column.inner.values()) for column in group])
+        self.tabled = np.array([list(column.inner.values()) for column in group])
         self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
         self._bases: dict[_Context, np.ndarray] = {}
 
     def zoomed(self, contexts: Iterable[_Context]) -> Values | None:
         """Return the values of one parameter, finer around the best ones; None if they stay."""
         low, high = float(self._least[0]), float(self._most[0])
-        values, kept = np.sort(self.known[:, 0]), set(self.known[:, 0].tolist())
+        values, kept = np.sort(self.tabled[:, 0]), set(self.tabled[:, 0].tolist())
         for context in contexts:
             logs = self._log_evidence(context, values[:, None])
             for _ in range(MOST_ZOOMS):
@@ -169,7 +169,7 @@ class _Search:
                 order = np.argsort(values)
                 values, logs = values[order], logs[order]
             kept |= set(values[_carrying(logs + log_weights(values, low, high))].tolist())
-        if len(values) == len(self.known):
+        if len(values) == len(self.tabled):
             return None
         stay = np.isin(values, list(kept))
         return Values(values[stay][:, None], log_weights(values, low, high)[stay])
@@ -177,12 +177,12 @@ class _Search:
     def drawn(self, contexts: Iterable[_Context]) -> Values | None:
         """Return the values of several parameters, more of them drawn at the posterior mode; None if they stay."""
         width = np.log(self._most / self._least)
-        shares = np.clip(np.log(self.known / self._least) / width, 0.0, 1.0)
-        values, drawn, by_context = self.known, [None] * len(shares), []
+        shares = np.clip(np.log(self.tabled / self._least) / width, 0.0, 1.0)
+        values, drawn, by_context = self.tabled, [None] * len(shares), []
         for context in contexts:
             logs = self._log_evidence(context, values)
             # Between neighbours of the first grid, which has as many values of each parameter.
-            covariance = (0.5 * len(self.known) ** (-1 / width.size)) ** 2 * np.eye(width.size)
+            covariance = (0.5 * len(self.tabled) ** (-1 / width.size)) ** 2 * np.eye(width.size)
             for turn in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
                 if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES:
@@ -199,7 +199,7 @@ class _Search:
                 drawn = drawn + [cloud] * len(cloud.points)
                 logs = np.concatenate([logs, self._log_evidence(context, fresh)])
             by_context.append(logs)
-        if len(values) == len(self.known):
+        if len(values) == len(self.tabled):
             return None
         weights, stay = weights_of(shares, drawn), np.zeros(len(values), bool)
         for logs in by_context:

@@ -29,7 +29,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
-from .path_sensors import Suspected, freed, put_right
+from .path_sensors import PathErrors, freed, put_right
 from .period import period_of
 from .source import Source, modelled_rate
 
@@ -58,13 +58,13 @@ class SampleRows(Source):
         right = freed(self._samples, equation, point.sensors, train) if point.sensors else train
         data = model.rows.complete(right, equation, simulation)
         rate = modelled_rate(model, data, equation, point.added)
-        errors = Suspected.of(model, data, equation, point, rate)
+        errors = PathErrors.of(model, data, equation, point, rate)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, equation, effects, point.values, errors.shown)
-        regressors.suspect(
+        regressors.add_sensor_errors(
             [each for each in errors.identifiable(regressors) if point.weighs(each[0].key)], at_rows=True
         )
-        regressors.suspect([each for each in errors.inputs if point.weighs(each[0].key)])
+        regressors.add_sensor_errors([each for each in errors.inputs if point.weighs(each[0].key)])
         # A hidden state is a memory itself.
         visible = replace(errors.nodes, states={name: errors.nodes.states[name] for name in self.model.states(train)})
         regressors.remember(chain(memory_columns(visible, point.weighs), drift_columns(visible, point.weighs)))

@@ -109,7 +109,7 @@ class Regressors(EvaluatedColumns):
         Raises:
             InputError: A free term that is zero or not finite on the data.
         """
-        kept, refused, known, forces = [], {}, {}, []
+        kept, refused, along_path, forces = [], {}, {}, []
         for (term, about), hidden in zip(items, self._hidden([term for term, _ in items]), strict=True):
             value = np.asarray(term.evaluate({**self.rows.columns, **hidden}), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
@@ -122,11 +122,11 @@ class Regressors(EvaluatedColumns):
             kept.append(self._column(kind, term, size, about))
             forces.append(np.broadcast_to(value / size, self._n_node)[self._place])
             if hidden:
-                known[len(kept) - 1] = value / size
+                along_path[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
         if not kept:
             return
-        at_rows = self._at_rows(kept, known)
+        at_rows = self._at_rows(kept, along_path)
         # Within a step of a path a term may leave its domain though it does not at the step's ends.
         inside = np.all(np.isfinite(at_rows), axis=0)
         for k in np.flatnonzero(~inside):
@@ -152,16 +152,16 @@ class Regressors(EvaluatedColumns):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)
 
-    def _at_rows(self, kept: Sequence[Column], known: Mapping[int, np.ndarray]) -> np.ndarray:
+    def _at_rows(self, kept: Sequence[Column], along_path: Mapping[int, np.ndarray]) -> np.ndarray:
         """Return columns at the rows; those of hidden states are known along the path."""
         at_rows = np.zeros((self.rows.n_row, len(kept)))
-        plain = [k for k in range(len(kept)) if k not in known]
+        plain = [k for k in range(len(kept)) if k not in along_path]
         chosen = [(kept[k].formula, kept[k].scale) for k in plain]
         if plain:
             table = self.rows.table(partial(evaluated, chosen), jumps=_jumps(chosen))
             at_rows[:, plain] = table(np.arange(self.rows.n_row))
-        if known:
-            at_rows[:, list(known)] = self.rows.operate(np.column_stack(list(known.values())))
+        if along_path:
+            at_rows[:, list(along_path)] = self.rows.operate(np.column_stack(list(along_path.values())))
         return at_rows
 
     def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
@@ -177,7 +177,7 @@ class Regressors(EvaluatedColumns):
                 values[k] = states
         return values
 
-    def suspect(
+    def add_sensor_errors(
         self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n"]]], found: Collection[str] = (),
         at_rows: bool = False,
     ) -> None:  # fmt: skip

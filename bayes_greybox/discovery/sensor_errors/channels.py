@@ -247,7 +247,7 @@ def as_shown(
         clock: Data that drifts were found on.
     """
     sensor = _sensor(data, name)
-    own = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
+    by_kind = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
     late = late_by(data, sizes).get(name, 0.0)
     if late:
         paths = paths.copy()
@@ -255,9 +255,9 @@ def as_shown(
             for path in paths:
                 if np.all(np.isfinite(path[rows])):
                     path[rows] = _later(data.time[rows], path[rows], -late)
-    slope = own.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in own else 0.0
+    slope = by_kind.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in by_kind else 0.0
     shown = curve_of(sizes, sensor, name).shown(paths)
-    return shown + own.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+    return shown + by_kind.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
 
 
 def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
@@ -320,8 +320,8 @@ def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
     """Return the shift of each state and input that undoes the delays."""
     same_sensor, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
-    own = delays.get(same_sensor[0] if same_sensor else data.target_label(equation), 0.0)
-    later = {name: delays.get(name, 0.0) - own for name in (*data.state_names, *data.input_names)}
+    rate_delay = delays.get(same_sensor[0] if same_sensor else data.target_label(equation), 0.0)
+    later = {name: delays.get(name, 0.0) - rate_delay for name in (*data.state_names, *data.input_names)}
     # A rate that is late with its samples has all other channels taken earlier.
     moved = data.input_names if same_sensor else data.state_names
     later |= {name: later[name] + (-states if same_sensor else states) for name in moved}

@@ -70,11 +70,11 @@ class Hypothesis:
 
     def keeping(self, places: Sequence[int]) -> "Hypothesis":
         """Return the hypothesis with the regressors at some of its places alone, their coefficients as they are."""
-        own = list(places)
-        members = tuple(self.members[k] for k in own)
+        kept = list(places)
+        members = tuple(self.members[k] for k in kept)
         return replace(
-            self, members=members, mean=self.mean[own], covariance=self.covariance[np.ix_(own, own)],
-            sizes=self.sizes[own], beside=self.beside[own], against=self.against[own],
+            self, members=members, mean=self.mean[kept], covariance=self.covariance[np.ix_(kept, kept)],
+            sizes=self.sizes[kept], beside=self.beside[kept], against=self.against[kept],
         )  # fmt: skip
 
     @property

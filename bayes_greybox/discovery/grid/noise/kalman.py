@@ -148,8 +148,8 @@ def _smoother_of(process: Any, z: Array, ratio: Array, unit: Array) -> tuple[Arr
             left = jnp.eye(len(unit)) - jnp.outer(K[a], H[a])
             N = left.T @ N @ left + precision[a] * jnp.outer(H[a], H[a])
         shown = unit @ P
-        found = unit @ m + shown @ r, shown @ unit - shown @ N @ shown
-        return (jnp.where(fresh, 0.0, F.T @ r), jnp.where(fresh, 0.0, F.T @ N @ F)), found
+        smoothed_state = unit @ m + shown @ r, shown @ unit - shown @ N @ shown
+        return (jnp.where(fresh, 0.0, F.T @ r), jnp.where(fresh, 0.0, F.T @ N @ F)), smoothed_state
 
     nothing = jnp.zeros_like(m[0]), jnp.zeros_like(start)
     mean, variance = jax.lax.scan(back, nothing, (F, fresh, P, m, K, scaled, precision), reverse=True)[1]
