@@ -13,7 +13,7 @@ from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.table import EFFECT, Regressor
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import Regressors
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, ChannelSuspect, Rate
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, Rate, Sizes
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
@@ -45,7 +45,7 @@ class Point:
     """
 
     added: tuple[tuple[Term, float], ...] = ()
-    sensors: Mapping[ChannelSuspect, float] = field(default_factory=dict)
+    sensors: Sizes = field(default_factory=dict)
     values: Mapping[str, Values] = field(default_factory=dict)
     shapes: tuple[Shape, ...] = ()
     spread: tuple[float, ...] = ()

@@ -18,7 +18,7 @@ from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     GAIN,
-    ChannelSuspect,
+    ErrorColumns,
     Rate,
     Sizes,
     calibrated,
@@ -105,8 +105,8 @@ class PathErrors(NamedTuple):
         simulation: The simulation.
     """
 
-    sensors: list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]
-    inputs: list[tuple[ChannelSuspect, Float[np.ndarray, " n_node"]]]
+    sensors: ErrorColumns
+    inputs: ErrorColumns
     shown: Float[np.ndarray, " n_row"]
     nodes: Trajectories
     samples: Trajectories
@@ -144,7 +144,7 @@ class PathErrors(NamedTuple):
         shown = shown + rows.gain * rows.operator(force[:, None])[:, 0]
         return cls(sensors, inputs, shown, nodes, samples, simulation)
 
-    def identifiable(self, regressors: Regressors) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
+    def identifiable(self, regressors: Regressors) -> ErrorColumns:
         """Return the errors of sensors that samples identify, in the unit of the rows.
 
         Where nothing drives a system its clock may start at any time: a late sensor is another start.

@@ -19,6 +19,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     ChannelSuspect,
     Rate,
+    Sizes,
     calibrated,
     delays_of,
     measured_at,
@@ -112,9 +113,7 @@ class RateRows(Source):
         operator = rows.regressors.rows.operator
         return quantities if operator is None else {k: column[operator.sample] for k, column in quantities.items()}
 
-    def put_right(
-        self, data: Trajectories, point: Point, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
+    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
         """See `Source.put_right`."""
         delays = delays_of(point.sensors)
         out: tuple[np.ndarray, ...] = ()

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.grid.noise.gap_size import gap_size
 from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import Sizes
 from bayes_greybox.discovery.sensor_errors.drift import drift_columns
 from bayes_greybox.discovery.sensor_errors.memory import memory_columns
 from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
@@ -87,9 +87,7 @@ class SampleRows(Source):
         """Return the columns along the path, of one sensor."""
         return rows.regressors.rows.at_rows() if self.n_sensor == 1 else {}
 
-    def put_right(
-        self, data: Trajectories, point: Point, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
+    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
         """Return samples freed of errors, with the path through them that right inputs drive."""
         after = self._after(point)
         samples = put_right(data.samples or data, self.equation, sensors, clock)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect, Rate
+from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes
 from bayes_greybox.discovery.sensor_errors.late import Late
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
 from bayes_greybox.model.program import AnyProgram, Program
@@ -56,9 +56,7 @@ class Source(ABC):
         """Return the quantities that the noise of rows may grow with."""
 
     @abstractmethod
-    def put_right(
-        self, data: Trajectories, point: Point, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
+    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
         """Return data of the same sensors without their errors.
 
         Args:

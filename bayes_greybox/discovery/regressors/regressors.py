@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
-from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
@@ -177,10 +177,7 @@ class Regressors(EvaluatedColumns):
                 values[k] = states
         return values
 
-    def add_sensor_errors(
-        self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n"]]], found: Collection[str] = (),
-        at_rows: bool = False,
-    ) -> None:  # fmt: skip
+    def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.
 
         Args:

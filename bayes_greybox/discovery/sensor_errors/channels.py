@@ -86,6 +86,9 @@ class ChannelSuspect:
 Sizes = Mapping[ChannelSuspect, float]
 """Sizes of errors; a delay is positive where its channel is late."""
 
+ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
+"""Errors with their columns per unit of their size."""
+
 
 def is_fault(name: str) -> bool:
     """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
@@ -98,9 +101,7 @@ def run_slices(run: np.ndarray) -> list[slice]:
     return [slice(start, end) for start, end in pairwise(edges)]
 
 
-def suspect_columns(
-    data: Trajectories, equation: str, rate: Rate
-) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_obs"]]]:
+def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColumns:
     """Return every error with its column: the change of the measured rate per unit of its size."""
     inside = np.diff(data.time)[np.diff(data.run) == 0]
     step = float(np.median(inside)) if len(inside) else 1.0
@@ -146,9 +147,7 @@ def suspect_columns(
     return with_column(columns)
 
 
-def with_column(
-    columns: list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]],
-) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]:
+def with_column(columns: ErrorColumns) -> ErrorColumns:
     """Return the errors whose columns are finite and not zero."""
     return [(error, column) for error, column in columns if np.all(np.isfinite(column)) and np.any(column != 0)]
 

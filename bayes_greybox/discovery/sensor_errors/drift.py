@@ -9,23 +9,18 @@ is a coefficient of x that settles, or, where τ is longer than the record, one 
 record starts. A coefficient of x that does not change is a correction of the simulation.
 """
 
-from collections.abc import Iterator
-
 import numpy as np
-from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 
 from .channels import DRIFT
-from .memory import Chosen, Memory, everything
+from .memory import Chosen, Memories, Memory, everything
 
 SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 """Time constants τ over the duration of the record."""
 
 
-def drift_columns(
-    data: Trajectories, chosen: Chosen = everything
-) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs 1"]]]:
+def drift_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
     """Yield every state and input times each of the ways of settling, one element each.
 
     Runs that go on at the time at which others ended belong to one record.

@@ -72,14 +72,16 @@ Chosen = Callable[[str], bool]
 """Test of whether a memory is asked for, by its text."""
 
 
+Memories = Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]
+"""Memories with their elements at the samples."""
+
+
 def everything(text: str) -> bool:
     """Return true for each memory."""
     return True
 
 
-def memory_columns(
-    data: Trajectories, chosen: Chosen = everything
-) -> Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]:
+def memory_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
     """Yield every memory with the forces of its elements along the measured paths, for channels that come back.
 
     Elements are at rest where a run starts; those of an input, which may begin there, also as if it had been zero

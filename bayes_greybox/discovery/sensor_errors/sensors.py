@@ -25,6 +25,7 @@ from .channels import (
     OFFSET,
     ZERO_SD,
     ChannelSuspect,
+    ErrorColumns,
     Rate,
     Sizes,
     curve_of,
@@ -39,9 +40,7 @@ NEAR_ZERO = 0.2
 """Share of its range that a sensor may stay away from zero, and still bend about it."""
 
 
-def sensor_columns(
-    samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None
-) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
+def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None) -> ErrorColumns:
     """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size.
 
     Args:
@@ -99,9 +98,7 @@ def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
     return float(np.mean(logs))
 
 
-def input_columns(
-    nodes: Trajectories, names: Sequence[str], rate: Rate, step: float
-) -> list[tuple[ChannelSuspect, np.ndarray]]:
+def input_columns(nodes: Trajectories, names: Sequence[str], rate: Rate, step: float) -> ErrorColumns:
     """Return every error of inputs with the force along the path that it stands for."""
     columns = []
     for name in names:
