@@ -107,9 +107,7 @@ class ForcedRates(LatentForce):
     Attributes:
         time: Time of each row, in order within its run.
         run: Run of each row.
-        period: Period of the motion.
         spread: s, relative standard deviations of the noise.
-        noise: First guess of the noise's standard deviation, over the target's size.
     """
 
     time: Float[np.ndarray, " n_row"]
@@ -163,9 +161,6 @@ class KnownNoise(LatentForce):
 
     Attributes:
         rows: R.
-        period: Period of the motion.
-        step: Usual time between two rows.
-        noise: First guess of the noise's standard deviation, over the target's size.
     """
 
     rows: RowNoise

@@ -43,10 +43,6 @@ class ForcedPath(LatentForce):
         outputs: Numbers of the states that have a sensor.
         start_sd: Prior standard deviation of each state at the start of a segment, over that of the noise.
         spread: Relative standard deviations of the noise of each row.
-        period: Period of the motion.
-        step: Usual time between two samples.
-        noise: First guess of the noise's standard deviation, over the target's size.
-        gap: RMS of the gap as a force, over that of the target.
     """
 
     steps: Steps
