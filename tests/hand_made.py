@@ -11,9 +11,9 @@ from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Probabilities, Share
-from bayes_greybox.discovery.grid.evidence import modes
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.noise_grid import KINDS, LAW, NONE
+from bayes_greybox.discovery.grid.evidence.log_evidence import modes
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, LAW, NO_DISCREPANCY
 from bayes_greybox.discovery.linearise.near import Near
 
 AT = 100.0
@@ -45,17 +45,18 @@ def with_hypotheses(near: Near, given: Mapping[str, float | tuple[float, float]]
         left: RMS of a rest, scaled.
     """
     points = near.weighed.grid.points
-    of_kind = {kind: next(k for k, point in enumerate(points) if point.kind == kind) for kind in (NONE, LAW)}
+    of_kind = {kind: next(k for k, point in enumerate(points) if point.kind == kind) for kind in (NO_DISCREPANCY, LAW)}
     found = []
     for name, value in given.items():
         p, agreement = value if isinstance(value, tuple) else (value, value)
         rest = name == "unknown" or name.endswith(" & rest")
-        point, members = of_kind[LAW if rest else NONE], members_of(near, name)
+        point, members = of_kind[LAW if rest else NO_DISCREPANCY], members_of(near, name)
         mode = modes(near.weighed.grid, near.weighed.precision, [members], np.array([point]), near.weighed.floor)
         found.append(
             Hypothesis(
                 members, AT + float(np.log(p)), p, agreement,
-                dict.fromkeys(KINDS, 0.0) | {LAW if rest else NONE: 1.0}, {}, np.eye(len(points))[point], point,
+                dict.fromkeys(DISCREPANCIES, 0.0) | {LAW if rest else NO_DISCREPANCY: 1.0}, {},
+                np.eye(len(points))[point], point,
                 float(np.sqrt(mode.v[0])), mode.mean[0], mode.covariance[0], np.abs(mode.mean[0]),
                 left * rest, np.full(len(members), left * rest), np.zeros(len(members)),
             )

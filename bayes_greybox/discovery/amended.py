@@ -14,7 +14,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
-from .grid.noise_grid import SENSOR, TIME
+from .grid.noise.points import LATENT_FORCE, SENSOR_NOISE
 from .regressors.columns import Column
 
 
@@ -64,7 +64,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
 def _noise(found: EquationStudy) -> set[str]:
     """Return what the noise of the answer's likeliest point is called."""
     point = found.near.weighed.grid.points[found.verdict.hypothesis.point]
-    names = {TIME: {PROCESS}, SENSOR: {CORRELATED}}.get(point.kind, set())
+    names = {LATENT_FORCE: {PROCESS}, SENSOR_NOISE: {CORRELATED}}.get(point.kind, set())
     return names | (set(found.near.rows.point.shapes[point.shape - 1].about) if point.shape else set())
 
 

@@ -24,8 +24,8 @@ from .answer.where import Along, Gap, gap_map, gap_trace, where_table
 from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
-from .grid.hypotheses import Hypothesis
-from .grid.search import Reach
+from .grid.evidence.search import Reach
+from .grid.hypotheses.weigh import Hypothesis
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
@@ -33,7 +33,7 @@ from .linearise.settle import settle, weighed_on
 from .linearise.source import Source
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
-from .suspects.channels import DELAY
+from .sensor_errors.channels import DELAY
 
 DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""

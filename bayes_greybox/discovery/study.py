@@ -38,8 +38,8 @@ from .equation import Question, study_equation
 from .odds import Odds
 from .refusals import check_data, check_rows, check_settings
 from .regressors.regressors import CORRECTION_SCALE, Regressors
+from .sensor_errors.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .studied import studied_equations
-from .suspects.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
 from .verdict import verdict_of
 
 log = logging.getLogger(__name__)

@@ -6,10 +6,10 @@ from scipy.stats import multivariate_normal
 from tiny_equation import CUBE, on, tiny_data, tiny_model
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.grid.evidence import log_evidences
-from bayes_greybox.discovery.grid.hypotheses import weigh
-from bayes_greybox.discovery.grid.noise_grid import NONE
-from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
@@ -48,7 +48,7 @@ def test_a_normal_prior_is_in_the_evidence():
     ]  # fmt: skip
     expected = np.logaddexp.reduce(logs) + np.log(u[1] - u[0])
     found = log_evidences(near.weighed.grid, near.weighed.precision, [own], near.weighed.floor)[0]
-    plain = next(k for k, point in enumerate(near.weighed.grid.points) if point.kind == NONE)
+    plain = next(k for k, point in enumerate(near.weighed.grid.points) if point.kind == NO_DISCREPANCY)
     # Laplace's approximation of σ: a few hundredths of a nat at 60 rows.
     assert found[plain] == pytest.approx(expected, abs=0.1)
 

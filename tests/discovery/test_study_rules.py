@@ -20,7 +20,7 @@ from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.noise_grid import NONE, SENSOR, TIME, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.noise_shapes import Shape
 from bayes_greybox.discovery.odds import Odds
@@ -128,7 +128,7 @@ class Told(EquationStudy):
             left_out={"odd": f"odd in {name}"}, columns=[], twins={}, of_kind=lambda kind: [],
             rows=SimpleNamespace(columns={}), equation=name,
         )  # fmt: skip
-        points = (NoisePoint(NONE),)
+        points = (NoisePoint(NO_DISCREPANCY),)
         parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
         self.__dict__ |= {
@@ -291,7 +291,7 @@ def test_nothing_is_sampled(told):
 # The amended model
 
 
-def found_of(known, base, kind=NONE, shape=None, n_sensor=1):
+def found_of(known, base, kind=NO_DISCREPANCY, shape=None, n_sensor=1):
     """A study of regressors with these effects added, at a noise point."""
     told = Told("x", "named" if base else "no gap")
     near = SimpleNamespace(
@@ -349,12 +349,12 @@ def test_the_amended_model_is_otherwise_the_model_that_was_given():
 
 def test_a_force_that_a_study_leaves_is_in_the_posterior_on_samples_and_never_on_rates():
     known, samples = tiny_regressors(), replace(BOTH, rows=TrajectoryRows())
-    assert amended(known, (), samples, kind=TIME).noise == Noise(force="fit")
-    assert amended(known, (), samples, kind=SENSOR).noise == Noise(correlation="fit")
+    assert amended(known, (), samples, kind=LATENT_FORCE).noise == Noise(force="fit")
+    assert amended(known, (), samples, kind=SENSOR_NOISE).noise == Noise(correlation="fit")
     # On rates f takes a force in time.
-    assert amended(known, (), BOTH, kind=TIME).noise == BOTH.noise
+    assert amended(known, (), BOTH, kind=LATENT_FORCE).noise == BOTH.noise
     # Of several sensors noise of a kind of its own is not found.
-    assert amended(known, (), samples, kind=SENSOR, n_sensor=2).noise == BOTH.noise
+    assert amended(known, (), samples, kind=SENSOR_NOISE, n_sensor=2).noise == BOTH.noise
 
 
 def test_the_shape_of_the_noise_is_found_again_in_the_posterior():

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence import modes
-from bayes_greybox.discovery.grid.gram import TINY, law_variances
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.noise_grid import LAW
+from bayes_greybox.discovery.grid.evidence.gram import TINY, law_variances
+from bayes_greybox.discovery.grid.evidence.log_evidence import modes
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.noise.points import LAW
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.columns import EvaluatedColumns
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind

@@ -15,13 +15,13 @@ from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Verdict
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, Probabilities, Share
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.noise_grid import LAW, MEMORY, TIME
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import Regressors
-from bayes_greybox.discovery.suspects.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import is_fault
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
@@ -45,7 +45,7 @@ UNUSUAL = "the opposite of what such an effect usually does"
 ANOTHER_SENSOR = "show the sensor a motion that is known, or measure with another one beside it"
 """Advice where only a fault of the sensor does the same as an effect: no range of the data tells them apart."""
 
-REMAINS = {LAW: "a law of the states", TIME: "something in time", MEMORY: "something that remembers"}
+REMAINS = {LAW: "a law of the states", LATENT_FORCE: "something in time", MEMORY: "something that remembers"}
 """Kinds of what has no name, in words."""
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from bayes_greybox.discovery.decision.probabilities import UNKNOWN
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.physics.terms import Term
 
 from .equation_study import EquationStudy

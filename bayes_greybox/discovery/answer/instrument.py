@@ -10,12 +10,12 @@ from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.decide import Verdict
-from bayes_greybox.discovery.grid.noise_grid import SENSOR as HANGS_TOGETHER
+from bayes_greybox.discovery.grid.noise.points import SENSOR_NOISE
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
-from bayes_greybox.discovery.suspects.bends import POWERS
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -99,14 +99,14 @@ def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> list[dict[s
     """Return what is suspected of the noise."""
     p, rows = verdict.probabilities, []
     likeliest = near.weighed.grid.points[verdict.hypothesis.point]
-    together = p.by_discrepancy[HANGS_TOGETHER]
+    together = p.by_discrepancy[SENSOR_NOISE]
     if together >= LISTED:
         every = zip(verdict.hypothesis.points, near.weighed.grid.points, strict=True)
-        points = [(float(share), point) for share, point in every if point.kind == HANGS_TOGETHER]
+        points = [(float(share), point) for share, point in every if point.kind == SENSOR_NOISE]
         _, best = max(points, key=lambda item: item[0])
         rho = float(np.exp(-near.rows.force.step / best.scale)) * best.ratio**2 / (1 + best.ratio**2)
         size: dict[str, Any] = {"correlation": rho, "time_scale": best.scale}
-        inside = likeliest.kind == HANGS_TOGETHER
+        inside = likeliest.kind == SENSOR_NOISE
         rows.append(_noise_row(near.regressors.equation, CORRELATED, together, size, inside, data))
     shares: dict[str, float] = {}
     about: dict[str, Mapping[str, Any]] = {}
@@ -148,7 +148,7 @@ def _row(
         }  # fmt: skip
     elif suspect.kind == GAIN:
         row |= {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
-    elif suspect.kind in POWERS:
+    elif suspect.kind in BEND_POWERS:
         row |= _bend(suspect, mean, samples, unit_text(data.unit(suspect.channel)))
     else:
         rate = suspect.channel not in data.columns
@@ -162,7 +162,7 @@ def _row(
 
 def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str) -> dict[str, str]:
     """Unit of a bend's coefficient, and how far off the sensor is where that is most; of like ends the upper one."""
-    power, values = POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
+    power, values = BEND_POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
     low, high = float(np.min(values)), float(np.max(values))
     x = high if high - suspect.center >= ALIKE * (suspect.center - low) else low
     off = mean * (x - suspect.center) ** power

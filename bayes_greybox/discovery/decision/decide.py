@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.regressors import EFFECT, SENSOR
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
 
 from .probabilities import EFFECTS, NO_GAP, STOPS, UNKNOWN, Probabilities, Share
 

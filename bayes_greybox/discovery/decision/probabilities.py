@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise_grid import KINDS, REMAINS
-from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, SENSOR, Regressor
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, UNNAMED
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
 
 from .criteria import Criteria
 
@@ -92,7 +92,7 @@ class Probabilities:
 
     def remains(self, hypothesis: Hypothesis) -> float:
         """Return the probability that something of the system remains beside a hypothesis."""
-        return min(sum(hypothesis.kinds[kind] for kind in REMAINS), 1.0)
+        return min(sum(hypothesis.kinds[kind] for kind in UNNAMED), 1.0)
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
@@ -167,7 +167,7 @@ class Probabilities:
     def by_discrepancy(self) -> dict[str, float]:
         """Return the probabilities of the kinds of what remains, noise that hangs together among them."""
         every = self.weighed.hypotheses
-        return {kind: sum(h.probability * h.kinds[kind] for h in every) for kind in KINDS}
+        return {kind: sum(h.probability * h.kinds[kind] for h in every) for kind in DISCREPANCIES}
 
     @cached_property
     def by_memory(self) -> dict[str, float]:

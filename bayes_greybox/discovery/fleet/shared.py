@@ -11,7 +11,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
-from bayes_greybox.discovery.suspects.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import is_fault
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 

@@ -1,6 +1,6 @@
 """What is kept of an equation's statistics once it was studied: columns of the model after, and the features of f."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,16 +8,14 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
-from bayes_greybox.discovery.regressors.columns import Column
-from bayes_greybox.discovery.regressors.regressors import evaluated
-from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.discovery.regressors.columns import Column, EvaluatedColumns
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.kinds import ROWS
 from bayes_greybox.running.errors import InputError
 
 
 @dataclass(frozen=True)
-class KnownColumns:
+class KnownColumns(EvaluatedColumns):
     """The `EvaluatedColumns` of an `Amendment` that was read.
 
     Rows and products, which explanations are weighed on, are not kept.
@@ -40,22 +38,6 @@ class KnownColumns:
     basis: HilbertBasis
     target_scale: float
     path: Trajectories | None = None
-
-    def of_kind(self, kind: str) -> list[int]:
-        """Indices of the columns of one kind."""
-        return [i for i, column in enumerate(self.columns) if column.kind == kind]
-
-    def evaluate(
-        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
-    ) -> Float[np.ndarray, "n_row n_column"]:
-        """Chosen columns at any samples, scaled."""
-        return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
-
-    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
-        """Features of f at any rows."""
-        return np.asarray(
-            held_features(self.basis, scaled_position(columns, self.variables, self.centre, self.half_width))
-        )
 
 
 def kept_amendment(amendment: Amendment) -> Amendment:

@@ -21,9 +21,9 @@ from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.regressors.clouds import Cloud
 from bayes_greybox.discovery.regressors.columns import Column, Nearer
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.memory import Memory
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.kinds import require_kinds
 from bayes_greybox.inference.kept.model_record import describe, rebuild

@@ -1,1 +1,1 @@
-"""Rows and regressors near what was found, taken anew until it stays."""
+"""Rows and regressors near the likeliest hypothesis, linearised again until it stays."""

@@ -1,7 +1,7 @@
-"""Errors of sensors and inputs as suspects along a path: the path is that of samples which are free of them.
+"""Errors of sensors and inputs along a path, which is that of samples free of them.
 
-A suspect's column is its derivative near the errors so far, and what these do to the rows is added again, each as its
-size times its column: a coefficient is a whole error, and the next turn takes its column there.
+The column of an error is its derivative near the errors so far. The effect of these on the rows is added again, each as
+its size times its column: a coefficient is a whole error, and the next turn takes its column there.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,19 +14,21 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.suspects.bends import POWERS
-from bayes_greybox.discovery.suspects.channels import (
+from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
+from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     GAIN,
-    ChannelSuspect,
+    ErrorColumns,
     Rate,
+    Sizes,
     calibrated,
+    delays_of,
     driven_later,
     measured_at,
     shifted,
     slope_along,
 )
-from bayes_greybox.discovery.suspects.sensors import bent_by, input_columns, sensor_columns
+from bayes_greybox.discovery.sensor_errors.sensors import bent_by, input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
 from bayes_greybox.physics.hidden_states import HiddenState, along
@@ -34,26 +36,26 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
-TOLD = 1e-3
-"""Share of what an error of a sensor does that no start of the path does as well, at least; else nothing tells it."""
+from .near import Point
 
-LARGER, SAME = 1.01, 1e-6
-"""States in another unit, little enough to stay where equations are defined, and how far columns may be from
-proportional to be the same."""
+IDENTIFIABLE = 1e-3
+"""Least share of a sensor error's column that no start of the path can take over; below it the error cannot be
+identified."""
+
+SCALED, PROPORTIONAL = 1.01, 1e-6
+"""Factor of states in another unit, near enough to one for them to stay where equations are defined, and relative
+tolerance of columns that are proportional."""
 
 
-def freed(
-    samples: Trajectories, equation: str, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-) -> Trajectories:
-    """Samples without what errors of sensors and inputs did.
+def freed(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
+    """Return samples without the errors of sensors and inputs, but for the delays of several sensors.
 
-    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it; delays of
-    several sensors stay in their samples.
+    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it.
 
     Args:
-        samples: As they came.
+        samples: Samples as they came.
         equation: The learned state.
-        sensors: Errors of a unit of their size.
+        sensors: Sizes of the errors, in units of their own.
         clock: Data that drifts were found on.
     """
     right, late = calibrated(samples, equation, sensors, clock), Late.of(samples, sensors)
@@ -64,16 +66,10 @@ def freed(
     return replace(moved, time=moved.time - late.clock) if late.clock else moved
 
 
-def put_right(
-    samples: Trajectories, equation: str, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-) -> Trajectories:
-    """The same without delays of several sensors too, by splines, and without rows that nothing is known of then.
+def put_right(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
+    """Return samples without any errors: delays of several sensors are undone by splines, see `freed`.
 
-    Args:
-        samples: As they came.
-        equation: The learned state.
-        sensors: Errors of a unit of their size.
-        clock: Data that drifts were found on.
+    Rows that were not measured at those times are left out.
     """
     right, late = freed(samples, equation, sensors, clock), Late.of(samples, sensors)
     moved = {*late.inputs.values(), *late.states.values()} - {0.0}
@@ -82,105 +78,89 @@ def put_right(
 
 
 class Late(NamedTuple):
-    """How much later everything has to be taken for delays to be undone: by state where several have sensors."""
+    """Shifts to later times that undo delays: of the clock, of inputs, and of states where several have sensors."""
 
     clock: float
     inputs: Mapping[str, float]
     states: Mapping[str, float]
 
     @classmethod
-    def of(cls, samples: Trajectories, sensors: Mapping[ChannelSuspect, float]) -> "Late":
-        """Tell the clock, which is that of the only sensor, from what is late against it."""
-        late, names = _late(sensors), samples.state_names
+    def of(cls, samples: Trajectories, sensors: Sizes) -> "Late":
+        """Return the shifts; the clock is that of the only sensor."""
+        late, names = delays_of(sensors), samples.state_names
         clock = late.get(names[0], 0.0) if len(names) == 1 else 0.0
         inputs = {name: late.get(name, 0.0) - clock for name in samples.input_names}
         return cls(clock, inputs, {name: late[name] for name in names if name in late and len(names) > 1})
 
 
-def _late(sensors: Mapping[ChannelSuspect, float]) -> dict[str, float]:
-    return {suspect.channel: size for suspect, size in sensors.items() if suspect.kind == DELAY}
+class PathErrors(NamedTuple):
+    """Errors of sensors and inputs on rows near a model, in samples that are free of the errors so far.
 
-
-class Suspected(NamedTuple):
-    """Suspects on rows near a model, in samples that are free of their errors so far.
-
-    `sensors` are columns at the rows, in the sensors' units, `inputs` forces along the path, at the `nodes`; `shown` is
-    what the errors so far do to the rows, each as its size times its column, so that a coefficient is a whole error.
+    Attributes:
+        sensors: Errors with their columns at the rows, in the sensors' units.
+        inputs: Errors with their forces along the path, at the nodes.
+        shown: Effect of the errors so far on the rows, each as its size times its column.
+        nodes: States and inputs along the path.
+        samples: The samples.
+        simulation: The simulation.
     """
 
-    sensors: list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]
-    inputs: list[tuple[ChannelSuspect, Float[np.ndarray, " n_node"]]]
+    sensors: ErrorColumns
+    inputs: ErrorColumns
     shown: Float[np.ndarray, " n_row"]
     nodes: Trajectories
     samples: Trajectories
     simulation: Simulation
 
     @classmethod
-    def of(
-        cls, near: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]],
-        sizes: Mapping[ChannelSuspect, float], rate: Rate, hidden: Sequence[HiddenState] = (),
-    ) -> "Suspected":  # fmt: skip
-        """Take the columns along a path.
-
-        Args:
-            near: The model with rows near what was found.
-            data: Samples that are free of the errors so far, with the path through them.
-            equation: The learned state.
-            added: What was found beside the simulation.
-            sizes: The errors so far.
-            rate: The whole modelled rate.
-            hidden: Hidden states of what was found, which follow an input that moves.
-        """
-        simulation, samples = near.simulator(data), data.samples
+    def of(cls, model: Program, data: Trajectories, equation: str, point: Point, rate: Rate) -> "PathErrors":
+        """Return the columns along a path."""
+        simulation, samples, sizes = model.simulator(data), data.samples, point.sensors
         assert samples is not None
-        rows, nodes = near.equation_rows(data, equation), near.rows.nodes(data, equation, simulation)
+        rows, nodes = model.equation_rows(data, equation), model.rows.nodes(data, equation, simulation)
         assert rows.operator is not None
-        modelled = _modelled(rows, data, added)
-        late = Late.of(samples, sizes).states
+        modelled, late = _modelled(rows, data, point.added), Late.of(samples, sizes).states
         at_rows = _at_rows(rows, samples)
-        sensors = [(suspect, column[at_rows]) for suspect, column in sensor_columns(samples, modelled, late)]
+        sensors = [(error, column[at_rows]) for error, column in sensor_columns(samples, modelled, late)]
         step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
         # An input that drives other states as well is another force on each of them, which no column here is.
-        own = {equation, *(state.name for state in hidden)}
-        others = [name for name in simulation.equations if name not in own]
+        driven = {equation, *(state.name for state in point.hidden)}
+        others = [name for name in simulation.equations if name not in driven]
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
-        inputs = input_columns(nodes, alone, _followed(rate, hidden, alone), step)
-        known = {suspect.key: size for suspect, size in sizes.items()}
+        inputs = input_columns(nodes, alone, _followed(rate, point.hidden, alone), step)
+        by_key = {error.key: size for error, size in sizes.items()}
         if not (len(samples.state_names) > 1 or nodes.input_names or _dated(simulation, nodes, step)):
             # Nothing is late against anything: nothing was undone.
-            known = {key: 0.0 if key.startswith(DELAY) else size for key, size in known.items()}
-        force = sum((known.get(suspect.key, 0.0) * column for suspect, column in inputs), np.zeros(nodes.n_obs))
-        straight = [(suspect, column) for suspect, column in sensors if suspect.kind not in POWERS]
-        shown = sum((known.get(suspect.key, 0.0) * column for suspect, column in straight), np.zeros(rows.n_row))
-        # What was straightened is bent again as it was: noise at the ends of a range is that of the sensor again.
+            by_key = {key: 0.0 if key.startswith(DELAY) else size for key, size in by_key.items()}
+        force = sum((by_key.get(error.key, 0.0) * column for error, column in inputs), np.zeros(nodes.n_obs))
+        straight = [(error, column) for error, column in sensors if error.kind not in BEND_POWERS]
+        shown = sum((by_key.get(error.key, 0.0) * column for error, column in straight), np.zeros(rows.n_row))
+        # Straightened samples are bent again: noise at the ends of a range is that of the sensor again.
         shown = shown + bent_by(samples, sizes)[at_rows]
-        # A delay is no product of size and column: what a late sensor shows beyond it is taken off.
+        # A delay is no product of size and column: the rest of a late sensor's reading is taken off.
         before = shifted(modelled, {name: -by for name, by in late.items()})
         moved = [before.column(name) - modelled.column(name) for name in samples.state_names]
         shown = shown - np.concatenate(moved)[at_rows]
         shown = shown + rows.gain * rows.operator(force[:, None])[:, 0]
         return cls(sensors, inputs, shown, nodes, samples, simulation)
 
-    def told(self, regressors: Regressors) -> list[tuple[ChannelSuspect, Float[np.ndarray, " n_row"]]]:
-        """Errors of sensors that samples can tell, in the unit of the rows.
+    def identifiable(self, regressors: Regressors) -> ErrorColumns:
+        """Return the errors of sensors that samples identify, in the unit of the rows.
 
         Where nothing drives a system its clock may start at any time: a late sensor is another start.
-
-        Args:
-            regressors: Of the rows.
         """
         gain, noise = regressors.rows.gain, regressors.rows.noise
         unitless = len(self.samples.state_names) == 1 and _unitless(regressors, self.nodes, self.simulation)
         return [
-            (suspect, column / gain)
-            for suspect, column in self.sensors
-            if np.linalg.norm(noise.without_starts(column[:, None])) > TOLD * np.linalg.norm(column)
-            and not (suspect.kind == GAIN and unitless)
+            (error, column / gain)
+            for error, column in self.sensors
+            if np.linalg.norm(noise.without_starts(column[:, None])) > IDENTIFIABLE * np.linalg.norm(column)
+            and not (error.kind == GAIN and unitless)
         ]
 
 
 def _followed(rate: Rate, hidden: Sequence[HiddenState], inputs: Sequence[str]) -> Rate:
-    """A rate in which hidden states follow the inputs along a path that stays: a lag is driven by a late input too."""
+    """Return a rate whose hidden states follow the inputs along a path: a late input drives a lag, too."""
     if not any(name in state.symbols for state in hidden for name in inputs):
         return rate
 
@@ -193,7 +173,7 @@ def _followed(rate: Rate, hidden: Sequence[HiddenState], inputs: Sequence[str]) 
 
 
 def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term, float]]) -> Trajectories:
-    """Data whose sampled states are what the model says of them, without the unknown force that moves the path.
+    """Return data whose sampled states are those of the model, without the unknown force that moves the path.
 
     The path follows the samples, noise and all: a gain of it would explain the samples by themselves.
     """
@@ -205,50 +185,47 @@ def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term
     moved = path[at_rows] - rows.gain * (rows.simulated + rows.operator(force[:, None])[:, 0])
     # Where a sensor was at its end nothing tells the two apart.
     path[at_rows] -= rows.noise.without_starts(moved[:, None])[:, 0]
-    own = path.reshape(len(samples.state_names), -1)
-    return replace(data, states={**data.states, **dict(zip(samples.state_names, own, strict=True))})
+    by_sensor = path.reshape(len(samples.state_names), -1)
+    return replace(data, states={**data.states, **dict(zip(samples.state_names, by_sensor, strict=True))})
 
 
 def _at_rows(rows: EquationRows, samples: Trajectories) -> Int[np.ndarray, " n_row"]:
-    """Where the rows are among the samples of all sensors, one sensor after the other."""
+    """Return the places of the rows among the samples of all sensors, one sensor after the other."""
     assert rows.operator is not None
     sensor = np.repeat(np.arange(len(samples.state_names)), rows.n_row // len(samples.state_names))
     return sensor * samples.n_obs + rows.operator.sample
 
 
 def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulation) -> bool:
-    """Whether states in another unit are states of the same model with other coefficients, all of which are learned.
+    """Return true if states in another unit are states of the same model with other coefficients, all of them learned.
 
     A gain of the only sensor is then no more than its unit, and where it comes in it stands for something else.
     """
-    larger = replace(nodes, states={name: LARGER * x for name, x in nodes.states.items()})
+    scaled = replace(nodes, states={name: SCALED * x for name, x in nodes.states.items()})
 
-    def proportional(before: np.ndarray, after: np.ndarray) -> float | None:
-        """Factor between them, if they are one up to a factor; zero is any factor of zero."""
+    def factor(values: Callable[[Trajectories], np.ndarray]) -> float | None:
+        """Return the factor between values in both units, None if there is none; any factor of zero is zero."""
+        before, after = (np.broadcast_to(np.asarray(values(at), float), at.n_obs) for at in (nodes, scaled))
         square = float(before @ before)
         if not square > 0:
-            return None if np.any(after) else LARGER
-        factor = float(before @ after) / square
-        return (
-            factor if np.allclose(after, factor * before, rtol=SAME, atol=SAME * float(np.max(np.abs(after)))) else None
-        )
-
-    def at_both(values: Callable[[Trajectories], np.ndarray]) -> float | None:
-        return proportional(*(np.broadcast_to(np.asarray(values(at), float), at.n_obs) for at in (nodes, larger)))
+            return None if np.any(after) else SCALED
+        ratio = float(before @ after) / square
+        tolerance = PROPORTIONAL * float(np.max(np.abs(after)))
+        return ratio if np.allclose(after, ratio * before, rtol=PROPORTIONAL, atol=tolerance) else None
 
     terms = [term for i in regressors.of_kind(FREE) if (term := regressors.columns[i].term) is not None]
     try:
         with np.errstate(all="ignore"):
-            known = [at_both(lambda at, k=k: simulation.on(at, k)) for k in simulation.equations]
-            free = [at_both(lambda at, term=term: np.asarray(term.evaluate(at.columns))) for term in terms]
+            simulated = [factor(lambda at, k=k: simulation.on(at, k)) for k in simulation.equations]
+            free = [factor(lambda at, term=term: np.asarray(term.evaluate(at.columns))) for term in terms]
     except InputError:
         # States in another unit leave the domain of the equations.
         return False
-    return all(f is not None and abs(f - LARGER) < SAME for f in known) and None not in free
+    return all(f is not None and abs(f - SCALED) < PROPORTIONAL for f in simulated) and None not in free
 
 
 def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:
-    """Whether time itself is in the rates."""
+    """Return true if time itself is in the rates."""
     later = replace(nodes, time=nodes.time + step)
     return any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
 

@@ -1,50 +1,50 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.evidence import log_evidences
-from bayes_greybox.discovery.grid.gram import Gram, discrepancy_basis
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
-from bayes_greybox.discovery.grid.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise_grid import LAW, MEMORY, NONE, SENSOR, TIME, NoisePoint
-from bayes_greybox.discovery.grid.regressors import RegressorTable
+from bayes_greybox.discovery.grid.evidence.gram import Gram, discrepancy_basis
+from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NoisePoint
+from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
 from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
 from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
-from bayes_greybox.discovery.regressors.regressors import EFFECT, FREE, Regressors
-from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.discovery.regressors.regressors import Regressors
 
 from .near import MATTERS
 
 LARGEST_SHARE = 0.2
 """Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
 
-ZOOMS, ZOOM_VALUES = 5, 9
-"""How often the grid of one parameter is refined around its best value, and by how many values."""
+MOST_ZOOMS, ZOOM_VALUES = 5, 9
+"""Largest number of times that the grid of one parameter is refined around its best value, and the number of new
+values each time."""
 
-CLOUDS = 5
-"""Clouds of values of several parameters, each where the one before says that the posterior is."""
+MOST_CLOUDS = 5
+"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before."""
 
-EFFECTIVE = 12.0
+ENOUGH_VALUES = 12.0
 """Effective number of values of several parameters, 1/Σp², from which on intervals are smooth."""
 
-COMPANIES = 3
-"""Companions that an effect's values are refined beside, likeliest first."""
+MOST_COMPANIONS = 3
+"""Number of companions, likeliest first, beside which an effect's values are refined."""
 
-KEPT, FAINT = 8, 12.0
-"""Values that are kept of each refinement, likeliest first, and the nats behind the best within which they are."""
+MOST_CARRYING, CARRYING_NATS = 8, 12.0
+"""Number of values that are kept of each refinement, likeliest first, and the nats behind the best within which they
+are kept."""
 
 
 class Ground(NamedTuple):
-    """What values are refined on.
+    """Table and noise points on which values are refined.
 
     Attributes:
         table: Target and regressors.
-        forces: The rows under each shape of the noise.
+        forces: Rows under each shape of the noise.
         points: Noise points; the first one is white noise alone.
         floor: Least variance of the noise.
     """
@@ -54,120 +54,106 @@ class Ground(NamedTuple):
     points: Sequence[NoisePoint]
     floor: float
 
+    def whiten(self, number: int, table: np.ndarray) -> np.ndarray:
+        """Return a table whitened under one noise point."""
+        point = self.points[number]
+        white, _ = self.forces[point.shape].whiten_at(point, table)
+        if point.kind in (LAW, MEMORY):
+            return discrepancy_basis(self.table, point).whiten(white, point.ratio)
+        return white
+
 
 Company = tuple[str, tuple[str, ...]]
-"""An effect, and what stands beside it."""
+"""An effect, and the names beside it."""
 
 
 def refined(
     regressors: Regressors,
     ground: Ground,
     hypotheses: Sequence[Hypothesis] = (),
-    known: frozenset[Company] = frozenset(),
+    before: frozenset[Company] = frozenset(),
 ) -> tuple[dict[str, Values], frozenset[Company]]:
-    """Return finer values of the effects that need them, by their labels, and the companies that were looked at.
+    """Return finer values of the effects that need them, by their labels, and the companies they were refined in.
 
-    What is likeliest depends on what stands beside an effect: its values are refined alone at first, then beside the
-    likeliest companions that it has.
+    The likeliest value depends on the regressors beside an effect: its values are refined alone at first, then beside
+    its likeliest companions.
 
     Args:
-        regressors: Of the equation.
+        regressors: Regressors of the equation.
         ground: Their table.
-        hypotheses: Of it, likeliest first.
-        known: Companies that were looked at before.
+        hypotheses: Hypotheses of the table, likeliest first.
+        before: Companies of earlier refinements, which are left out.
     """
-    found, looked = {}, set(known)
-    labels = dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner)
-    free = tuple(regressors.of_kind(FREE))
-    for label in labels:
-        group = set(regressors.group(label))
-        contexts: dict[tuple[str, ...], _Context] = {} if hypotheses else {(): _Context(free, 0)}
-        if sum(h.probability for h in hypotheses if group.intersection(h.members)) < MATTERS and hypotheses:
-            continue
-        for hypothesis in hypotheses:
-            if not group.intersection(hypothesis.members):
-                continue
-            others = tuple(i for i in hypothesis.members if i not in group)
-            names = tuple(sorted(regressors.columns[i].called for i in others if i not in free))
-            contexts.setdefault(names, _Context(others, hypothesis.point))
-            if len(contexts) == COMPANIES:
-                break
-        contexts = {names: context for names, context in contexts.items() if (label, names) not in known}
-        looked |= {(label, names) for names in contexts}
-        search = _Search.of(regressors, ground, label)
-        values = search.zoomed(contexts.values()) if search.one else search.drawn(contexts.values())
+    finer, companies = {}, set(before)
+    for label in dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner):
+        contexts = _contexts(regressors, label, hypotheses)
+        contexts = {names: context for names, context in contexts.items() if (label, names) not in before}
+        companies |= {(label, names) for names in contexts}
+        search = _Search(regressors, ground, label)
+        values = (search.zoomed if search.tabled.shape[1] == 1 else search.drawn)(contexts.values())
         if values is not None:
-            found[label] = values
-    return found, frozenset(looked)
+            finer[label] = values
+    return finer, frozenset(companies)
 
 
 class _Context(NamedTuple):
-    """What stands beside an effect, at a noise point."""
+    """Regressors beside an effect, at a noise point."""
 
     others: tuple[int, ...]
     point: int
 
 
-@dataclass(frozen=True)
+def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesis]) -> dict[tuple[str, ...], _Context]:
+    """Return the likeliest contexts of an effect by the names in them; none where the effect is unlikely."""
+    free, group = tuple(regressors.of_kind(FREE)), set(regressors.group(label))
+    if not hypotheses:
+        return {(): _Context(free, 0)}
+    holding = [h for h in hypotheses if group.intersection(h.members)]
+    contexts: dict[tuple[str, ...], _Context] = {}
+    if sum(h.probability for h in holding) < MATTERS:
+        return contexts
+    for hypothesis in holding:
+        others = tuple(i for i in hypothesis.members if i not in group)
+        names = tuple(sorted(regressors.columns[i].called for i in others if i not in free))
+        contexts.setdefault(names, _Context(others, hypothesis.point))
+        if len(contexts) == MOST_COMPANIONS:
+            break
+    return contexts
+
+
+@dataclass
 class _Search:
-    """Search for values of one effect's parameters.
+    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once.
 
     Attributes:
-        regressors: Of the equation.
+        regressors: Regressors of the equation.
         ground: Their table.
-        shape: The effect.
-        about: What its columns carry beside: the simulation's own coefficient, and the direction of its input.
-        least: Least values of its parameters.
-        most: Largest ones.
-        known: Values that are in the table.
+        label: The effect's label.
+        tabled: Values that are in the table.
     """
 
     regressors: Regressors
     ground: Ground
-    shape: BoundEffect
-    about: Mapping[str, Any]
-    least: np.ndarray
-    most: np.ndarray
-    known: np.ndarray
+    label: str
+    tabled: np.ndarray = field(init=False)
 
-    @classmethod
-    def of(cls, regressors: Regressors, ground: Ground, label: str) -> "_Search":
-        """Return the search for values of one effect."""
-        group = regressors.group(label)
-        column = regressors.columns[group[0]]
-        shape = column.effect
+    def __post_init__(self) -> None:
+        group = [self.regressors.columns[i] for i in self.regressors.group(self.label)]
+        shape = group[0].effect
         assert shape is not None
-        least, most = limits(shape, regressors.rows.columns, regressors.path)
-        known = np.array([list(regressors.columns[i].inner.values()) for i in group])
-        about = {"nominal": column.nominal, "direction": column.direction}
-        return cls(regressors, ground, shape, about, least, most, known)
-
-    @property
-    def one(self) -> bool:
-        """Return whether the effect has one parameter."""
-        return self.known.shape[1] == 1
-
-    def log_evidence(self, context: _Context, columns: "_Columns", values: np.ndarray) -> np.ndarray:
-        """Return the log evidence of a context with the effect at each of some values."""
-        ground, first = self.ground, len(context.others)
-        white, sd, there = columns.at(values, context.point)
-        logs = np.full(len(values), -np.inf)
-        if not len(there):
-            return logs
-        Z = np.hstack([columns.base(context), white])
-        gram = Gram((ground.points[context.point],), (Z.T @ Z)[None], np.zeros(1), float(len(Z)))
-        spread = np.array([*(ground.table.regressors[i].sd for i in context.others), *sd])
-        sets = [(*range(first), first + j) for j in range(len(there))]
-        logs[there] = log_evidences(gram, spread**-2.0, sets, ground.floor)[:, 0]
-        return logs
+        self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
+        self._least, self._most = limits(shape, self.regressors.rows.columns, self.regressors.path)
+        self.tabled = np.array([list(column.inner.values()) for column in group])
+        self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
+        self._bases: dict[_Context, np.ndarray] = {}
 
     def zoomed(self, contexts: Iterable[_Context]) -> Values | None:
-        """Return the values of one parameter, finer around the best ones."""
-        low, high, columns = float(self.least[0]), float(self.most[0]), _Columns(self)
-        values, kept = np.sort(self.known[:, 0]), set(self.known[:, 0].tolist())
+        """Return the values of one parameter, finer around the best ones; None if they stay."""
+        low, high = float(self._least[0]), float(self._most[0])
+        values, kept = np.sort(self.tabled[:, 0]), set(self.tabled[:, 0].tolist())
         for context in contexts:
-            logs = self.log_evidence(context, columns, values[:, None])
-            for _ in range(ZOOMS):
+            logs = self._log_evidence(context, values[:, None])
+            for _ in range(MOST_ZOOMS):
                 posterior = _shares(logs + log_weights(values, low, high))
                 if not np.max(posterior) >= LARGEST_SHARE:
                     break
@@ -178,28 +164,28 @@ class _Search:
                 fresh = np.setdiff1d(np.geomspace(left, right, ZOOM_VALUES + 2)[1:-1], values)
                 if not len(fresh):
                     break
-                more = self.log_evidence(context, columns, fresh[:, None])
-                values, logs = np.concatenate([values, fresh]), np.concatenate([logs, more])
+                logs = np.concatenate([logs, self._log_evidence(context, fresh[:, None])])
+                values = np.concatenate([values, fresh])
                 order = np.argsort(values)
                 values, logs = values[order], logs[order]
-            kept |= set(values[_carry(logs + log_weights(values, low, high))].tolist())
-        if len(values) == len(self.known):
+            kept |= set(values[_carrying(logs + log_weights(values, low, high))].tolist())
+        if len(values) == len(self.tabled):
             return None
         stay = np.isin(values, list(kept))
         return Values(values[stay][:, None], log_weights(values, low, high)[stay])
 
     def drawn(self, contexts: Iterable[_Context]) -> Values | None:
-        """Return the values of several parameters, more of them drawn where the posterior is."""
-        width, columns = np.log(self.most / self.least), _Columns(self)
-        shares = np.clip(np.log(self.known / self.least) / width, 0.0, 1.0)
-        values, drawn, found = self.known, [None] * len(shares), []
+        """Return the values of several parameters, more of them drawn at the posterior mode; None if they stay."""
+        width = np.log(self._most / self._least)
+        shares = np.clip(np.log(self.tabled / self._least) / width, 0.0, 1.0)
+        values, drawn, by_context = self.tabled, [None] * len(shares), []
         for context in contexts:
-            logs = self.log_evidence(context, columns, values)
+            logs = self._log_evidence(context, values)
             # Between neighbours of the first grid, which has as many values of each parameter.
-            covariance = (0.5 * len(self.known) ** (-1 / width.size)) ** 2 * np.eye(width.size)
-            for turn in range(CLOUDS):
+            covariance = (0.5 * len(self.tabled) ** (-1 / width.size)) ** 2 * np.eye(width.size)
+            for turn in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
-                if not 1 / np.sum(posterior**2) <= EFFECTIVE:
+                if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES:
                     break
                 if turn:
                     away = shares - posterior @ shares
@@ -208,91 +194,62 @@ class _Search:
                 cloud = Cloud.around(shares[int(np.argmax(posterior))], covariance)
                 if not len(cloud.points):
                     break
-                fresh = np.exp(np.log(self.least) + width * cloud.points)
+                fresh = np.exp(np.log(self._least) + width * cloud.points)
                 shares, values = np.vstack([shares, cloud.points]), np.vstack([values, fresh])
                 drawn = drawn + [cloud] * len(cloud.points)
-                logs = np.concatenate([logs, self.log_evidence(context, columns, fresh)])
-            found.append(logs)
-        if len(values) == len(self.known):
+                logs = np.concatenate([logs, self._log_evidence(context, fresh)])
+            by_context.append(logs)
+        if len(values) == len(self.tabled):
             return None
         weights, stay = weights_of(shares, drawn), np.zeros(len(values), bool)
-        for logs in found:
-            stay[: len(logs)] |= _carry(logs + weights[: len(logs)])
+        for logs in by_context:
+            stay[: len(logs)] |= _carrying(logs + weights[: len(logs)])
         return Values(values[stay], weights[stay])
 
+    def _log_evidence(self, context: _Context, values: np.ndarray) -> np.ndarray:
+        """Return the log evidence of a context with the effect at each of some values; −∞ where it has no column."""
+        logs, ground, first = np.full(len(values), -np.inf), self.ground, len(context.others)
+        columns = self._evaluated(values)
+        there = [k for k, column in enumerate(columns) if column is not None]
+        if not there:
+            return logs
+        values_at_rows, sd = zip(*(column for column in columns if column is not None), strict=True)
+        white = ground.whiten(context.point, np.column_stack(values_at_rows))
+        Z = np.hstack([self._base(context), white])
+        gram = Gram((ground.points[context.point],), (Z.T @ Z)[None], np.zeros(1), float(len(Z)))
+        gap = ground.table.force.gap
+        spread = np.array([*(ground.table.regressors[i].sd for i in context.others), *(gap * np.array(sd))])
+        sets = [(*range(first), first + j) for j in range(len(there))]
+        logs[there] = log_evidences(gram, spread**-2.0, sets, ground.floor)[:, 0]
+        return logs
 
-class _Columns:
-    """Columns of an effect at values, each evaluated once and whitened under each noise point once."""
-
-    def __init__(self, search: _Search) -> None:
-        self._search, self._known, self._whiten = search, {}, {}
-        self._bases: dict[_Context, np.ndarray] = {}
-
-    def at(self, values: np.ndarray, point: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return whitened columns, their prior standard deviations, and which of the values have one."""
-        keys = [tuple(map(float, value)) for value in values]
-        self._evaluate([key for key in dict.fromkeys(keys) if key not in self._known])
-        there = np.array([k for k, key in enumerate(keys) if self._known[key] is not None], dtype=int)
-        if not len(there):
-            return np.zeros((0, 0)), np.zeros(0), there
-        columns = [self._known[keys[k]] for k in there]
-        white = self._at_point(point)(np.column_stack([column for column, _ in columns]))
-        gap = self._search.ground.table.force.gap
-        return white, np.array([sd for _, sd in columns]) * gap, there
-
-    def base(self, context: _Context) -> np.ndarray:
-        """Return the whitened target and what stands beside the effect."""
+    def _base(self, context: _Context) -> np.ndarray:
+        """Return the whitened target and regressors beside the effect."""
         if context not in self._bases:
-            table = self._search.ground.table
+            table = self.ground.table
             rows = np.column_stack([table.target, table.columns[:, list(context.others)]])
-            self._bases[context] = self._at_point(context.point)(rows)
+            self._bases[context] = self.ground.whiten(context.point, rows)
         return self._bases[context]
 
-    def _at_point(self, point: int) -> "_AtPoint":
-        if point not in self._whiten:
-            self._whiten[point] = _AtPoint(self._search.ground, point)
-        return self._whiten[point]
-
-    def _evaluate(self, keys: list[tuple[float, ...]]) -> None:
-        if not keys:
-            return
-        own, search = self._search.regressors, self._search
-        fresh = Regressors(own.rows, own.variables, own.centre, own.half_width, own.basis, path=own.path)
-        fresh.add(EFFECT, at_values(search.shape, Values(np.array(keys), np.zeros(len(keys))), **search.about))
-        self._known |= dict.fromkeys(keys)
-        self._known |= {tuple(c.inner.values()): (fresh.values[:, k], c.sd) for k, c in enumerate(fresh.columns)}
-
-
-@dataclass(frozen=True)
-class _AtPoint:
-    """Whitening under one noise point."""
-
-    ground: Ground
-    number: int
-
-    def __call__(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
-        point = self.ground.points[self.number]
-        force = self.ground.forces[point.shape]
-        if point.kind in (TIME, SENSOR):
-            return force.whiten(table, point.scale, np.array([point.ratio]), point.kind == SENSOR)[0][:, 0]
-        white = force.whiten(table, 1.0, np.zeros(1))[0][:, 0]
-        if point.kind == NONE:
-            return white
-        assert point.kind in (LAW, MEMORY)
-        # (I − F s Fᵀ)^½, s = r²/(1 + r² a): along each direction F of square a the factor is 1/√(1 + r² a).
-        basis = discrepancy_basis(self.ground.table, point)
-        some = basis.eigenvalues > 1e-12 * np.max(basis.eigenvalues)
-        a = basis.eigenvalues[some]
-        unit = basis.features[:, some] / np.sqrt(a)
-        return white - unit @ ((1 - 1 / np.sqrt(1 + point.ratio**2 * a))[:, None] * (unit.T @ white))
+    def _evaluated(self, values: np.ndarray) -> list[tuple[np.ndarray, float] | None]:
+        """Return the effect at the rows and its prior standard deviation, None where it cannot serve."""
+        keys = [tuple(map(float, value)) for value in values]
+        fresh = [key for key in dict.fromkeys(keys) if key not in self._columns]
+        if fresh:
+            own = self.regressors
+            more = Regressors(own.rows, own.variables, own.centre, own.half_width, own.basis, path=own.path)
+            more.add(EFFECT, at_values(self._shape, Values(np.array(fresh), np.zeros(len(fresh))), **self._about))
+            self._columns |= dict.fromkeys(fresh)
+            self._columns |= {tuple(c.inner.values()): (more.values[:, k], c.sd) for k, c in enumerate(more.columns)}
+        return [self._columns[key] for key in keys]
 
 
 def _shares(logs: np.ndarray) -> np.ndarray:
     return np.exp(logs - np.logaddexp.reduce(logs))
 
 
-def _carry(logs: np.ndarray) -> np.ndarray:
-    """Return which values carry the posterior."""
+def _carrying(logs: np.ndarray) -> np.ndarray:
+    """Return true for the values that carry the posterior."""
     stay = np.zeros(len(logs), bool)
-    stay[np.argsort(-logs, kind="stable")[:KEPT]] = True
-    return stay & (logs > np.max(logs) - FAINT)
+    stay[np.argsort(-logs, kind="stable")[:MOST_CARRYING]] = True
+    return stay & (logs > np.max(logs) - CARRYING_NATS)

@@ -1,26 +1,24 @@
-"""Rows of samples along a path near what was found, freed of the errors of their sensors."""
+"""Rows of samples along a path, freed of the errors of their sensors."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.gap_size import gap_size
-from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.noise.gap_size import gap_size
+from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.drift import drift_columns
-from bayes_greybox.discovery.suspects.late import Late
-from bayes_greybox.discovery.suspects.memory import memory_columns
-from bayes_greybox.discovery.suspects.samples import SampleNoise
-from bayes_greybox.discovery.suspects.sensors import unit_of_rows
+from bayes_greybox.discovery.sensor_errors.channels import Sizes
+from bayes_greybox.discovery.sensor_errors.drift import drift_columns
+from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import AnyProgram, Program
@@ -30,101 +28,67 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
 
-from .modelled_rate import modelled_rate
 from .near import Point, Rows
-from .path_sensors import Suspected, freed, put_right
+from .path_sensors import PathErrors, freed, put_right
 from .period import period_of
+from .source import Source, modelled_rate
 
-WITHIN, MOST_WITHIN = 3.0, 0.5
-"""A path is within a sensor's range by more than so many standard deviations of its noise; it speaks against an answer
+INSIDE_SDS, MOST_INSIDE = 3.0, 0.5
+"""A path is inside a sensor's range by more than so many standard deviations of its noise; it contradicts an answer
 at more than this share of the samples at which the sensor was at its end."""
 
 
-@dataclass(eq=False)
-class SampleRows:
-    """Makes rows of one equation whose states were sampled.
+class SampleRows(Source):
+    """Rows of one equation whose states were sampled; see `Source`."""
 
-    Attributes:
-        model: The model before.
-        train: Samples as they came.
-        equation: The studied state.
-        effects: Effects bound to columns.
-        _gap: RMS of the gap as a force, user's units, by the rows near the first point.
-    """
-
-    model: Program
-    train: Trajectories
-    equation: str
-    effects: Sequence[BoundEffect]
-    _gap: float | None = field(default=None, init=False, repr=False)
+    def __init__(self, model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect]) -> None:
+        super().__init__(model, train, equation, effects)
+        self._samples = train.samples or train
+        self.clipped = clipped_states(self._samples)
+        self.n_sensor = len(self._samples.state_names)
+        # RMS of the gap as a force, user's units, on the rows near the first point.
+        self._gap: float | None = None
 
     def near(self, point: Point) -> Rows:
-        """Return rows near a point.
-
-        Raises:
-            InputError: No path of the model with what was found is near the samples.
-        """
-        train, equation = self.train, self.equation
-        own, hidden = self.model.states(train), point.hidden
-        model = remembering(self.model, hidden, train)
-        simulation, rows = model.simulator(train), model.rows.around(point.added)
-        right = freed(train.samples or train, equation, point.sensors, train) if point.sensors else train
-        near = replace(model, rows=rows)
-        data = near.rows.complete(right, equation, simulation)
-        rate = modelled_rate(near, data, equation, point.added)
-        beside = Suspected.of(near, data, equation, point.added, point.sensors, rate, hidden)
+        """See `Source.near`."""
+        train, equation, hidden = self.train, self.equation, point.hidden
+        model = _with_hidden(self.model, hidden, train)
+        simulation = model.simulator(train)
+        model = replace(model, rows=model.rows.around(point.added))
+        right = freed(self._samples, equation, point.sensors, train) if point.sensors else train
+        data = model.rows.complete(right, equation, simulation)
+        rate = modelled_rate(model, data, equation, point.added)
+        errors = PathErrors.of(model, data, equation, point, rate)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
-        found = regressors_of(near, data, equation, effects, point.values, beside.shown)
-        found.suspect([each for each in beside.told(found) if point.weighs(each[0].key)], at_rows=True)
-        found.suspect([each for each in beside.inputs if point.weighs(each[0].key)])
-        # What a hidden state did before is what it is.
-        shown = replace(beside.nodes, states={name: beside.nodes.states[name] for name in own})
-        found.remember(chain(memory_columns(shown, point.weighs), drift_columns(shown, point.weighs)))
-        force = _force(found, data, point)
+        regressors = regressors_of(model, data, equation, effects, point.values, errors.shown)
+        regressors.add_sensor_errors(
+            [each for each in errors.identifiable(regressors) if point.weighs(each[0].key)], at_rows=True
+        )
+        regressors.add_sensor_errors([each for each in errors.inputs if point.weighs(each[0].key)])
+        # A hidden state is a memory itself.
+        visible = replace(errors.nodes, states={name: errors.nodes.states[name] for name in self.model.states(train)})
+        regressors.remember(chain(memory_columns(visible, point.weighs), drift_columns(visible, point.weighs)))
+        scale = regressors.target_scale
+        force = _force(regressors, data, point)
         if self._gap is None:
             # The scale of effects is one, wherever rows are taken: else evidences near two hypotheses differ by it.
-            free = found.at_rows(found.of_kind(FREE))
-            self._gap = gap_size(force, found.target, free) * found.target_scale
-        force = replace(force, gap=self._gap / found.target_scale)
-        floor = with_rounding(found.rows.measured / found.target_scale, self.model.noise_floor) ** 2
-        # Of the samples as they came: those freed of a gain are over it.
-        unit = math.log(found.target_scale * found.rows.gain) + unit_of_rows(right.samples or right, point.sensors)
-        n_row = found.rows.n_row
-        return Rows(point, near, data, found, force, rate, np.arange(n_row), n_row, floor, unit)
+            free = regressors.at_rows(regressors.of_kind(FREE))
+            self._gap = gap_size(force, regressors.target, free) * scale
+        floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
+        # In the unit of the samples as they came: those freed of a gain are over it.
+        unit = math.log(scale * regressors.rows.gain) + unit_of_rows(right.samples or right, point.sensors)
+        n_row = regressors.rows.n_row
+        return Rows(
+            point, model, data, regressors, replace(force, gap=self._gap / scale), rate, np.arange(n_row), n_row, floor,
+            unit,
+        )  # fmt: skip
 
-    @property
-    def clipped(self) -> dict[str, Bool[np.ndarray, " n"]]:
-        """See `Source.clipped`."""
-        return clipped_states(self.train.samples or self.train)
-
-    @property
-    def misread(self) -> dict[str, Bool[np.ndarray, " n"]]:
-        """See `Source.misread`: noise of samples is the rows' own."""
-        return {}
-
-    @property
-    def late(self) -> dict[str, Late]:
-        """See `Source.late`: delays of several sensors are regressors."""
-        return {}
-
-    @property
-    def sample_noise(self) -> dict[str, SampleNoise]:
-        """See `Source.sample_noise`: that of samples is the rows' own."""
-        return {}
-
-    @property
-    def n_sensor(self) -> int:
-        """See `Source.n_sensor`."""
-        return len((self.train.samples or self.train).state_names)
-
-    def quantities(self, rows: Rows) -> dict[str, Float[np.ndarray, " n_row"]]:
-        """See `Source.quantities`: the columns along the path."""
+    def quantities(self, rows: Rows) -> Mapping[str, Float[np.ndarray, " n_row"]]:
+        """Return the columns along the path, of one sensor."""
         return rows.regressors.rows.at_rows() if self.n_sensor == 1 else {}
 
-    def put_right(
-        self, data: Trajectories, point: Point, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
-        """See `Source.put_right`: samples freed of errors, with the path through them that right inputs drive."""
+    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
+        """Return samples freed of errors, with the path through them that right inputs drive."""
         after = self._after(point)
         samples = put_right(data.samples or data, self.equation, sensors, clock)
         return after.rows.complete(samples, self.equation, after.simulator(samples))
@@ -140,55 +104,53 @@ class SampleRows:
         return replace(program, rows=program.rows.held())
 
     def doubts(self, rows: Rows) -> list[str]:
-        """See `Source.doubts`: a path that stays within the range of a sensor that was at its end."""
+        """Return the sensors that were at their ends while the path stays within their ranges, in words."""
         samples = rows.data.samples or rows.data
         names = samples.state_names
         noise = dict(zip(names, sample_noise(samples.time, samples.matrix(names), samples.run_lengths), strict=True))
-        said = []
+        doubts = []
         for name, at_end in self.clipped.items():
             end, path = samples.states[name][at_end], rows.data.column(name)[at_end]
-            inside = np.where(end == np.max(samples.states[name]), end - path, path - end) > WITHIN * noise[name]
-            if np.mean(inside) > MOST_WITHIN:
-                said.append(
+            distance = np.where(end == np.max(samples.states[name]), end - path, path - end)
+            if np.mean(distance > INSIDE_SDS * noise[name]) > MOST_INSIDE:
+                doubts.append(
                     f"{name} stays at the end of its sensor's range at samples where its path does not reach it"
                 )
-        return said
+        return doubts
 
     def _after(self, point: Point) -> Program:
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""
-        model = remembering(self.model, point.hidden, self.train)
+        model = _with_hidden(self.model, point.hidden, self.train)
         after = replace(model, rows=model.rows.around(point.added))
-        samples = self.train.samples or self.train
         try:
-            after.rows.complete(samples, self.equation, after.simulator(samples))
+            after.rows.complete(self._samples, self.equation, after.simulator(self._samples))
         except InputError:
             return self.model
         return after
 
 
-def remembering(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
-    """Return the model with hidden states, on which no f that is weighed depends."""
+def _with_hidden(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
+    """Return the model with hidden states, on which no f depends."""
     if not hidden:
         return model
     return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
-def _force(found: Regressors, data: Trajectories, point: Point) -> ForcedPath:
-    """Return how a latent force moves the path, in the scale of the target."""
-    path = found.rows.operator
+def _force(regressors: Regressors, data: Trajectories, point: Point) -> ForcedPath:
+    """Return the latent force that moves the path, in the scale of the target."""
+    path = regressors.rows.operator
     assert isinstance(path, ReferencePath)
     segments, sensors = path.segments, len(path.segments.outputs)
-    relative = np.array(point.spread or path.sensor_sd / np.sqrt(np.mean(path.sensor_sd**2)))
     typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
-    time = segments.grid.time[:, ::2]
+    relative = np.array(point.spread or path.sensor_sd / typical)
     steps = Steps(
         segments.response.M, segments.response.b[..., segments.driven[path.acting_on]] / path.gain,
-        np.diff(time, axis=1), segments.end,
+        np.diff(segments.grid.time[:, ::2], axis=1), segments.end,
     )  # fmt: skip
-    n = found.rows.n_row // sensors
-    inside = np.diff(found.rows.time[:n])
+    n = regressors.rows.n_row // sensors
+    inside = np.diff(regressors.rows.time[:n])
     step = float(np.median(inside[inside > 0])) if np.any(inside > 0) else 1.0
     return ForcedPath(
-        steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, found.equation), step,
-        typical / (path.gain * found.target_scale),
+        steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, regressors.equation),
+        step, typical / (path.gain * regressors.target_scale),
     )  # fmt: skip

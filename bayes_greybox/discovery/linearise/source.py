@@ -1,83 +1,92 @@
-"""What makes rows near a point, whatever was measured, and puts data of the same sensors right."""
+"""Rows of one equation near a point, whatever was measured, and other data of the same sensors without their errors."""
 
-from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.late import Late
-from bayes_greybox.discovery.suspects.samples import SampleNoise
-from bayes_greybox.model.program import AnyProgram
+from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes
+from bayes_greybox.discovery.sensor_errors.late import Late
+from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
+from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.terms import Term
 
 from .near import Point, Rows
 
 
-@runtime_checkable
-class Source(Protocol):
-    """Rows of one equation."""
+class Source(ABC):
+    """Rows of one equation.
 
-    @property
-    def clipped(self) -> Mapping[str, Bool[np.ndarray, " n"]]:
-        """Return the rows at which a channel's sensor was at its end."""
-        ...
+    Args:
+        model: The model before.
+        train: Measurements as they came.
+        equation: The studied state or output.
+        effects: Effects bound to columns.
 
-    @property
-    def misread(self) -> Mapping[str, Bool[np.ndarray, " n"]]:
-        """Return the rows at which a state's or an input's sensor slipped."""
-        ...
+    Attributes:
+        clipped: True at rows where a channel's sensor was at its end, by channel.
+        misread: True at rows where a state's or an input's sensor slipped, by channel.
+        late: States that were late against the state that is their rate; they are put right first.
+        sample_noise: Noise on samples that terms are evaluated at.
+        n_sensor: Number of sensors that the rows are of.
+    """
 
-    @property
-    def late(self) -> Mapping[str, Late]:
-        """Return the states that were late against the state that is their rate."""
-        ...
+    def __init__(self, model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect]) -> None:
+        self.model, self.train, self.equation, self.effects = model, train, equation, effects
+        self.clipped: Mapping[str, Bool[np.ndarray, " n"]] = {}
+        self.misread: Mapping[str, Bool[np.ndarray, " n"]] = {}
+        self.late: Mapping[str, Late] = {}
+        self.sample_noise: Mapping[str, SampleNoise] = {}
+        self.n_sensor = 1
 
-    @property
-    def sample_noise(self) -> Mapping[str, SampleNoise]:
-        """Return the noise on samples that terms are evaluated at."""
-        ...
-
-    @property
-    def n_sensor(self) -> int:
-        """Return how many sensors the rows are of."""
-        ...
-
+    @abstractmethod
     def near(self, point: Point) -> Rows:
         """Return rows near a point.
 
         Raises:
-            InputError: No path of the model with what was found is near the samples.
+            InputError: No path of the model at that point is near the samples.
         """
-        ...
 
-    def quantities(self, rows: Rows) -> dict[str, Float[np.ndarray, " n_row"]]:
-        """Return what the noise of rows may grow with."""
-        ...
+    @abstractmethod
+    def quantities(self, rows: Rows) -> Mapping[str, Float[np.ndarray, " n_row"]]:
+        """Return the quantities that the noise of rows may grow with."""
 
-    def put_right(
-        self, data: Trajectories, point: Point, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:
+    @abstractmethod
+    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
         """Return data of the same sensors without their errors.
 
         Args:
             data: Any data of the same sensors.
-            point: What the study ended at.
+            point: Point that the study ended at.
             sensors: Sizes of errors, in units of their own.
             clock: Data that drifts were found on.
         """
-        ...
 
     def row_kind(self, point: Point) -> RowKind | None:
         """Return the rows near a point, where rows are linear only near one; None where they are linear."""
-        ...
+        return None
 
     def with_inputs(self, program: AnyProgram) -> AnyProgram:
-        """Return a model with what inputs do between their samples as it was found."""
-        ...
+        """Return a model whose inputs go between their samples as they do here."""
+        return program
 
     def doubts(self, rows: Rows) -> list[str]:
-        """Return what the rows themselves hold against any answer, in words."""
-        ...
+        """Return contradictions between the rows and any answer, in words."""
+        return []
+
+
+def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
+    """Return the whole modelled rate: that of the simulation and of terms, on any data of the same columns."""
+    simulation = model.simulator(data)
+
+    def rate(data: Trajectories) -> np.ndarray:
+        total = simulation.on(data, equation)
+        for term, coefficient in added:
+            total = total + coefficient * np.asarray(term.evaluate(data.columns))
+        return total
+
+    return rate

@@ -1,1 +1,1 @@
-"""What a hypothesis may hold: free terms, corrections, effects, sensor errors, and forces that remember."""
+"""Regressors that a hypothesis may hold: free terms, corrections, effects, sensor errors, and forces with memory."""

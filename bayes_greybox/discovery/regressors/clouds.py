@@ -1,4 +1,4 @@
-"""Values of several inner parameters, drawn where their posterior is, and what each of them weighs.
+"""Importance-sampling proposals of several nonlinear parameters, and the weights of the values drawn from them.
 
 Positions are shares of the logarithms of the ranges, between which priors are uniform. Points of the first grid stand
 for the whole unit cube; a cloud adds points from a normal density near a mode. All of them together are a sample of the
@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm, qmc
 
-POINTS = 64
-"""Points of a cloud."""
+CLOUD_POINTS = 64
+"""Largest number of points of a cloud."""
 
 TRIED_FOR_ONE = 8
 """Points that are drawn for each that a cloud needs inside the cube."""
@@ -28,9 +28,9 @@ class Cloud:
     """Points of a normal density inside the unit cube.
 
     Attributes:
-        mean: Of the density.
-        covariance: Its covariance.
-        points: Inside the cube, at most `POINTS`.
+        mean: Mean of the density.
+        covariance: Covariance of the density.
+        points: Points inside the cube, at most `CLOUD_POINTS`.
         inside: Share of the density inside the cube.
     """
 
@@ -41,21 +41,16 @@ class Cloud:
 
     @classmethod
     def around(cls, mean: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"]) -> "Cloud":
-        """Draw the points, evenly: by Sobol's sequence."""
+        """Draw the points evenly, by Sobol's sequence."""
         values, vectors = np.linalg.eigh(covariance)
         # The first point of the sequence is a corner.
-        white = norm.ppf(qmc.Sobol(len(mean), scramble=False).random(POINTS * TRIED_FOR_ONE)[1:])
+        white = norm.ppf(qmc.Sobol(len(mean), scramble=False).random(CLOUD_POINTS * TRIED_FOR_ONE)[1:])
         drawn = mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
         within = np.all((drawn > 0) & (drawn < 1), axis=1)
-        return cls(mean, covariance, drawn[within][:POINTS], max(float(np.mean(within)), 1 / len(drawn)))
-
-    @classmethod
-    def at(cls, mode: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"]) -> "Cloud":
-        """The mode alone: it weighs 1/q, so that the sum is Laplace's approximation."""
-        return cls(mode, covariance, mode[None], 1.0)
+        return cls(mean, covariance, drawn[within][:CLOUD_POINTS], max(float(np.mean(within)), 1 / len(drawn)))
 
     def density(self, at: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
-        """Density of its points at others."""
+        """Return the density inside the cube."""
         values, vectors = np.linalg.eigh(self.covariance)
         values = np.maximum(values, np.finfo(float).tiny)
         square = np.sum(((at - self.mean) @ vectors) ** 2 / values, axis=-1)
@@ -63,11 +58,11 @@ class Cloud:
 
 
 def weights_of(at: Float[np.ndarray, "n d"], drawn: Sequence[Cloud | None]) -> Float[np.ndarray, " n"]:
-    """Log prior weights of points.
+    """Return the log prior weights of points.
 
     Args:
         at: All points.
-        drawn: The cloud of each; None on the first grid.
+        drawn: Cloud of each point; None on the first grid.
     """
     clouds = {id(cloud): cloud for cloud in drawn if cloud is not None}
     total = np.full(len(at), float(sum(cloud is None for cloud in drawn)))

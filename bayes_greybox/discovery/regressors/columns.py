@@ -1,16 +1,17 @@
-"""Columns that a hypothesis may hold: the user's terms, corrections, suspects, and effects by inner parameter."""
+"""Columns that a hypothesis may hold: terms, corrections, sensor errors, and effects by nonlinear parameter."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.memory import Memory
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.memory import Memory
+from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -20,11 +21,11 @@ from .clouds import Cloud
 
 @dataclass(frozen=True)
 class Nearer:
-    """What a set gains on rows near itself by a column that stands in the place of another.
+    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions.
 
     Attributes:
         gain: Nats.
-        beside: What the set's other columns are called; no other set gains anything.
+        beside: Names of the set's other columns; no other set gains anything.
     """
 
     gain: float
@@ -36,26 +37,22 @@ class Column:
     """One column of the table.
 
     Attributes:
-        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (something
-            about the measurement), "effect", "memory" (an element of a force that remembers) or "law" (next to an
-            effect's, and in no catalogue).
-        term: Its formula over the data's columns and its hidden states; None for a suspect or a memory, which are
-            known at the rows only.
+        kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (an error of
+            a sensor or an input), "effect", and in files of earlier versions "memory" and "law".
+        term: Formula over the data's columns and its hidden states; None for a sensor error, which is known at the rows
+            only.
         scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
-        nominal: The simulation's own coefficient, of a correction; that of an input which acts otherwise, of an effect.
-        expected: What the coefficient of such an effect is about as large as, scaled units; 0 where nothing is known.
+        nominal: The simulation's own coefficient: of a correction, or of the input that an effect changes.
+        expected: Expected coefficient of such an effect, scaled units; 0 where nothing is known.
         direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
-            what a drive has with the other sign.
+            the effects of a drive with the other sign.
         effect: The catalogue's entry, of an effect.
-        inner: Values of its inner parameters.
+        inner: Values of its nonlinear parameters.
         log_weight: Log prior weight of these values.
-        suspect: The channel that is suspected, of a suspect.
-        memory: What it is an element of, of a memory; which law it is.
-        values: At the rows, scaled, of a suspect or a memory, and of an effect that remembers.
-        drawn: Where the values of several inner parameters were drawn from; None: they are on the first grid.
-        nearer: What it gains on rows near itself.
-        law: What a law with inner parameters is at their values: an effect that is in no catalogue.
+        suspect: The error, of a sensor error.
+        memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
+            rows, scaled.
     """
 
     kind: str
@@ -76,27 +73,20 @@ class Column:
     law: BoundEffect | None = None
 
     @property
-    def shape(self) -> BoundEffect | None:
-        """What the column is at its values of inner parameters: the catalogue's entry, or a law next to it."""
-        return self.effect or self.law
-
-    @property
     def sign(self) -> int:
-        """Return the usual sign of an effect's coefficient; 0 of all others, and where it has none."""
+        """Return the usual sign of an effect's coefficient; 0 for all others, and where it has none."""
         return 0 if self.effect is None else self.effect.effect.sign * self.direction
 
     @property
     def called(self) -> str:
-        """An error by its key, an effect on its columns, a memory by what it is, or a term."""
+        """Return the name: the key of an error, the label of an effect, or the text of a term."""
         if self.suspect is not None:
             return self.suspect.key
-        if self.memory is not None:
-            return self.memory.text
         return self.formula.text if self.effect is None else self.effect.label
 
     @property
     def formula(self) -> Term:
-        """The term of a column that has one."""
+        """Return the term of a column that has one."""
         assert self.term is not None
         return self.term
 
@@ -107,7 +97,7 @@ class Values:
 
     Attributes:
         points: Values, in the order of the parameters.
-        log_weights: Log prior weights; of all values together they add up to one.
+        log_weights: Log prior weights; their exponentials add up to one.
     """
 
     points: Float[np.ndarray, "n_point n_inner"]
@@ -115,48 +105,33 @@ class Values:
 
 
 def first_values(
-    shape: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
+    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
 ) -> Values | None:
     """Return the first values of an effect's nonlinear parameters: middles of parts of equal prior probability.
 
-    Args:
-        shape: Effect bound to columns, with nonlinear parameters.
-        columns: States and inputs, whose range scales the priors.
-        path: The same columns with their times, for parameters that are times or frequencies.
-
-    Returns:
-        The values; None where a parameter is a share of nothing.
+    The arguments are those of `limits`. The values are None where a parameter is a share of nothing.
     """
-    least, most = limits(shape, columns, path)
+    least, most = limits(effect, columns, path)
     if not np.all(most > 0):
         return None
-    each = [inner.nodes(*ends)[0] for inner, *ends in zip(shape.effect.inner, least, most, strict=True)]
-    points = np.array(list(product(*each)))
+    nodes = [inner.nodes(*ends)[0] for inner, *ends in zip(effect.effect.inner, least, most, strict=True)]
+    points = np.array(list(product(*nodes)))
     return Values(points, np.full(len(points), -np.log(len(points))))
 
 
-def at_values(shape: BoundEffect, values: Values, /, **about: Any) -> list[tuple[Term, dict]]:
-    """Return the terms of an effect at values of its nonlinear parameters, each with what its column carries.
-
-    Args:
-        shape: Effect bound to columns.
-        values: Of its parameters.
-        about: What else their columns carry.
-    """
-    found = []
+def at_values(effect: BoundEffect, values: Values, /, **about: Any) -> list[tuple[Term, dict]]:
+    """Return the terms of an effect at values of its nonlinear parameters, each with the fields of its column."""
+    items = []
     for point, weight in zip(values.points, values.log_weights, strict=True):
-        inner = {each.name: float(value) for each, value in zip(shape.effect.inner, point, strict=True)}
-        found.append((shape.term(inner), {"effect": shape, "inner": inner, "log_weight": float(weight), **about}))
-    return found
+        inner = {each.name: float(value) for each, value in zip(effect.effect.inner, point, strict=True)}
+        items.append((effect.term(inner), {"effect": effect, "inner": inner, "log_weight": float(weight), **about}))
+    return items
 
 
 def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Log prior weights of values of an inner parameter, trapezoidal, so that grids of any spacing can be mixed.
+    """Return log prior weights of increasing values of a nonlinear parameter, whose prior is log-uniform.
 
-    Args:
-        values: Increasing.
-        low: End of the log-uniform prior.
-        high: Its other end.
+    They are trapezoidal, so that grids of any spacing can be mixed.
     """
     position = np.log(np.asarray(values) / low) / np.log(high / low)
     edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
@@ -166,12 +141,12 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
 def limits(
     effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
-    """Least and largest values of an effect's inner parameters, shares of what the columns that they are of say.
+    """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
 
     Args:
-        effect: Effect bound to columns, with inner parameters.
-        columns: States and inputs.
-        path: The same columns with their times, where there are any.
+        effect: Effect bound to columns, with nonlinear parameters.
+        columns: States and inputs, whose range scales the priors.
+        path: The same columns with their times, for parameters that are times or frequencies.
     """
     time, run = (None, None) if path is None else (path.time, path.run)
     inner = effect.effect.inner
@@ -179,63 +154,46 @@ def limits(
     return ends[:, 0], ends[:, 1]
 
 
-@runtime_checkable
-class EvaluatedColumns(Protocol):
-    """Columns of an equation and features of its f, at any samples: what equations and free runs are made of.
+class EvaluatedColumns:
+    """Columns of an equation and features of its f, at any samples: equations and free runs are made of these.
 
-    `SufficientStatistics` are such columns; a study that was read has them without rows and products.
+    Attributes:
+        equation: The learned state or output.
+        columns: Terms of the model before and after.
+        variables: Variables of f.
+        centre: Middle of the box that they fill in the data, user's units.
+        half_width: Half the sides of that box.
+        basis: Features of f.
+        target_scale: RMS of the measured rate less the simulation, user's units.
+        path: States and inputs where terms are evaluated, in order of time, on rows of samples.
     """
 
-    @property
-    def equation(self) -> str:
-        """The learned state or output."""
-        ...
-
-    @property
-    def columns(self) -> list[Column]:
-        """Terms of the model before and after."""
-        ...
-
-    @property
-    def variables(self) -> tuple[str, ...]:
-        """What f depends on."""
-        ...
-
-    @property
-    def centre(self) -> Float[np.ndarray, " n_var"]:
-        """Of the box that the data fill, user's units."""
-        ...
-
-    @property
-    def half_width(self) -> Float[np.ndarray, " n_var"]:
-        """Of the same box."""
-        ...
-
-    @property
-    def basis(self) -> HilbertBasis:
-        """Features of f."""
-        ...
-
-    @property
-    def target_scale(self) -> float:
-        """RMS of the measured rate less the simulation, user's units."""
-        ...
-
-    @property
-    def path(self) -> Trajectories | None:
-        """States and inputs where terms are evaluated, on rows of samples."""
-        ...
+    equation: str
+    columns: list[Column]
+    variables: tuple[str, ...]
+    centre: Float[np.ndarray, " n_var"]
+    half_width: Float[np.ndarray, " n_var"]
+    basis: HilbertBasis
+    target_scale: float
+    path: Trajectories | None
 
     def of_kind(self, kind: str) -> list[int]:
-        """Indices of the columns of one kind."""
-        ...
+        """Return the columns of one kind."""
+        return [i for i, column in enumerate(self.columns) if column.kind == kind]
 
     def evaluate(
         self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
     ) -> Float[np.ndarray, "n_row n_column"]:
-        """Chosen columns at any samples, scaled."""
-        ...
+        """Return chosen columns at any samples, scaled; sensor errors are known at the rows only."""
+        return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
-        """Features of f at any rows."""
-        ...
+        """Return the features of f at any samples."""
+        x = scaled_position(columns, self.variables, self.centre, self.half_width)
+        return np.asarray(held_features(self.basis, x))
+
+
+def evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:
+    """Return terms over their scales."""
+    parts = [np.asarray(term.evaluate(columns)) / scale for term, scale in chosen]
+    return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))

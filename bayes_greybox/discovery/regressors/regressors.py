@@ -9,16 +9,16 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.suspects.channels import ChannelSuspect
-from bayes_greybox.discovery.suspects.memory import Memory
-from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
+from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
+from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
-from .columns import Column
+from .columns import Column, EvaluatedColumns, evaluated
 
 FREE_SCALE = 10.0
 """Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
@@ -32,35 +32,32 @@ EFFECT_SCALE = 1.0
 COLLINEAR = 1e-9
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
 
-ZERO = "zero on all the data"
-"""Why a term cannot serve whose columns are zero."""
-
 PARALLEL = 1e-4
 """Share of a sensor error's square outside another column's span below which the two are one."""
 
-FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
-"""Kinds of columns, as files have them."""
+ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
+"""Reasons why a term cannot serve."""
 
 
 @dataclass(eq=False)
-class Regressors:
+class Regressors(EvaluatedColumns):
     """Regressors of one equation, scaled to unit RMS, with the target and the features of f.
 
     Attributes:
         rows: Rows of the equation.
-        variables: What f depends on.
+        variables: Variables of f.
         centre: Middle of the box that they fill in the data, user's units.
         half_width: Half the sides of that box.
         basis: Features of f.
         columns: One for each regressor.
-        values: Theirs at the rows.
-        acting: Themselves at the samples of the rows, as forces; zero of what a sensor does to what it shows.
-        shown: What sensor errors that the rows are free of did to them, scaled; added to the target, so that a
+        values: Regressors at the rows.
+        acting: Regressors as forces at the samples of the rows; zero for errors of a sensor that shows the rows.
+        shown: Effect on the rows, scaled, of the sensor errors that they are free of; added to the target, so that a
             coefficient is a whole error.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
         twins: Sensor errors left out because another column is the same, with its name.
-        changes: By how much one prior standard deviation of these changes that column's coefficient, user's units.
-        memories: Elements of forces that remember: what they do to the rows, and themselves there.
+        changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
+        memories: Elements of forces with memory: their effects on the rows, and themselves there.
         path: States and inputs where terms are evaluated, in order of time, on rows of samples: hidden states follow
             from them.
     """
@@ -71,8 +68,8 @@ class Regressors:
     half_width: Float[np.ndarray, " n_var"]
     basis: HilbertBasis
     columns: list[Column] = field(default_factory=list)
-    values: Float[np.ndarray, "n_row n_column"] = field(default_factory=lambda: np.zeros((0, 0)))
-    acting: Float[np.ndarray, "n_row n_column"] = field(default_factory=lambda: np.zeros((0, 0)))
+    values: Float[np.ndarray, "n_row n_column"] = field(init=False)
+    acting: Float[np.ndarray, "n_row n_column"] = field(init=False)
     shown: Float[np.ndarray, " n_row"] | float = 0.0
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
@@ -82,40 +79,16 @@ class Regressors:
 
     def __post_init__(self) -> None:
         self.values = self.acting = np.zeros((self.rows.n_row, 0))
-
-    @property
-    def equation(self) -> str:
-        """Return the learned state or output."""
-        return self.rows.equation
-
-    @property
-    def target_scale(self) -> float:
-        """Return the RMS of the measured rate less the simulation, user's units."""
-        return self.rows.scale
+        self.equation, self.target_scale = self.rows.equation, self.rows.scale
 
     @property
     def target(self) -> Float[np.ndarray, " n_row"]:
         """Return the scaled target."""
         return self.rows.target / self.target_scale + self.shown
 
-    def of_kind(self, kind: str) -> list[int]:
-        """Return the columns of one kind."""
-        return [i for i, column in enumerate(self.columns) if column.kind == kind]
-
     def group(self, label: str) -> list[int]:
         """Return the columns of one effect on its own columns of the data."""
         return [i for i, c in enumerate(self.columns) if c.effect is not None and c.effect.label == label]
-
-    def evaluate(
-        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
-    ) -> Float[np.ndarray, "n_row n_column"]:
-        """Return chosen columns at any samples, scaled; sensor errors are known at the rows only."""
-        return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
-
-    def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
-        """Return the features of f at any samples."""
-        x = scaled_position(columns, self.variables, self.centre, self.half_width)
-        return np.asarray(held_features(self.basis, x))
 
     def features(self) -> Float[np.ndarray, "n_row n_basis"]:
         """Return the features of f as they act on the rows."""
@@ -130,87 +103,87 @@ class Regressors:
 
         Args:
             kind: Kind of the columns.
-            items: Terms, with what their columns are to carry beside (nominal, effect, inner, log_weight), or the
-                prior standard deviation of their coefficients (spread, user's units).
+            items: Terms, with further fields of their columns (nominal, effect, inner, log_weight), or the prior
+                standard deviation of their coefficients (spread, user's units).
 
         Raises:
             InputError: A free term that is zero or not finite on the data.
         """
-        kept, refused, known, forces = [], {}, {}, []
+        kept, refused, along_path, forces = [], {}, {}, []
         for (term, about), hidden in zip(items, self._hidden([term for term, _ in items]), strict=True):
             value = np.asarray(term.evaluate({**self.rows.columns, **hidden}), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
             if not size > 0 or not np.isfinite(size):
-                why = ZERO if size == 0 else "not finite on all the data"
-                if kind == FREE:
-                    raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
+                why = ALWAYS_ZERO if size == 0 else NOT_FINITE
+                self._require(kind, term, why)
                 if about.get("effect") is not None:
                     refused[about["effect"].slug] = why
                 continue
             kept.append(self._column(kind, term, size, about))
             forces.append(np.broadcast_to(value / size, self._n_node)[self._place])
             if hidden:
-                known[len(kept) - 1] = value / size
+                along_path[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
         if not kept:
             return
-        at_rows = self._at_rows(kept, known)
+        at_rows = self._at_rows(kept, along_path)
         # Within a step of a path a term may leave its domain though it does not at the step's ends.
         inside = np.all(np.isfinite(at_rows), axis=0)
-        if kind == FREE and not np.all(inside):
-            out = kept[int(np.argmin(inside))].formula.name
-            raise InputError(f"Term {out!r} of equation {self.equation!r} is not finite on all the data: remove it.")
-        outside = [each for each, there in zip(kept, inside, strict=True) if each.effect is not None and not there]
-        kept = [each for each, there in zip(kept, inside, strict=True) if there]
-        self.leave_out({c.effect.slug: "not finite on all the data" for c in outside if c.effect is not None}, kept)
+        for k in np.flatnonzero(~inside):
+            self._require(kind, kept[k].formula, NOT_FINITE)
+        outside = [kept[k].effect for k in np.flatnonzero(~inside)]
+        kept = [kept[k] for k in np.flatnonzero(inside)]
+        self.leave_out({effect.slug: NOT_FINITE for effect in outside if effect is not None}, kept)
         self._extend(kept, at_rows[:, inside], np.column_stack(forces)[:, inside])
 
+    def _require(self, kind: str, term: Term, why: str) -> None:
+        """Refuse a free term that cannot serve."""
+        if kind == FREE:
+            raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
+
     def _column(self, kind: str, term: Term, size: float, about: Mapping) -> Column:
-        spread, carried = about.get("spread"), {name: each for name, each in about.items() if name != "spread"}
+        spread, fields = about.get("spread"), {name: each for name, each in about.items() if name != "spread"}
         sd = {FREE: FREE_SCALE, EFFECT: EFFECT_SCALE}.get(kind, 0.0)
         if spread is not None:
             sd = spread * size / self.target_scale
         if kind == CORRECTION:
-            sd = CORRECTION_SCALE * abs(carried["nominal"]) * size / self.target_scale
-        if kind == EFFECT and carried.get("nominal"):
-            carried["expected"] = carried["nominal"] * size / self.target_scale
-        return Column(kind, term, size, sd, **carried)
+            sd = CORRECTION_SCALE * abs(fields["nominal"]) * size / self.target_scale
+        if kind == EFFECT and fields.get("nominal"):
+            fields["expected"] = fields["nominal"] * size / self.target_scale
+        return Column(kind, term, size, sd, **fields)
 
-    def _at_rows(self, kept: Sequence[Column], known: Mapping[int, np.ndarray]) -> np.ndarray:
+    def _at_rows(self, kept: Sequence[Column], along_path: Mapping[int, np.ndarray]) -> np.ndarray:
         """Return columns at the rows; those of hidden states are known along the path."""
         at_rows = np.zeros((self.rows.n_row, len(kept)))
-        plain = [k for k in range(len(kept)) if k not in known]
+        plain = [k for k in range(len(kept)) if k not in along_path]
         chosen = [(kept[k].formula, kept[k].scale) for k in plain]
         if plain:
             table = self.rows.table(partial(evaluated, chosen), jumps=_jumps(chosen))
             at_rows[:, plain] = table(np.arange(self.rows.n_row))
-        if known:
-            at_rows[:, list(known)] = self.rows.operate(np.column_stack(list(known.values())))
+        if along_path:
+            at_rows[:, list(along_path)] = self.rows.operate(np.column_stack(list(along_path.values())))
         return at_rows
 
     def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
-        """Return the hidden states of each term along the path; empty where it remembers nothing."""
-        found: list[dict[str, np.ndarray]] = [{} for _ in terms]
-        remember = [k for k, term in enumerate(terms) if term.states]
-        if remember:
+        """Return the hidden states of each term along the path; empty where it has none."""
+        values: list[dict[str, np.ndarray]] = [{} for _ in terms]
+        places = [k for k, term in enumerate(terms) if term.states]
+        if places:
             path = self.path
             assert path is not None
             fresh = np.diff(path.run, prepend=-1) != 0
-            systems = [terms[k].states for k in remember]
-            for k, values in zip(remember, along(systems, path.time, path.columns, fresh), strict=True):
-                found[k] = values
-        return found
+            systems = [terms[k].states for k in places]
+            for k, states in zip(places, along(systems, path.time, path.columns, fresh), strict=True):
+                values[k] = states
+        return values
 
-    def suspect(
-        self, suspects: Sequence[tuple[ChannelSuspect, Float[np.ndarray, " n"]]], found: Collection[str] = (),
-        at_rows: bool = False,
-    ) -> None:  # fmt: skip
+    def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.
 
         Args:
-            suspects: Each with its column at the samples, user's units of the rate per unit of its size.
-            found: Keys of errors that were found already, which stay whatever else has the same column now.
-            at_rows: Whether the columns are those of the rows: what a sensor does to what it shows, and to no force.
+            suspects: Each error with its column at the samples, user's units of the rate per unit of its size.
+            found: Keys of errors of the linearisation point, which stay whatever else has the same column now.
+            at_rows: If true, the columns are those of the rows: errors of a sensor's reading, which are no force.
         """
         for suspect, value in suspects:
             size = float(np.sqrt(np.mean(value**2)))
@@ -232,14 +205,10 @@ class Regressors:
                 wider = replace(other.suspect, sd=other.suspect.sd * column.sd / other.sd)
                 self.columns[twin] = replace(other, sd=column.sd, suspect=wider)
             self.twins[suspect.key], self.changes[suspect.key] = _called(other), suspect.sd * size / other.scale
-            self._keep(range(len(self.columns) - 1))
+            self.columns, self.values, self.acting = self.columns[:-1], self.values[:, :-1], self.acting[:, :-1]
 
     def remember(self, memories: Iterable[tuple[Memory, Float[np.ndarray, "n n_element"]]]) -> None:
-        """Add elements of forces that remember.
-
-        Args:
-            memories: Each with what its elements do at the samples.
-        """
+        """Add forces with memory."""
         for memory, table in memories:
             size = np.sqrt(np.mean(table**2, axis=0))
             table, size = table[:, size > 0], size[size > 0]
@@ -252,7 +221,7 @@ class Regressors:
 
     @property
     def _place(self) -> Any:
-        """Return where the samples of the rows are among the points that terms are evaluated at."""
+        """Return the places of the samples of the rows among the points that terms are evaluated at."""
         return slice(None) if self.rows.operator is None else self.rows.operator.place
 
     def _extend(self, kept: Sequence[Column], values: np.ndarray, acting: np.ndarray) -> None:
@@ -262,7 +231,7 @@ class Regressors:
         base, new = list(range(len(own))), []
         for k, column in enumerate(kept):
             place, norm = len(own) + k, float(white[:, len(own) + k] @ white[:, len(own) + k])
-            # A sensor error may well be a sum of the simulation's terms: one number says what they say with many.
+            # A sensor error may well be a sum of the simulation's terms: one number does the work of many.
             beside = base if column.kind != SENSOR else base[: len(self.of_kind(FREE))]
             outside = norm
             if beside:
@@ -284,34 +253,17 @@ class Regressors:
         others = [j for j in [*self.of_kind(CORRECTION), *self.of_kind(SENSOR)] if j != index]
         white = self.rows.whiten(self.values[:, [index, *others]])
         products, squares = white[:, 0] @ white[:, 1:], np.sum(white**2, axis=0)
-        for j, product, square in zip(others, products, squares[1:], strict=True):
-            if product**2 > (1 - PARALLEL) * squares[0] * square:
-                return j
-        return None
-
-    def _keep(self, keep: Sequence[int]) -> None:
-        self.columns, self.values = [self.columns[i] for i in keep], self.values[:, list(keep)]
-        self.acting = self.acting[:, list(keep)]
+        parallel = np.flatnonzero(products**2 > (1 - PARALLEL) * squares[0] * squares[1:])
+        return others[parallel[0]] if len(parallel) else None
 
     def leave_out(self, refused: Mapping[str, str], new: Sequence[Column] = ()) -> None:
-        """Note effects that no column is left of, by another binding or another value of a nonlinear parameter.
-
-        Args:
-            refused: Reasons by slug.
-            new: Columns that are about to be added.
-        """
+        """Note effects that have no column left, by another binding or another value of a nonlinear parameter."""
         serving = {column.effect.slug for column in (*self.columns, *new) if column.effect is not None}
         self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
 
 
-def evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:
-    """Return terms over their scales."""
-    parts = [np.asarray(term.evaluate(columns)) / scale for term, scale in chosen]
-    return np.column_stack(parts) if parts else np.zeros((len(next(iter(columns.values()))), 0))
-
-
 def _jumps(chosen: Sequence[tuple[Term, float]]) -> Jumps:
-    """Return those that may jump."""
+    """Return the terms that may jump."""
     places = [k for k, (term, _) in enumerate(chosen) if term.jumps]
     return Jumps(places, partial(evaluated, [chosen[k] for k in places]))
 

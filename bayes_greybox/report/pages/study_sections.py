@@ -9,8 +9,8 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures

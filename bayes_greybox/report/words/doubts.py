@@ -10,8 +10,8 @@ from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worse
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.sensor_errors.channels import DELAY_STEPS
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within

@@ -1,8 +1,8 @@
 """Words for what is missing without a name: its kind, and what it depends on."""
 
+from bayes_greybox.discovery.grid.noise.points import LAW
+from bayes_greybox.discovery.sensor_errors.channels import DRIFT
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.drift import DRIFT
-from bayes_greybox.discovery.suspects.memory import LAW
 
 from .formatting import probability_text
 from .study import LIKELY, answer, rows_of

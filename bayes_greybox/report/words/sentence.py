@@ -12,8 +12,8 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW
 from bayes_greybox.discovery.linearise.near import LARGEST_ERROR
+from bayes_greybox.discovery.sensor_errors.channels import GAIN, LAG, is_fault
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
-from bayes_greybox.discovery.suspects.channels import GAIN, LAG, is_fault
 from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 

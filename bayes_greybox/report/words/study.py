@@ -10,10 +10,19 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.sensor_errors import bends
+from bayes_greybox.discovery.sensor_errors.channels import (
+    DELAY,
+    DELAY_STEPS,
+    GAIN,
+    GAIN_SD,
+    LAG,
+    OFFSET,
+    OFFSET_SD,
+    STATES,
+)
+from bayes_greybox.discovery.sensor_errors.drift import DRIFT
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects import bends
-from bayes_greybox.discovery.suspects.channels import DELAY, DELAY_STEPS, GAIN, GAIN_SD, LAG, OFFSET, OFFSET_SD, STATES
-from bayes_greybox.discovery.suspects.drift import DRIFT
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing
 
@@ -352,7 +361,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         (weighed(GAIN, channels), f"{each} each; size ±\u00a0{percent_text(GAIN_SD, 0)}"),
         (weighed(OFFSET, channels), f"{each} each; {of_rms}"),
         *([(weighed(DRIFT, rates), f"{each} each; {of_rms}")] if rates else []),
-        *[(weighed(kind, bending), f"{each} each; size {at_ends}") for kind in bends.KINDS if bending],
+        *[(weighed(kind, bending), f"{each} each; size {at_ends}") for kind in bends.BEND_ERRORS if bending],
         *lags,
         *(
             (

@@ -9,7 +9,7 @@ from sampled_oscillator import SIMULATION, sampled
 import bayes_greybox as bg
 from bayes_greybox.data.samples.clipping import clipped, clipped_states, seen_samples
 from bayes_greybox.discovery.linearise.path_sensors import freed
-from bayes_greybox.discovery.suspects.channels import DRIFT, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import DRIFT, ChannelSuspect
 
 STEP = 0.1
 

@@ -9,7 +9,7 @@ from tiny_equation import forced, forced_study, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _bend, _noise_row
-from bayes_greybox.discovery.suspects.channels import GAIN_SD, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import GAIN_SD, ChannelSuspect
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
 

@@ -6,16 +6,28 @@ import pytest
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW, VERDICTS, decide
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
-from bayes_greybox.discovery.grid.gram import Gram
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise_grid import KINDS, LAW, NONE, SENSOR, TIME, NoisePoint
-from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
-from bayes_greybox.discovery.grid.set_prior import SetPrior
+from bayes_greybox.discovery.grid.evidence.gram import Gram
+from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.noise.points import (
+    DISCREPANCIES,
+    LATENT_FORCE,
+    LAW,
+    NO_DISCREPANCY,
+    SENSOR_NOISE,
+    NoisePoint,
+)
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 
 N = 4
-POINTS = (NoisePoint(NONE), NoisePoint(SENSOR, 1.0, 0.1), NoisePoint(TIME, 1.0, 1.0), NoisePoint(LAW, 1.0, 1.0))
+POINTS = (
+    NoisePoint(NO_DISCREPANCY),
+    NoisePoint(SENSOR_NOISE, 1.0, 0.1),
+    NoisePoint(LATENT_FORCE, 1.0, 1.0),
+    NoisePoint(LAW, 1.0, 1.0),
+)
 NAMES = {
     "free": Regressor(FREE, "free:x", "x", 10.0),
     "k": Regressor(CORRECTION, "correction:k", "k", 0.3),
@@ -25,8 +37,8 @@ NAMES = {
     "zone": Regressor(EFFECT, "zone(r=y)", "zone", 1.0, "zone", ("y",), bends=True),
     "dry": Regressor(EFFECT, "dry(r=v)", "dry", 1.0, "dry", ("v",)),
     "force": Regressor(EFFECT, "force()", "force", 1.0, "force", ()),
-    "offset": Regressor("sensor", "sensor:offset of a", "offset of a", 0.1),
-    "delay": Regressor("sensor", "sensor:delay of F", "delay of F", 0.1),
+    "offset": Regressor("suspect", "suspect:offset of a", "offset of a", 0.1),
+    "delay": Regressor("suspect", "suspect:delay of F", "delay of F", 0.1),
 }
 ORDER = list(NAMES)
 OWN = 1.0
@@ -40,12 +52,12 @@ def weighed(*given):
     """
     found = []
     for names, p, *rest in given:
-        kind, share, left = rest[0] if rest and rest[0] else (NONE, 1.0, 0.0)
+        kind, share, left = rest[0] if rest and rest[0] else (NO_DISCREPANCY, 1.0, 0.0)
         agreement = rest[1] if len(rest) > 1 else p
         members = tuple(sorted(ORDER.index(name) for name in names.split(" + ") if name))
-        kinds = dict.fromkeys(KINDS, 0.0) | {NONE: 1 - share}
+        kinds = dict.fromkeys(DISCREPANCIES, 0.0) | {NO_DISCREPANCY: 1 - share}
         kinds[kind] += share
-        k, beside = len(members), left * float(np.sqrt(share if kind != NONE else 0.0))
+        k, beside = len(members), left * float(np.sqrt(share if kind != NO_DISCREPANCY else 0.0))
         points = np.array([kinds[point.kind] for point in POINTS])
         found.append(
             Hypothesis(
@@ -98,12 +110,12 @@ def test_what_is_no_larger_than_what_is_left_goes_to_the_unknown():
 
 def test_kinds_add_up_to_one_and_noise_of_a_sensor_leaves_nothing_of_the_system():
     p = probabilities(
-        ("", 0.1), ("k", 0.2, (TIME, 0.5, 0.3)), ("offset", 0.1, (SENSOR, 1.0, 0.5)), ("cube + k", 0.3),
+        ("", 0.1), ("k", 0.2, (LATENT_FORCE, 0.5, 0.3)), ("offset", 0.1, (SENSOR_NOISE, 1.0, 0.5)), ("cube + k", 0.3),
         ("dry", 0.3, (LAW, 0.4, 0.8)),
     )  # fmt: skip
     assert sum(p.by_kind.values()) == pytest.approx(1.0)
     assert p.by_kind["instrument"] == pytest.approx(0.1) and p.by_kind["recalibrate"] == pytest.approx(0.1)
-    assert p.by_discrepancy[SENSOR] == pytest.approx(0.1) and p.by_discrepancy[TIME] == pytest.approx(0.1)
+    assert p.by_discrepancy[SENSOR_NOISE] == pytest.approx(0.1) and p.by_discrepancy[LATENT_FORCE] == pytest.approx(0.1)
 
 
 def test_shares_of_corrections_and_sensor_errors_are_said_whatever_else_is():
@@ -214,7 +226,9 @@ def test_effects_that_may_be_one_law_and_have_no_rival_are_a_law_without_a_name(
 
 @pytest.mark.parametrize(("p", "code"), [(0.6, "partly named"), (0.5, "unknown")])
 def test_beside_what_remains_an_effect_has_a_name_where_it_is_likelier_than_not(p, code):
-    found = verdict(("cube", p, (TIME, 0.8, 0.2)), ("fifth", 1 - p, (TIME, 0.8, 0.2)), ("", 0.0, (LAW, 1.0, 0.9)))
+    found = verdict(
+        ("cube", p, (LATENT_FORCE, 0.8, 0.2)), ("fifth", 1 - p, (LATENT_FORCE, 0.8, 0.2)), ("", 0.0, (LAW, 1.0, 0.9))
+    )
     assert found.code == code and (code == "unknown" or found.remains == pytest.approx(0.8))
 
 
@@ -234,12 +248,12 @@ def test_a_late_sensor_that_was_put_right_before_is_the_instruments():
 
 @pytest.mark.parametrize(("rate_size", "code"), [(1.0, "unknown"), (200.0, "no gap")])
 def test_what_is_less_than_a_percent_of_the_modelled_rate_is_none(rate_size, code):
-    found = verdict(("", 1.0, (TIME, 1.0, 0.9)), rate_size=rate_size)
+    found = verdict(("", 1.0, (LATENT_FORCE, 1.0, 0.9)), rate_size=rate_size)
     assert (found.code, found.negligible) == (code, code == "no gap") and found.left == pytest.approx(0.9)
 
 
 def test_a_correction_beside_what_is_negligible_is_a_recalibration():
-    found = verdict(("k", 0.9, (TIME, 1.0, 0.5)), ("", 0.1, (TIME, 1.0, 0.9)), rate_size=200.0)
+    found = verdict(("k", 0.9, (LATENT_FORCE, 1.0, 0.5)), ("", 0.1, (LATENT_FORCE, 1.0, 0.9)), rate_size=200.0)
     assert found.code == "recalibrate" and found.negligible
     assert found.hypothesis.members == (ORDER.index("k"),)
 

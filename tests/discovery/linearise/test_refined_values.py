@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tiny_study_of
 
-from bayes_greybox.discovery.grid.noise_grid import NONE, NoisePoint
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.refine import KEPT, Ground, refined
+from bayes_greybox.discovery.linearise.refine import MOST_CARRYING, Ground, refined
 from bayes_greybox.discovery.linearise.settle import table_of
 
 SHAPE = replace(WIDTH, name="bend", meaning="bend", low=0.2, high=5.0, unit_of="")
@@ -30,7 +30,7 @@ def found(effects, hidden, noise=0.005, n=400):
     """Rows, and the values that they are refined to before anything is weighed."""
     source = RateRows(tiny_model(), tiny_data(hidden, noise, n), "x", [on(effect) for effect in effects])
     rows = source.near(Point())
-    ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NONE),), rows.floor)
+    ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
     return source, rows, refined(rows.regressors, ground)[0]
 
 
@@ -43,7 +43,7 @@ def test_the_width_of_a_dead_zone_is_found_to_a_percent(gap):
     points, weights = values[label].points[:, 0], values[label].log_weights
     assert np.min(np.abs(points / gap - 1)) < 0.01
     # Of the finer ones those that carry nothing are not kept, and all weigh as much of the prior as they stand for.
-    assert len(points) <= KEPT + len(first) and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
+    assert len(points) <= MOST_CARRYING + len(first) and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
 
 
 def test_the_likeliest_value_of_a_study_is_the_true_one():

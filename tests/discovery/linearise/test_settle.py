@@ -19,7 +19,7 @@ class Table:
 
     def __post_init__(self):
         hypotheses = [SimpleNamespace(names=names, log_weight=value) for names, value in self.logs.items()]
-        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, told=self.told))
+        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, reweighted=self.told))
 
     def told(self, shifts, seed):
         return {names: value + more for (names, value), more in zip(self.logs.items(), shifts, strict=True)}
@@ -66,14 +66,14 @@ def test_rows_in_another_unit_are_compared_in_that_of_the_readings():
 
 def test_rows_near_no_known_hypothesis_are_left_for_any_others():
     start = Visit(Table({CUBE: 20.0, LAG: 30.0}))
-    assert start.own == -np.inf
+    assert start.log_weight == -np.inf
     then = Visit(Table({CUBE: 5.0, LAG: 4.0}), CUBE)
     assert _best([start, then], 0).near.logs == {CUBE: 5.0, LAG: 4.0}
 
 
 def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is():
     visit = Visit(Table({LAG: 9.0, NOTHING: 2.0}), CUBE)
-    assert visit.own == 2.0
+    assert visit.log_weight == 2.0
 
 
 def test_a_table_keeps_its_own_hypotheses_alone():

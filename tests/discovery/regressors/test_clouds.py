@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayes_greybox.discovery.regressors.clouds import POINTS, Cloud, weights_of
+from bayes_greybox.discovery.regressors.clouds import CLOUD_POINTS, Cloud, weights_of
 
 
 def grid(*counts):
@@ -25,7 +25,7 @@ def test_a_narrow_peak_is_integrated(off):
     drawn = [None] * len(first) + [cloud] * len(cloud.points) + [again] * len(again.points)
     total = np.exp(weights_of(at, drawn)) @ multivariate_normal(mode, tilted).pdf(at)
     # So many points, of which about a third count, say as much.
-    assert total == pytest.approx(1.0, abs=3 / np.sqrt(2 * POINTS / 3))
+    assert total == pytest.approx(1.0, abs=3 / np.sqrt(2 * CLOUD_POINTS / 3))
 
 
 def test_a_flat_likelihood_weighs_as_much_as_it_did_on_the_grid_alone():

@@ -7,10 +7,10 @@ from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.regressors.build import FEATURES, regressors_of
+from bayes_greybox.discovery.regressors.build import LAW_FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import COLLINEAR, CORRECTION_SCALE, Regressors
-from bayes_greybox.discovery.suspects.channels import GAIN, OFFSET, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import GAIN, OFFSET, ChannelSuspect
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
@@ -123,19 +123,19 @@ def error(kind, sd=0.1, channel="x"):
 def test_an_error_of_a_sensor_has_its_prior_in_units_of_the_rate():
     found = empty(some_rows())
     column = found.rows.columns["x"] ** 2
-    found.suspect([(error(GAIN), 3.0 * column)])
+    found.add_sensor_errors([(error(GAIN), 3.0 * column)])
     (one,) = found.columns
     size = 3 * np.sqrt(np.mean(column**2))
     assert one.scale == pytest.approx(size) and one.sd == pytest.approx(0.1 * size / found.target_scale)
     np.testing.assert_allclose(found.values[:, 0], 3 * column / size)
-    found.suspect([(error(OFFSET), np.zeros(N)), (error(OFFSET, channel="u"), np.full(N, np.nan))])
+    found.add_sensor_errors([(error(OFFSET), np.zeros(N)), (error(OFFSET, channel="u"), np.full(N, np.nan))])
     assert len(found.columns) == 1
 
 
 def test_of_two_errors_that_look_alike_one_stays_and_may_be_as_large_as_the_larger():
     found = empty(some_rows())
     u = found.rows.columns["u"]
-    found.suspect([(error(GAIN, 0.1, "u"), u), (error(OFFSET, 0.5, "x"), 2 * u)])
+    found.add_sensor_errors([(error(GAIN, 0.1, "u"), u), (error(OFFSET, 0.5, "x"), 2 * u)])
     (one,) = found.columns
     assert one.suspect.key == error(GAIN, channel="u").key
     assert found.twins == {error(OFFSET, channel="x").key: one.suspect.key}
@@ -148,11 +148,11 @@ def test_an_error_that_a_correction_stands_for_is_none_and_one_that_was_found_st
     for known, count in (((), 1), ((error(GAIN, channel="u").key,), 2)):
         found = empty(rows)
         found.add("correction", [(Term("u"), {"nominal": 2.0})])
-        found.suspect([(error(GAIN, channel="u"), 2 * rows.columns["u"])], known)
+        found.add_sensor_errors([(error(GAIN, channel="u"), 2 * rows.columns["u"])], known)
         assert len(found.columns) == found.values.shape[1] == count
     found = empty(rows)
     found.add("correction", [(Term("u"), {"nominal": 2.0})])
-    found.suspect([(error(GAIN, channel="u"), 2 * rows.columns["u"])])
+    found.add_sensor_errors([(error(GAIN, channel="u"), 2 * rows.columns["u"])])
     assert found.twins == {error(GAIN, channel="u").key: "recalibration of u"}
     assert found.changes == pytest.approx({error(GAIN, channel="u").key: 0.2})
 
@@ -162,11 +162,11 @@ def test_an_error_that_is_a_sum_of_corrections_is_a_number_of_its_own_and_one_of
     x, u = rows.columns["x"], rows.columns["u"]
     found = empty(rows)
     found.add("correction", [(Term("x"), {"nominal": -1.0}), (Term("u"), {"nominal": 1.0})])
-    found.suspect([(error(GAIN), u - x)])
+    found.add_sensor_errors([(error(GAIN), u - x)])
     assert len(found.of_kind("suspect")) == 1
     free = empty(rows)
     free.add("free", terms("x", "u"))
-    free.suspect([(error(GAIN), u - x)])
+    free.add_sensor_errors([(error(GAIN), u - x)])
     assert free.of_kind("suspect") == []
 
 
@@ -322,7 +322,7 @@ def test_f_has_the_features_that_the_user_names_and_finer_ones_otherwise():
     rng = np.random.default_rng(0)
     x = rng.uniform(-1, 1, 30)
     data = Trajectories.from_arrays(np.arange(30.0), states={"x": x}, derivatives={"x": x**2})
-    assert regressors_of(Program(), data, "x", []).basis.per_variable == (FEATURES[1],)
+    assert regressors_of(Program(), data, "x", []).basis.per_variable == (LAW_FEATURES[1],)
 
 
 def test_columns_are_evaluated_anywhere_in_the_scale_of_the_data():

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from bayes_greybox.criticism.checks.loo_pit import anderson_darling
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.discovery.grid.hypotheses import Hypothesis
+from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.model.noise.noise_model import HEAVY
 

@@ -15,7 +15,7 @@ from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Added, Amendment
-from bayes_greybox.discovery.suspects.channels import (
+from bayes_greybox.discovery.sensor_errors.channels import (
     STATES,
     ChannelSuspect,
     as_shown,

@@ -16,9 +16,9 @@ from bayes_greybox.discovery.answer.checks.adequacy import (
     _whiteness,
     check_hypothesis,
 )
-from bayes_greybox.discovery.grid.hypotheses import weigh
-from bayes_greybox.discovery.grid.noise_grid import NONE
-from bayes_greybox.discovery.grid.search import Reach
+from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.noise_shapes import noise_shapes
 from bayes_greybox.discovery.linearise.rates import RateRows
@@ -41,7 +41,7 @@ def checks_of(noise, shapes=True):
         near = Near(replace(rows, point=replace(rows.point, shapes=found)), weigh(
             table_of(rows), Odds(), Reach(), rows.floor, [(rows.force.weighted(s.spread), s.log_prior) for s in found]
         ))  # fmt: skip
-    plain = [k for k, point in enumerate(near.weighed.grid.points) if point.kind == NONE]
+    plain = [k for k, point in enumerate(near.weighed.grid.points) if point.kind == NO_DISCREPANCY]
     h = near.weighed.before
     point = max(plain, key=lambda k: h.points[k])
     return {check.name: check for check in check_hypothesis(near, replace(h, point=point), "s")}

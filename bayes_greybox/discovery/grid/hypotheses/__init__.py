@@ -1,0 +1,1 @@
+"""Hypotheses with their posterior probability, coefficients, residuals and agreement."""

@@ -1,0 +1,98 @@
+"""The table that hypotheses are made of: target and regressors at the rows, each with its prior."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .noise.latent_force import LatentForce
+
+FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
+"""Kinds of regressors, as files have them: the user's terms, the simulation's coefficients, errors of sensors and
+inputs, effects of the catalogue."""
+
+
+@dataclass(frozen=True)
+class Regressor:
+    """Prior and names of one column, for the search.
+
+    Attributes:
+        kind: One of `FREE`, `CORRECTION`, `SENSOR`, `EFFECT`.
+        group: Name of the columns that exclude each other: the values of an effect's nonlinear parameters.
+        name: Name in the tables of probabilities: an effect's slug, else the group.
+        sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
+        family: Effects of one family are one answer to a user, such as dry friction.
+        quantity: Columns of the data that an effect is a function of.
+        bends: True if an effect has a nonlinear parameter.
+        log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
+        sign: Sign that physics expects of its coefficient; 0 where it expects none.
+        expected: Expected size of its coefficient; 0 where nothing is known.
+        limit: Largest size of its coefficient, in prior standard deviations; infinite where there is none.
+    """
+
+    kind: str
+    group: str
+    name: str
+    sd: float
+    family: str = ""
+    quantity: tuple[str, ...] = ()
+    bends: bool = False
+    log_weight: float = 0.0
+    sign: int = 0
+    expected: float = 0.0
+    limit: float = math.inf
+
+    @property
+    def ranged(self) -> bool:
+        """Return true if its prior is no plain normal density."""
+        return bool(self.sign or self.expected or math.isfinite(self.limit))
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of a discrepancy.
+
+    Attributes:
+        rows: Effects of the features on the rows.
+        acting: Features at the samples, in the unit of the force; the very rows where these are rates.
+    """
+
+    rows: Float[np.ndarray, "n_row n_feature"]
+    acting: Float[np.ndarray, "n_sample n_feature"]
+
+    def beside(self, other: "Features") -> "Features":
+        """Return these features with others."""
+        return Features(np.hstack([self.rows, other.rows]), np.hstack([self.acting, other.acting]))
+
+
+@dataclass(frozen=True)
+class RegressorTable:
+    """Target and regressors at rows in order of time, each run by itself.
+
+    Attributes:
+        regressors: One for each column.
+        target: y, of unit size.
+        columns: X.
+        acting: Regressors at the samples, in the unit of the force; zero for those that act on a sensor alone.
+        force: Latent force and sensor noise on the rows.
+        block: Number of the block of the record that each row belongs to.
+        law: Features of f; none where no f is weighed.
+        frequency: Square roots of the Laplacian's eigenvalues of the features.
+        memories: Elements of forces with memory, by the memory's name.
+    """
+
+    regressors: tuple[Regressor, ...]
+    target: Float[np.ndarray, " n_row"]
+    columns: Float[np.ndarray, "n_row n_column"]
+    acting: Float[np.ndarray, "n_sample n_column"]
+    force: LatentForce
+    block: Int[np.ndarray, " n_row"]
+    law: Features
+    frequency: Float[np.ndarray, "n_feature n_variable"]
+    memories: Mapping[str, Features] = field(default_factory=dict)
+
+    def of_kind(self, kind: str) -> tuple[int, ...]:
+        """Return the columns of one kind."""
+        return tuple(i for i, each in enumerate(self.regressors) if each.kind == kind)

@@ -1,0 +1,341 @@
+"""Errors of the channels of a measurement: a delay, a gain or an offset of the rate, of states and of inputs.
+
+A channel that is late by d, has a gain 1 + κ or an offset o is, to first order, a column beside the effects:
+
+    rate late      −d · dG/dt              states late    d · Σ_k ∂G/∂x_k ẋ_k         input late   d · ∂G/∂u u̇
+    rate gain       κ · G                  state, input gain   −κ · ∂G/∂x_k x_k
+    rate offset     o                      state offset        −o · ∂G/∂x_k
+    rate drift      o · (t − t̄) / range
+
+with G the whole modelled rate, the terms found missing so far included. G is followed by central differences along the
+measured path, so that any simulation serves. A delay is undone in the data and its column taken anew there, until it
+moves no more: the delay that is reported is not first order.
+
+A rate that a filter computed has no sensor of its own. It is late, and reads too large, together with the samples that
+it was computed from and with all states S of the same sensor; a constant in the samples leaves the rate as it is:
+
+    sensor late   −d · (Σ ∂G/∂z ż + ∂G/∂t), z all states and inputs but S        gain   κ · (G − Σ_S ∂G/∂x_k x_k)
+
+The slope of such a state is that very rate, noise and all: were the state late alone, the rate would explain itself.
+"""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.interpolate import CubicSpline
+
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.integrate import between_samples
+
+from .bends import BEND_ERRORS, BEND_POWERS, Curve
+
+DELAY, GAIN, OFFSET, DRIFT = ("delay", "gain", "offset", "drift")
+
+ERRORS = (DELAY, GAIN, OFFSET, DRIFT, *BEND_ERRORS)
+"""Kinds of errors of a channel."""
+
+LAG = "lag"
+"""Lag of a machine's only sensor, in files of earlier versions: it may stand in the place of an actuator's lag."""
+
+STATES = "states"
+"""Channel that stands for all states together."""
+
+DELAY_STEPS = 2.0
+"""Prior standard deviation of a delay, in sampling steps."""
+
+GAIN_SD = 0.03
+"""Prior standard deviation of a relative gain error."""
+
+OFFSET_SD = 0.03
+"""Prior standard deviation of an offset or drift of a rate, over its RMS."""
+
+ZERO_SD = 0.1
+"""Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""
+
+Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
+"""The whole modelled rate G on the rows of some data."""
+
+
+@dataclass(frozen=True)
+class ChannelSuspect:
+    """One error that one channel may have.
+
+    Attributes:
+        kind: One of `ERRORS`.
+        channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
+        sd: Prior standard deviation of its size, in the unit of the size.
+        step: Sampling step, for a delay.
+        center: Middle of a bend, see `bends`.
+    """
+
+    kind: str
+    channel: str
+    sd: float
+    step: float = 1.0
+    center: float = 0.0
+
+    @property
+    def key(self) -> str:
+        """Return the name for tables."""
+        return f"{self.kind} of {self.channel}"
+
+
+Sizes = Mapping[ChannelSuspect, float]
+"""Sizes of errors; a delay is positive where its channel is late."""
+
+ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
+"""Errors with their columns per unit of their size."""
+
+
+def is_fault(name: str) -> bool:
+    """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
+    return name.startswith(tuple(f"{kind} of " for kind in (*ERRORS, LAG)))
+
+
+def run_slices(run: np.ndarray) -> list[slice]:
+    """Return the rows of each run, which stand one after the other."""
+    edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(run)]
+    return [slice(start, end) for start, end in pairwise(edges)]
+
+
+def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColumns:
+    """Return every error with its column: the change of the measured rate per unit of its size."""
+    inside = np.diff(data.time)[np.diff(data.run) == 0]
+    step = float(np.median(inside)) if len(inside) else 1.0
+    label, shift = data.target_label(equation), step / 4
+    states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
+    apart = tuple(name for name in states if name not in same_sensor)
+
+    def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
+        """Return dG/dd for channels taken d later, and the clock with them where time itself is in G."""
+        ahead, behind = (rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0)) for by in (shift, -shift))
+        return (ahead - behind) / (2 * shift)
+
+    def slope(name: str, direction: np.ndarray) -> np.ndarray:
+        return slope_along(data, rate, name, direction)
+
+    def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
+        return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step), column
+
+    def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
+        return zero_error(data, name), -slope(name, ones)
+
+    G, ones = rate(data), np.ones(data.n_obs)
+    if same_sensor:
+        sensor = same_sensor[0]
+        columns = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
+        if apart:
+            columns.append(late(sensor, -along((*apart, *inputs), clock=True)))
+        gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
+        columns += [(ChannelSuspect(GAIN, sensor, GAIN_SD), gained), zero(sensor)]
+    else:
+        columns = [late(label, -along((*states, *inputs), clock=True))]
+        if inputs:
+            columns += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
+        size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
+        columns += [(ChannelSuspect(GAIN, label, GAIN_SD), G), (ChannelSuspect(OFFSET, label, OFFSET_SD * size), ones)]
+        if span > 0:
+            columns.append((ChannelSuspect(DRIFT, label, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+    for name in (*apart, *inputs):
+        columns += [(ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))), zero(name)]
+    if len(states) > 1:
+        # Last: of errors with one and the same column the first stands, and this is the oddest one.
+        columns += [late(x, along((x,))) for x in apart]
+    return with_column(columns)
+
+
+def with_column(columns: ErrorColumns) -> ErrorColumns:
+    """Return the errors whose columns are finite and not zero."""
+    return [(error, column) for error, column in columns if np.all(np.isfinite(column)) and np.any(column != 0)]
+
+
+def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
+    """Return the offset of the sensor of a state or an input."""
+    return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
+
+
+def slope_along(
+    data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
+) -> Float[np.ndarray, " n_obs"]:
+    """Return ∂G/∂name along a direction, its move at each row per unit, by central differences."""
+    values = data.column(name)
+    size, largest = float(np.sqrt(np.mean(values**2))), float(np.max(np.abs(direction)))
+    h = 1e-4 * size / largest if size > 0 and largest > 0 else 1e-4
+    up, down = (rate(with_columns(data, {name: values + side * h * direction})) for side in (1, -1))
+    return (up - down) / (2 * h)
+
+
+def with_columns(data: Trajectories, columns: Mapping[str, np.ndarray]) -> Trajectories:
+    """Return the data with other values of some states and inputs."""
+    return replace(
+        data,
+        states={name: columns.get(name, x) for name, x in data.states.items()},
+        inputs={name: columns.get(name, x) for name, x in data.inputs.items()},
+    )
+
+
+def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:
+    """Return the data with states and inputs at the times that the measured rate belongs to."""
+    if not any(delays.values()):
+        return data
+    same_sensor = _one_sensor(data, equation)
+    late = {same_sensor[0], STATES} if same_sensor else {data.target_label(equation)}
+    return shifted(data, _later_by(data, equation, delays), -sum(delays.get(name, 0.0) for name in late))
+
+
+def within(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Bool[np.ndarray, " n_obs"]:
+    """Return true for rows whose states and inputs are still inside their run once delays are undone."""
+    return measured_at(data, set(_later_by(data, equation, delays).values()))
+
+
+def measured_at(data: Trajectories, later: Collection[float]) -> Bool[np.ndarray, " n_obs"]:
+    """Return true for rows that are inside their run at each of some later times, too."""
+    inside = np.ones(data.n_obs, bool)
+    for rows in run_slices(data.run):
+        time = data.time[rows]
+        for by in set(later) - {0.0}:
+            inside[rows] &= (time + by >= time[0]) & (time + by <= time[-1])
+    return inside
+
+
+def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajectories) -> Trajectories:
+    """Return the data without gains, offsets and drifts of channels: x = (measured − o)/(1 + κ), and rates alike.
+
+    A sensor that bends is inverted, see `bends`. Delays are left alone.
+
+    Args:
+        data: Measurements with delays undone.
+        equation: The studied state.
+        sizes: Sizes of the errors.
+        clock: Data that drifts were found on: their centre and span of time.
+    """
+    if all(error.kind == DELAY for error in sizes):
+        return data
+    gains, offsets = {}, {}
+    for error, size in sizes.items():
+        if error.kind == GAIN:
+            gains[error.channel] = size
+        elif error.kind in (OFFSET, DRIFT):
+            slope = (data.time - np.mean(clock.time)) / np.ptp(clock.time) if error.kind == DRIFT else 1.0
+            offsets[error.channel] = offsets.get(error.channel, 0.0) + size * slope
+    # A state computed from samples has their gain, and none of their offset.
+    columns = {
+        name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
+        for name, x in data.columns.items()
+    }
+    label, rates, same_sensor = data.target_label(equation), dict(data.derivatives), _one_sensor(data, equation)
+    if equation in rates:
+        gain = gains.get(same_sensor[0] if same_sensor else label, 0.0)
+        rates[equation] = (rates[equation] - offsets.get(label, 0.0)) / (1.0 + gain)
+    return replace(with_columns(data, columns), derivatives=rates)
+
+
+def as_shown(
+    paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Sizes, clock: Trajectories
+) -> Float[np.ndarray, "n_draw n_obs"]:
+    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`.
+
+    Args:
+        paths: Paths at the rows of the data; NaN where a path failed.
+        name: Name of the state.
+        data: Rows.
+        sizes: Sizes of the errors.
+        clock: Data that drifts were found on.
+    """
+    sensor = _sensor(data, name)
+    by_kind = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
+    late = late_by(data, sizes).get(name, 0.0)
+    if late:
+        paths = paths.copy()
+        for rows in run_slices(data.run):
+            for path in paths:
+                if np.all(np.isfinite(path[rows])):
+                    path[rows] = _later(data.time[rows], path[rows], -late)
+    slope = by_kind.get(DRIFT, 0.0) / np.ptp(clock.time) if DRIFT in by_kind else 0.0
+    shown = curve_of(sizes, sensor, name).shown(paths)
+    return shown + by_kind.get(OFFSET, 0.0) + slope * (data.time - np.mean(clock.time))
+
+
+def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
+    """Return the curve of a sensor, beyond its offset.
+
+    Args:
+        sizes: Sizes of the errors.
+        sensor: State whose sensor it is: a state computed from its samples has its gain.
+        state: State that is shown, which alone bends; that of the sensor by default.
+    """
+    gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
+    bending = [error for error in sizes if error.kind in BEND_POWERS and error.channel == (state or sensor)]
+    errors = {BEND_POWERS[error.kind]: sizes[error] for error in bending}
+    return Curve(errors, bending[0].center if bending else 0.0, 1.0 + gain)
+
+
+def delays_of(sizes: Sizes) -> dict[str, float]:
+    """Return the delays among errors, by channel."""
+    return {error.channel: size for error, size in sizes.items() if error.kind == DELAY}
+
+
+def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
+    """Return the delay of each state and input that is late."""
+    late = delays_of(sizes)
+    delays = {name: late.get(_sensor(data, name), 0.0) + late.get(STATES, 0.0) for name in data.state_names}
+    delays |= {name: late.get(name, 0.0) for name in data.input_names}
+    return {name: by for name, by in delays.items() if by}
+
+
+def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
+    """Return states and inputs at later times, by cubic splines through the samples of each run.
+
+    Args:
+        data: Measurements.
+        later: Shift of each state or input.
+        clock: Shift of the clock, for rates that depend on time.
+    """
+    columns = {
+        name: np.concatenate([_later(data.time[rows], data.column(name)[rows], by) for rows in run_slices(data.run)])
+        for name, by in later.items()
+        if by != 0.0
+    }
+    return replace(with_columns(data, columns), time=data.time + clock)
+
+
+def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
+    """Return inputs so much later, between their samples as a path takes them; before and after a run they hold."""
+    inputs = dict(data.inputs)
+    for name, by in later.items():
+        moved = inputs[name].copy()
+        for rows in run_slices(data.run):
+            t, u = data.time[rows], inputs[name][rows]
+            at = np.clip(t + by, t[0], t[-1])
+            (kind,) = between_samples(t, u[:, None])
+            moved[rows] = CubicSpline(t, u)(at) if kind == "cubic" else np.interp(at, t, u)
+        inputs[name] = moved
+    return replace(data, inputs=inputs)
+
+
+def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
+    """Return the shift of each state and input that undoes the delays."""
+    same_sensor, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
+    rate_delay = delays.get(same_sensor[0] if same_sensor else data.target_label(equation), 0.0)
+    later = {name: delays.get(name, 0.0) - rate_delay for name in (*data.state_names, *data.input_names)}
+    # A rate that is late with its samples has all other channels taken earlier.
+    moved = data.input_names if same_sensor else data.state_names
+    later |= {name: later[name] + (-states if same_sensor else states) for name in moved}
+    return later | dict.fromkeys(same_sensor, 0.0)
+
+
+def _one_sensor(data: Trajectories, equation: str) -> tuple[str, ...]:
+    """Return the states of the samples that the rate was computed from, see `RateFilter.one_sensor`."""
+    return data.filter.one_sensor(equation) if data.filter is not None else ()
+
+
+def _sensor(data: Trajectories, state: str) -> str:
+    """Return the state from whose samples a state or an input was computed."""
+    return data.filter.source(state) if data.filter is not None else state
+
+
+def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
+    return CubicSpline(time, values)(time + by) if len(time) >= 4 else values

@@ -1,1 +1,0 @@
-"""What measurement may do to data: suspects that stand beside missing effects."""
