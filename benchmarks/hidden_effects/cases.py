@@ -136,7 +136,7 @@ Chosen = TypeVar("Chosen", bound=InFamily)
 
 
 @dataclass(frozen=True)
-class Case:
+class HiddenCase:
     """One case; the same case gives the same data.
 
     Attributes:
@@ -175,7 +175,7 @@ class Case:
         return "/".join((self.family, self.host, "+".join(self.effects) or "-", f"{self.noise:g}", digest[:8]))
 
 
-def all_cases(seed: int = 0, crossed: bool = False) -> tuple[Case, ...]:
+def all_cases(seed: int = 0, crossed: bool = False) -> tuple[HiddenCase, ...]:
     """The benchmark's cases.
 
     Args:
@@ -234,7 +234,7 @@ def ratio_density(noise: float, log_ratio: Float[np.ndarray, " n"]) -> Float[np.
     return np.where(inside, (shares / np.diff(edges))[piece], 0.0)
 
 
-def _catalogue(crossed: bool) -> Iterator[Case]:
+def _catalogue(crossed: bool) -> Iterator[HiddenCase]:
     turn = 0
     for domain, effects in CATALOGUE.items():
         rooms = ROOM[domain]
@@ -247,10 +247,10 @@ def _catalogue(crossed: bool) -> Iterator[Case]:
             turn += 1
             if crossed:
                 visits = [(host, noise) for host in (first, second) for noise in NOISE]
-            yield from (Case("catalogue", host, (effect.slug,), (0.0,), noise, 0) for host, noise in visits)
+            yield from (HiddenCase("catalogue", host, (effect.slug,), (0.0,), noise, 0) for host, noise in visits)
 
 
-def _off_catalogue() -> Iterator[Case]:
+def _off_catalogue() -> Iterator[HiddenCase]:
     places = []
     for domain, shapes in OFF_CATALOGUE.items():
         for name, shape in shapes.items():
@@ -259,25 +259,25 @@ def _off_catalogue() -> Iterator[Case]:
     for i in range(OFF):
         name, hosts = places[i % len(places)]
         host = hosts[(3 * (i // len(places)) + i) % len(hosts)]
-        yield Case("off-catalogue", host.name, (name,), (0.0,), NOISE[(i + i // len(places)) % 3], 0)
+        yield HiddenCase("off-catalogue", host.name, (name,), (0.0,), NOISE[(i + i // len(places)) % 3], 0)
 
 
-def _spread(family: str, count: int) -> Iterator[Case]:
+def _spread(family: str, count: int) -> Iterator[HiddenCase]:
     """Cases without a hidden effect, over all hosts and noise levels."""
     hosts = list(HOSTS)
     for i in range(count):
-        yield Case(family, hosts[i % len(hosts)], (), (), NOISE[(i + i // len(hosts)) % 3], 0)
+        yield HiddenCase(family, hosts[i % len(hosts)], (), (), NOISE[(i + i // len(hosts)) % 3], 0)
 
 
-def _pairs(rng: np.random.Generator) -> Iterator[Case]:
+def _pairs(rng: np.random.Generator) -> Iterator[HiddenCase]:
     for i, (host, *effects) in enumerate(PAIRS * 2):
         noise = NOISE[(i + i // len(PAIRS)) % 3]
         highest = min(RATIO_EDGES[-1], LARGEST_SHARE / np.sqrt(len(effects)) / noise)
         ratios = np.exp(rng.uniform(np.log(LEAST_IN_PAIRS), np.log(highest), len(effects)))
-        yield Case("two effects", host, tuple(effects), tuple(float(r) for r in ratios), noise, 0)
+        yield HiddenCase("two effects", host, tuple(effects), tuple(float(r) for r in ratios), noise, 0)
 
 
-def _with_ratios(cases: list[Case], rng: np.random.Generator) -> list[Case]:
+def _with_ratios(cases: list[HiddenCase], rng: np.random.Generator) -> list[HiddenCase]:
     """Ratios for cases of one effect, stratified: at each noise level they fill their distribution evenly."""
     given = list(cases)
     edges = np.log(RATIO_EDGES)

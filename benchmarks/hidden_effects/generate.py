@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
 from .assumptions.case import AssumptionCase
-from .cases import RATIO_EDGES, Case
+from .cases import RATIO_EDGES, HiddenCase
 from .systems.hidden import find
 from .systems.hosts import HOSTS, SPREAD, Host, formula, term_value
 from .systems.ode import HostODE, LostError
@@ -71,7 +71,7 @@ class CaseData:
         excited: Starts and inputs of the data sets; none for a case of a broken assumption.
     """
 
-    case: Case | AssumptionCase
+    case: HiddenCase | AssumptionCase
     train: Trajectories
     test: Trajectories
     simulation: Mapping[str, str]
@@ -117,7 +117,7 @@ class CaseData:
         return 1.0 - (rms(noise) / rms(self.residual("test"))) ** 2
 
 
-def generate(case: Case) -> CaseData:
+def generate(case: HiddenCase) -> CaseData:
     """Make the data of a case; the same case always gives the same.
 
     Raises:
@@ -171,7 +171,7 @@ def drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, flo
 
 
 def _followed(
-    case: Case, bare: HostODE, excited: Mapping[str, Excited], rng: np.random.Generator
+    case: HiddenCase, bare: HostODE, excited: Mapping[str, Excited], rng: np.random.Generator
 ) -> tuple[HostODE, dict[str, Runs]]:
     """The host with its hidden effects at work; with another sign or smaller ones where it cannot take them."""
     effects = [find(bare.host.domain, slug) for slug in case.effects]

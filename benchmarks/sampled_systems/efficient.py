@@ -13,14 +13,11 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
-from .samples import CORRELATION, SHAKEN, System
+from .samples import CORRELATION, KICKS, SHAKEN, System
 from .systems import systems
 
 STEP = 1e-5
-"""Of central differences over coefficients and starts."""
-
-KICKS = 10
-"""Random pushes between two samples, as `samples` has them."""
+"""Step of central differences over coefficients and starts."""
 
 ACCURATE = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
 
@@ -31,12 +28,12 @@ SHAPES = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
 def efficient_estimate(
     name: str, terms: Mapping[str, float], shown: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, " n_term"]]:
-    """Errors of the estimate, and its standard deviations.
+    """Return errors of the estimate, and its standard deviations.
 
     Args:
         name: An oscillator of `systems`, y″ = F(t) + Σ θ_k φ_k(y, v).
-        terms: θ_k by φ_k, those of `SHAPES`; the true ones.
-        shown: What the sensor showed of the first run.
+        terms: True θ_k by φ_k, those of `SHAPES`.
+        shown: Samples of the first run.
     """
     path, weights, covariance = _known(name, tuple(terms.items()))
     return (weights @ (shown - path))[: len(terms)], np.sqrt(np.diag(covariance))[: len(terms)]
@@ -44,7 +41,7 @@ def efficient_estimate(
 
 @cache
 def _known(name: str, terms: tuple[tuple[str, float], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The path, the matrix from residuals to estimates, and their covariance."""
+    """Return the path, the matrix from residuals to estimates, and their covariance."""
     system = systems()[name]
     t, truth = system.step * np.arange(system.samples), np.array([*(b for _, b in terms), *system.start[0]])
 
@@ -73,7 +70,7 @@ def _oscillator(system: System, terms: tuple[tuple[str, float], ...], at: np.nda
 def _answers(
     system: System, terms: tuple[tuple[str, float], ...], truth: np.ndarray, t: np.ndarray
 ) -> Float[np.ndarray, "n n_push"]:
-    """What a unit push of the speed at each moment adds to the position at each sample, to first order."""
+    """Return the change of the position at each sample by a unit push of the speed at each moment, to first order."""
     rates, n = _oscillator(system, terms, truth), len(terms)
     moments = np.linspace(t[0], t[-1], KICKS * (len(t) - 1) + 1)
 

@@ -35,18 +35,18 @@ GRACE = 15.0
 
 
 def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tuple[Drawn | None, dict[str, Any]]:
-    """Draws of a contender, and what they cost.
+    """Return draws of a contender, and their costs.
 
     Args:
-        folder: An empty one, for this alone.
-        contender: Of `CONTENDERS`.
+        folder: Empty folder, for this alone.
+        contender: Name in `CONTENDERS`.
         data: Data.
         settings: Settings.
 
     Returns:
         The draws, None where it was ended; and `seconds` since its process started, `cpu` seconds of all cores,
         `starting` seconds (the interpreter, imports, tracing, compiling), `memory` in MB at its peak, `capped`, and
-        `failed`, the end of what it said where it failed.
+        `failed`, its last line where it failed.
     """
     problem = data.problem
     task = {"contender": contender, "problem": asdict(problem), "settings": asdict(settings)}
@@ -85,12 +85,7 @@ def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tup
 
 
 def work(folder: Path, started: float) -> int:
-    """Do what the folder says, in this process.
-
-    Args:
-        folder: With the task.
-        started: `time.time()` when the process was asked for.
-    """
+    """Do the task of the folder in this process, which was asked for at a `time.time()`."""
     entered = time.time() - started
     task = json.loads((folder / TASK).read_text(encoding="utf-8"))
     settings = Settings(**task["settings"])
@@ -118,7 +113,7 @@ def work(folder: Path, started: float) -> int:
 
 
 def _costs() -> dict[str, float]:
-    """CPU seconds and peak memory of this process."""
+    """Return CPU seconds and peak memory of this process."""
     import resource  # there is none on Windows
 
     used = resource.getrusage(resource.RUSAGE_SELF)

@@ -1,4 +1,4 @@
-"""How far rows tell what is hidden, to one who knows everything else: the noise, what is known, and how large laws are.
+"""Probabilities of the hidden law to one who knows all else: the noise, the simulation, and how large laws are.
 
 Laws φ_k of the catalogue compete, each with a coefficient of which the size is drawn as the maps draw it:
 
@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
+from benchmarks.sampled_systems.samples import CORRELATION
 
-from .maps import CORRELATION, HIDDEN, Measured, StaticMap, known, rms
+from .maps import HIDDEN, Measured, StaticMap, known, rms
 
-SIZES, BENDS = 60, 20
+SIZE_NODES, BEND_NODES = 60, 20
 """Points at which sizes and inner parameters are summed over, evenly spaced in their logarithms."""
 
 Values = Float[np.ndarray, " n"]
@@ -59,7 +60,7 @@ FORCES = {
     "position-velocity-coupling": Law("v", lambda c, b: c["x"] * c["v"]),
     "constant-force": Law("x", lambda c, b: np.ones_like(c["x"])),
 }
-"""Of a force over position and speed; a pendulum's sine is a linear spring at these amplitudes."""
+"""Laws of a force over position and speed; a pendulum's sine is a linear spring at these amplitudes."""
 
 FLOWS = {
     "linear-outflow": Law("p", lambda c, b: c["p"]),
@@ -68,26 +69,21 @@ FLOWS = {
     "weir-overflow": Law("p", lambda c, b: np.maximum(c["p"] - b, 0) ** 1.5, (0.5, 0.95)),
     "constant-inflow": Law("p", lambda c, b: np.ones_like(c["p"])),
 }
-"""Of a flow over a pressure."""
+"""Laws of a flow over a pressure."""
 
 
-def told(each: StaticMap, data: Measured) -> dict[str, float]:
-    """Probability of each law, "" for none, likeliest first.
-
-    Args:
-        each: The map.
-        data: A replicate.
-    """
+def posterior(each: StaticMap, data: Measured) -> dict[str, float]:
+    """Return the probability of each law, "" for none, likeliest first."""
     train, laws = data.train, FORCES if each.output == "F" else FLOWS
     columns = dict(train.columns)
     rho = CORRELATION if each.sensor == "correlated" else 0.0
     simulated = known(each, columns)
     r = _white(train, train.rate(each.output) - simulated, rho) / data.noise
-    share = np.geomspace(HIDDEN[0], HIDDEN[1], SIZES) * rms(simulated)
+    share = np.geomspace(HIDDEN[0], HIDDEN[1], SIZE_NODES) * rms(simulated)
     log_odds = {"": float(np.log(len(laws)))}
     for slug, law in laws.items():
         every, largest = [], float(np.max(np.abs(columns[law.of])))
-        for bend in np.unique(np.geomspace(law.bends[0], law.bends[1], BENDS)):
+        for bend in np.unique(np.geomspace(law.bends[0], law.bends[1], BEND_NODES)):
             shape = law.shape(columns, float(bend) * largest)
             c, phi = share / rms(shape), _white(train, shape, rho) / data.noise
             every += [sign * c * (phi @ r) - 0.5 * c**2 * (phi @ phi) for sign in (-1.0, 1.0)]
@@ -98,7 +94,7 @@ def told(each: StaticMap, data: Measured) -> dict[str, float]:
 
 
 def _white(train: Trajectories, values: Values, rho: float) -> Values:
-    """Innovations of noise that is correlated from row to row of a run."""
+    """Return innovations of noise that is correlated from row to row of a run."""
     before = np.concatenate([[0.0], values[:-1]])
     first = np.concatenate([[True], np.diff(train.run) != 0])
     return np.where(first, values, (values - rho * before) / np.sqrt(1 - rho**2))

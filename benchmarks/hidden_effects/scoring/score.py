@@ -2,14 +2,12 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.assumptions.score import (
     assumption_bars,
     assumption_scores,
@@ -17,6 +15,7 @@ from benchmarks.hidden_effects.assumptions.score import (
     is_assumption,
 )
 from benchmarks.hidden_effects.cases import FAMILIES
+from benchmarks.runner import Tables
 
 from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
 
@@ -33,16 +32,19 @@ Bar = tuple[str, float, float, float]
 """What is asked for, what was reached, the least and the most that is enough."""
 
 
-@dataclass(frozen=True)
-class Scores:
-    """The benchmark's tables; in all of them the share of right answers has the solver's name.
+def score(every: Sequence[Mapping[str, Any]]) -> Tables:
+    """Score finished cases; a case on which the study failed counts as wrong.
 
-    Cases of broken assumptions have tables of their own, and are in no other but the reliability and the bars.
+    In all tables the share of right answers has the solver's name. Cases of broken assumptions have tables of their
+    own, and are in no other but the reliability and the bars.
 
-    Attributes:
+    Args:
+        every: Records of the cases.
+
+    Returns:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
         families: By family, for all, and for those that the oracle applies to ("one or none"); with `exact` (the
-            study, or a peer, names all that was hidden and nothing else), `right or tied`, overlap with the true
+            study, or a peer, names all hidden effects and nothing else), `right or tied`, overlap with the true
             region, share of the closable gap closed on held-out data, and seconds a case.
         ratios: Family "catalogue" by the size of the effect.
         groups: Family "catalogue" by domain, noise level and effect.
@@ -51,43 +53,12 @@ class Scores:
         reliability: Reliability curve of the probabilities of names that the study stated ("stated"), and of the most
             probable effect of every case of the family "catalogue" ("listed"); and of all names that it stated, with
             broken assumptions or without ("all stated").
-        bars: What must hold, what was reached, and whether that is enough.
+        bars: Bars, the values that were reached, and whether that is enough.
         assumptions: Broken assumptions by family, and for all; see `assumptions.score.assumption_table`.
         breaches: The same by family and by the way in which the assumption is broken.
         assumption_cases: One row for each case of a broken assumption.
         assumption_verdicts: Shares of the study's verdicts on these by family.
     """
-
-    cases: pd.DataFrame
-    families: pd.DataFrame
-    ratios: pd.DataFrame
-    groups: pd.DataFrame
-    verdicts: pd.DataFrame
-    coverage: pd.DataFrame
-    reliability: pd.DataFrame
-    bars: pd.DataFrame
-    assumptions: pd.DataFrame = field(default_factory=pd.DataFrame)
-    breaches: pd.DataFrame = field(default_factory=pd.DataFrame)
-    assumption_cases: pd.DataFrame = field(default_factory=pd.DataFrame)
-    assumption_verdicts: pd.DataFrame = field(default_factory=pd.DataFrame)
-
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """All tables by name."""
-        return dict(vars(self))
-
-
-def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
-    """Score finished cases.
-
-    Args:
-        rows: Records of the cases, as `run` writes them; a case on which the study failed counts as wrong.
-
-    Raises:
-        InputError: No case.
-    """
-    every = list(rows)
-    if not every:
-        raise InputError("There is no finished case to score; run the benchmark first.")
     records = [row for row in every if not is_assumption(row)]
     broken = [assumption_scores(row) for row in every if is_assumption(row)]
     scored = [case_scores(row) for row in records]
@@ -101,28 +72,26 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
     }
     reliability = pd.concat(curves, names=["names", "bin"])
     groups = {by: _accuracy(single, lambda case, by=by: case[by]) for by in ("domain", "noise", "effects")}
-    return Scores(
-        cases=pd.DataFrame(scored),
-        families=families,
-        ratios=_accuracy(
-            single, lambda case: _range(case["ratio"]), [_label(*edges) for edges in pairwise(RATIO_BINS)]
-        ),
-        groups=pd.concat(groups, names=["by", "group"]),
-        verdicts=_verdicts(scored),
-        coverage=coverage,
-        reliability=reliability,
-        bars=_bars(
-            [
-                *_hidden_bars(single, families, coverage, reliability),
-                ("expected calibration error of all stated names", *_calibration(reliability, "all stated")),
-                *assumption_bars(every, broken),
-            ]
-        ),
-        assumptions=assumption_table(broken),
-        breaches=assumption_table(broken, ("family", "breach")),
-        assumption_cases=pd.DataFrame(broken),
-        assumption_verdicts=_verdicts(broken),
-    )
+    sizes = [_label(*edges) for edges in pairwise(RATIO_BINS)]
+    bars = [
+        *_hidden_bars(single, families, coverage, reliability),
+        ("expected calibration error of all stated names", *_calibration(reliability, "all stated")),
+        *assumption_bars(every, broken),
+    ]
+    return {
+        "cases": pd.DataFrame(scored),
+        "families": families,
+        "ratios": _accuracy(single, lambda case: _range(case["ratio"]), sizes),
+        "groups": pd.concat(groups, names=["by", "group"]),
+        "verdicts": _verdicts(scored),
+        "coverage": coverage,
+        "reliability": reliability,
+        "bars": _bars(bars),
+        "assumptions": assumption_table(broken),
+        "breaches": assumption_table(broken, ("family", "breach")),
+        "assumption_cases": pd.DataFrame(broken),
+        "assumption_verdicts": _verdicts(broken),
+    }
 
 
 def mean(scored: CaseScores, column: str, missing: float | None = None) -> float:

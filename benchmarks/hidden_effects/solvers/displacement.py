@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
-from benchmarks.hidden_effects.cases import Case, all_cases
+from benchmarks.hidden_effects.cases import HiddenCase, all_cases
 from benchmarks.hidden_effects.generate import CaseData
 
 from .study import all_roles, record
@@ -18,7 +18,7 @@ FAMILIES = ("catalogue", "null")
 """Families that are made of one effect of the catalogue, or of none."""
 
 
-def displacement_cases(seed: int = 1) -> tuple[Case, ...]:
+def displacement_cases(seed: int = 1) -> tuple[HiddenCase, ...]:
     """Cases of mechanical hosts of one degree of freedom, whose position a sensor could show.
 
     Args:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.running.errors import InputError
-from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.cases import HiddenCase
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.trajectories import rms
 
@@ -128,7 +128,7 @@ def candidate_terms(data: CaseData) -> Library:
     """The simulation's terms and the candidate effects on the training data."""
     columns, slugs = [own_terms(data)], [""] * own_terms(data).shape[1]
     # The cases of `all_cases` were settled, and run, with the terms of their time.
-    for slug, effect in candidates(data, joined=not isinstance(data.case, Case)).items():
+    for slug, effect in candidates(data, joined=not isinstance(data.case, HiddenCase)).items():
         # Every second of these nodes is the middle of an equal part.
         nodes = inner_nodes(data, effect, 1 if effect.inner is None else 2 * INNER_COLUMNS + 1)
         values = effect_values(data, effect, nodes if effect.inner is None else nodes[1::2])

@@ -22,13 +22,13 @@ from benchmarks.hidden_effects.assumptions.generate import generate
 from benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
 from benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
 from benchmarks.hidden_effects.cases import all_cases, subset
-from benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.run import HIDDEN_EFFECTS, Ways, show, to_solve
 from benchmarks.hidden_effects.scoring import case_scores
 from benchmarks.hidden_effects.scoring.score import score
 from benchmarks.hidden_effects.solvers import peers
 from benchmarks.hidden_effects.solvers.study import record
 from benchmarks.hidden_effects.systems.hidden import CATALOGUE, find
-from benchmarks.tables import benchmark_tables
+from benchmarks.runner import Asked, perform
 
 CASES = assumption_cases()
 
@@ -504,12 +504,12 @@ def test_tables_and_bars_by_hand():
         row("memory", (), "unknown", silent=[], stlsq={"verdict": "named", "names": ["b"]}),
     ]
     scores = score(rows)
-    table = scores.assumptions
+    table = scores["assumptions"]
     assert table.loc["delay", ["cases", "wrong above 0.9", "right", "delay covered"]].tolist() == [2, 0.5, 0.5, 0.5]
     assert table.loc["heavy tails", "silent"] == table.loc["correlated noise", "silent"] == 1.0
     assert np.isnan(table.loc["memory", "silent"]) and table.loc["memory", "stlsq wrong"] == 1.0
     assert table.loc["all", "cases"] == 5
-    bars = scores.bars
+    bars = scores["bars"]
     assert bars.loc["wrong names above 0.9, or in a verdict, all cases", "reached"] == pytest.approx(0.2)
     assert bars.loc["wrong names above 0.9, or in a verdict, worst family", "reached"] == pytest.approx(0.5)
     assert bars.loc["delays of half a step or more found", "holds"]
@@ -517,9 +517,9 @@ def test_tables_and_bars_by_hand():
     assert bars.loc["nulls kept silent", "holds"] is None
     # Of two names said with 0.99 one is right.
     assert bars.loc["expected calibration error of all stated names", "reached"] == pytest.approx(0.49)
-    assert scores.assumption_verdicts.loc["memory", "unknown"] == 1.0
-    assert scores.cases.empty and len(scores.assumption_cases) == 5
-    assert len([*benchmark_tables(scores)]) == 2
+    assert scores["assumption_verdicts"].loc["memory", "unknown"] == 1.0
+    assert scores["cases"].empty and len(scores["assumption_cases"]) == 5
+    assert len(show(scores)) == 2
 
 
 # The study's record, and the runner
@@ -560,13 +560,14 @@ def says_nothing(data):
 def test_a_run_takes_both_kinds(tmp_path):
     smooth = one("smooth friction", hides=True, size=0.4)
     cases = (all_cases()[0], one("correlated noise"), one("memory", "Maxwell"), smooth)
-    scores = run(tmp_path, cases, solve=says_nothing, workers=1, peers=False, progress=False)
-    assert scores.assumptions.loc["correlated noise", "silent"] == 1.0
-    assert scores.assumptions.loc["smooth friction", "right"] == 0.0
+    chosen, asked = to_solve(cases, Ways(says_nothing)), Asked(tmp_path, progress=False)
+    scores = perform(HIDDEN_EFFECTS, chosen, asked)
+    assert scores["assumptions"].loc["correlated noise", "silent"] == 1.0
+    assert scores["assumptions"].loc["smooth friction", "right"] == 0.0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["cases"] == 4 and {entry["family"] for entry in summary["assumptions"]} >= {"memory", "all"}
     assert len(pd.read_csv(tmp_path / "assumption_cases.csv")) == 3
     lines = (tmp_path / "results.jsonl").read_text().splitlines()
-    run(tmp_path, cases, solve=says_nothing, workers=1, peers=False, progress=False)
+    perform(HIDDEN_EFFECTS, chosen, asked)
     assert (tmp_path / "results.jsonl").read_text().splitlines() == lines
     assert not any("error" in json.loads(line) for line in lines)
