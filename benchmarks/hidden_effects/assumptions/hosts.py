@@ -160,13 +160,14 @@ PLACES: Mapping[str, Place] = {
 }
 """Hosts by name."""
 
-_SMOOTH = (
+SMOOTH_EFFECTS = (
     *("cubic-stiffness", "quadratic-drag", "cubic-damping", "quadratic-stiffness"),
     *("signed-quadratic-stiffness", "van-der-pol-damping", "dead-zone"),
 )
+"""Mechanical effects without a jump."""
 
 EFFECTS: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(PLACES, ("coulomb-friction", *_SMOOTH)),
+    **dict.fromkeys(PLACES, ("coulomb-friction", *SMOOTH_EFFECTS)),
     "rotor": ("coulomb-friction", "quadratic-drag", "cubic-damping"),
     "tank": ("linear-outflow", "overflow"),
     # Without what is in the simulation already, or can hardly be told from a zero that is off.
@@ -178,5 +179,5 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 }
 """Effects that a host can hide, in turn."""
 
-SMOOTH_EFFECTS = _SMOOTH
-"""Mechanical effects without a jump."""
+FORCED = ("machine", "forced-oscillator", "swept-oscillator")
+"""Hosts whose input tells late from early."""

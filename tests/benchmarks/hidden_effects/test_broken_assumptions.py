@@ -14,10 +14,8 @@ import pytest
 from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from benchmarks.hidden_effects.assumptions.cases import assumption_cases
-from benchmarks.hidden_effects.assumptions.families import FAMILIES
-from benchmarks.hidden_effects.assumptions.families.measurement import bent_sensors, heavy_tails
-from benchmarks.hidden_effects.assumptions.families.measurement.correlated import autoregressive
-from benchmarks.hidden_effects.assumptions.families.physics import for_a_moment, smooth_friction
+from benchmarks.hidden_effects.assumptions.families import FAMILIES, for_a_moment, sensors
+from benchmarks.hidden_effects.assumptions.families.noises import OUTLIERS, autoregressive
 from benchmarks.hidden_effects.assumptions.generate import generate
 from benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
 from benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
@@ -201,7 +199,7 @@ def test_noisy_states_and_heavy_tails():
     assert rms(data.train.states["y"] - exact) == pytest.approx(0.05 * np.std(exact), rel=0.1)
     assert data.sigma > case.noise * rms(data.exact["train"].rates[data.equation])
     outliers = rate_noise(made(one("heavy tails", "outliers"))) / made(one("heavy tails", "outliers")).sigma
-    assert 0.002 < np.mean(np.abs(outliers) > 5) < 3 * heavy_tails.OUTLIERS
+    assert 0.002 < np.mean(np.abs(outliers) > 5) < 3 * OUTLIERS
     assert (
         np.abs(rate_noise(made(one("heavy tails", "Student t")))).max()
         > 5 * made(one("heavy tails", "Student t")).sigma
@@ -249,7 +247,7 @@ def test_hysteresis_is_missing_and_has_no_name():
 def test_smooth_friction_may_be_called_coulombs_where_it_is_sharp():
     sharp = one("smooth friction", size=0.01, hides=True)
     assert made(sharp).accepted[0] == ("smooth-friction", "coulomb-friction")
-    accept = smooth_friction.FAMILY.accepted
+    accept = FAMILIES["smooth friction"].accepted
     assert accept(one("smooth friction", size=0.4, hides=True), "smooth-friction") == ("smooth-friction",)
 
 
@@ -300,7 +298,7 @@ def test_compressed_positions_lose_two_to_five_percent_at_most():
 
 
 def test_a_follower_with_play_stays_until_it_is_pushed():
-    shown = bent_sensors.with_play(np.array([[0.0, 0.5, 2.0, 1.5, 0.5, -3.0], [4.0, 4.5, 6.0, 7.0, 7.5, 7.0]]), 1.0)
+    shown = sensors.with_play(np.array([[0.0, 0.5, 2.0, 1.5, 0.5, -3.0], [4.0, 4.5, 6.0, 7.0, 7.5, 7.0]]), 1.0)
     assert shown.tolist() == [[0.0, 0.0, 1.0, 1.0, 1.0, -2.0], [4.0, 4.0, 5.0, 6.0, 6.5, 6.5]]
     case = one("bent sensors", "position play")
     data = made(case)
@@ -327,13 +325,13 @@ def test_an_accelerometer_that_is_coupled_loses_slow_motion():
     step, corner = 0.02, 0.1
     times = step * np.arange(40_000)
     for frequency in (0.02, 0.1, 1.0):
-        passed = bent_sensors.high_passed(np.sin(2 * np.pi * frequency * times)[None], corner, step)[0]
+        passed = sensors.high_passed(np.sin(2 * np.pi * frequency * times)[None], corner, step)[0]
         left = np.abs(passed[len(passed) // 2 :]).max()
         assert left == pytest.approx(frequency / np.hypot(frequency, corner), rel=1e-2)
     case = one("bent sensors", "AC-coupled rate", host="machine")
     data = made(case)
     own = np.sqrt(-data.true_rates["ydot"]["y"]) / (2 * np.pi)
-    passed = bent_sensors.high_passed(data.exact["train"].rates["ydot"][None], case.size * own, data.host.times[1])[0]
+    passed = sensors.high_passed(data.exact["train"].rates["ydot"][None], case.size * own, data.host.times[1])[0]
     assert rms(data.train.derivatives["ydot"] - passed) == pytest.approx(data.sigma, rel=0.1)
     assert rms(rate_noise(data)) > 2 * data.sigma
 
