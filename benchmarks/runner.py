@@ -111,7 +111,7 @@ class Benchmark:
 
     Attributes:
         name: Name on the command line.
-        about: What it measures, in a sentence that goes on after the name.
+        about: Sentence about its measurements that goes on after the name.
         options: Options that it understands, with its defaults; the others are refused.
         cases: Function from the options to the cases.
         run: Function from the arguments of a case to its record, at the top level of a module.

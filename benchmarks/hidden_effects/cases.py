@@ -5,7 +5,7 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from bayes_greybox.running.errors import InputError
 from .systems.hidden import CATALOGUE, OFF_CATALOGUE
 from .systems.hosts import HOSTS, Host
 
-FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
+HIDDEN_FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
 """Kinds of cases."""
 
 NOISE = (0.01, 0.05, 0.2)
@@ -117,35 +117,17 @@ PAIRS = (
 """Pairs of effects hidden at once, each twice."""
 
 
-class InFamily(Protocol):
-    """What `subset` looks at."""
-
-    @property
-    def family(self) -> str:
-        """Name of the family."""
-        ...
-
-    @property
-    def noise(self) -> float:
-        """Noise over the RMS of the rate."""
-        ...
-
-
-Chosen = TypeVar("Chosen", bound=InFamily)
-"""Cases of one kind, or of several."""
-
-
 @dataclass(frozen=True)
 class HiddenCase:
     """One case; the same case gives the same data.
 
     Attributes:
-        family: One of `FAMILIES`.
+        family: One of `HIDDEN_FAMILIES`.
         host: Name of the host, a key of `HOSTS`.
-        effects: What is hidden: slugs, or one shape that is in no catalogue.
+        effects: Slugs of the hidden effects, or one shape that is in no catalogue.
         ratios: Wanted RMS of each effect over that of the noise.
         noise: Standard deviation of the noise over the RMS of the true derivative.
-        seed: Of everything random in the data.
+        seed: Seed of everything random in the data.
     """
 
     family: str
@@ -156,8 +138,8 @@ class HiddenCase:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.family not in FAMILIES:
-            raise InputError(f"There is no family {self.family!r} of cases; there are {', '.join(FAMILIES)}.")
+        if self.family not in HIDDEN_FAMILIES:
+            raise InputError(f"There is no family {self.family!r} of cases; there are {', '.join(HIDDEN_FAMILIES)}.")
         if self.host not in HOSTS:
             raise InputError(f"There is no host {self.host!r}; there are {', '.join(HOSTS)}.")
         if len(self.effects) != len(self.ratios):
@@ -176,10 +158,10 @@ class HiddenCase:
 
 
 def all_cases(seed: int = 0, crossed: bool = False) -> tuple[HiddenCase, ...]:
-    """The benchmark's cases.
+    """Return the benchmark's cases.
 
     Args:
-        seed: Of ratios, coefficients, starts, excitation and noise.
+        seed: Seed of ratios, coefficients, starts, excitation and noise.
         crossed: Hide every effect of the catalogue in both its hosts at every noise level, six cases each; by
             default four, in which it meets both hosts and every level.
     """
@@ -198,14 +180,8 @@ def all_cases(seed: int = 0, crossed: bool = False) -> tuple[HiddenCase, ...]:
     return tuple(numbered)
 
 
-def subset(cases: Sequence[Chosen], count: int = 30, seed: int = 0) -> tuple[Chosen, ...]:
-    """A few cases with the same mix: every family by its share, at least one of each, spread over its hosts.
-
-    Args:
-        cases: The cases to choose from.
-        count: How many.
-        seed: Of the choice.
-    """
+def subset(cases: Sequence[Any], count: int = 30, seed: int = 0) -> tuple[Any, ...]:
+    """Choose so many cases with the same mix: each family by its share, at least one of each, spread over its hosts."""
     if count >= len(cases):
         return tuple(cases)
     rng = np.random.default_rng(seed)
@@ -221,7 +197,7 @@ def subset(cases: Sequence[Chosen], count: int = 30, seed: int = 0) -> tuple[Cho
 
 
 def ratio_density(noise: float, log_ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Density of the logarithm of the ratio in the family "catalogue", at a noise level.
+    """Return the density of the logarithm of the ratio in the family "catalogue", at a noise level.
 
     Args:
         noise: One of `NOISE`; for other levels the ratio is taken as log-uniform over the whole range.
@@ -278,7 +254,7 @@ def _pairs(rng: np.random.Generator) -> Iterator[HiddenCase]:
 
 
 def _with_ratios(cases: list[HiddenCase], rng: np.random.Generator) -> list[HiddenCase]:
-    """Ratios for cases of one effect, stratified: at each noise level they fill their distribution evenly."""
+    """Draw ratios for cases of one effect, stratified: at each noise level they fill their distribution evenly."""
     given = list(cases)
     edges = np.log(RATIO_EDGES)
     for noise in NOISE:

@@ -1,4 +1,4 @@
-"""How often 90 % intervals of coefficients hold the truth: fits on samples of a position, and on rates made from them.
+"""Coverage of 90 % intervals of coefficients: fits on samples of a position, and on rates made from them.
 
 Three oscillators of `systems`, whose sensor has white or correlated noise, or which random pushes shake. All three
 coefficients of the acceleration are learned. Rows of samples are fitted with the noise that the cell has, and refined

@@ -36,8 +36,8 @@ class Trap:
         hold: Course of inputs between samples, by the engineer's word.
         catalogue: Domain of the effects that are weighed.
         allowed: Slugs that it would be right or excusable to name.
-        wanted: Of a control, slugs of which one must be named.
-        answer: Of a control, the verdict that is right without a name; None where a name must be found.
+        wanted: Slugs of which one must be named, of a control.
+        answer: Verdict that is right without a name, of a control; None where a name must be found.
         rates: States whose rate is another one, where a filter computes rates; samples are followed where it is empty.
     """
 

@@ -5,5 +5,5 @@ moment only.
 
 `case` says what a case is and `hosts` where it happens, every module of `families` is one way of breaking an
 assumption with its list of cases, `path` follows the true system at any time, `generate` makes the data, and `score`
-judges what was said of them.
+judges the answers.
 """

@@ -1,4 +1,4 @@
-"""What was said of data with a broken assumption: names, the instrument, and whether the free run bears it out."""
+"""Scores of data with a broken assumption: names, the instrument, and whether the free run bears them out."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,7 +11,7 @@ from benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_n
 
 from .families import FAMILIES
 
-FOUND = 0.5
+FAULT_FOUND = 0.5
 """An instrument's fault is found if it is more likely than this, or if it is in the model."""
 
 HALF_STEP = 0.5
@@ -35,12 +35,12 @@ _SHARES = (
 
 
 def is_assumption(row: Mapping[str, Any]) -> bool:
-    """Whether a finished case belongs to one of the families of this part."""
+    """Return True if a finished case belongs to one of the families of broken assumptions."""
     return row["family"] in FAMILIES
 
 
 def assumption_scores(row: Mapping[str, Any]) -> dict[str, Any]:
-    """One row of the table of cases; None for what does not apply."""
+    """Return one row of the table of cases; None for what does not apply."""
     study = row.get("study") or {}
     verdict = study.get("verdict", FAILED)
     added = [effect["slug"] for effect in study.get("effects", ()) if effect["status"]]
@@ -76,14 +76,9 @@ def assumption_scores(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_right(row: Mapping[str, Any], verdict: str, names: Sequence[str]) -> bool:
-    """Whether all hidden effects were named.
+    """Return True if all hidden effects were named.
 
     In a verdict "named" they are among the names, in "partly named" and "one of" they come first.
-
-    Args:
-        row: A finished case that hides something.
-        verdict: What was said.
-        names: Effects that were named, first one first.
     """
     if verdict == "named":
         return _all_named(row, names)
@@ -91,7 +86,7 @@ def is_right(row: Mapping[str, Any], verdict: str, names: Sequence[str]) -> bool
 
 
 def delay_covered(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | None:
-    """Whether the interval of a delay that was found holds the true one; None if none was, or there is none."""
+    """Return True if the interval of a delay that was found holds the true one; None if there is none."""
     for suspect in row.get("suspects", ()):
         if suspect["samples"] is None:
             continue
@@ -105,7 +100,7 @@ def delay_covered(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | No
 
 
 def claim_denied(study: Mapping[str, Any]) -> bool | None:
-    """Whether the sentence says that the gap is closed while the held-out free run worsened.
+    """Return True if the sentence says that the gap is closed while the held-out free run worsened.
 
     A sentence that speaks of the free run itself hides nothing. None without a sentence or a free run.
     """
@@ -118,7 +113,7 @@ def claim_denied(study: Mapping[str, Any]) -> bool | None:
 
 
 def free_run(study: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    """Root mean square over the states of a free run's NRMSE on the test data, before and after; None: it blew up."""
+    """Return the root mean square of a free run's NRMSE over states, before and after; None where it blew up."""
     states = (study.get("free_run") or {}).values()
     if not states:
         return None, None
@@ -131,7 +126,7 @@ def free_run(study: Mapping[str, Any]) -> tuple[float | None, float | None]:
 
 
 def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("family",)) -> pd.DataFrame:
-    """Shares of cases by family (and breach), and for "all"; NaN where nothing applies.
+    """Return shares of cases by family (and breach), and for "all"; NaN where nothing applies.
 
     Columns: wrong names that somebody would believe in, wrong names at all, right names where something is hidden,
     "no gap" or "instrument" where nothing is, verdict "unknown", instrument's fault found, coverage of a delay's 90 %
@@ -158,10 +153,10 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
 def assumption_bars(
     records: Sequence[Mapping[str, Any]], scored: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, float, float, float]]:
-    """What must hold: a sentence, what was reached, the least and the most that is enough.
+    """Return the bars: a sentence, the value that was reached, the least and the most that is enough.
 
     Args:
-        records: All finished cases, those of other parts too.
+        records: All finished cases, those without a broken assumption too.
         scored: Scores of the cases with a broken assumption.
     """
     believed: dict[str, list[bool]] = {}
@@ -201,9 +196,9 @@ def _all_named(row: Mapping[str, Any], names: Iterable[str]) -> bool:
 
 
 def _believed(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Faults of the instrument that the study believes in."""
+    """Return faults of the instrument that the study believes in."""
     entries = study.get("instrument") or ()
-    return [e for e in entries if e["status"] == "in the model" or (e["probability"] or 0.0) > FOUND]
+    return [e for e in entries if e["status"] == "in the model" or (e["probability"] or 0.0) > FAULT_FOUND]
 
 
 def _is_meant(entry: Mapping[str, Any], suspect: Mapping[str, Any]) -> bool:

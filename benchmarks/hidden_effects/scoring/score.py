@@ -14,7 +14,7 @@ from benchmarks.hidden_effects.assumptions.score import (
     assumption_table,
     is_assumption,
 )
-from benchmarks.hidden_effects.cases import FAMILIES
+from benchmarks.hidden_effects.cases import HIDDEN_FAMILIES
 from benchmarks.runner import Tables
 
 from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
@@ -29,7 +29,7 @@ CaseScores = Sequence[Mapping[str, Any]]
 """Cases, as `case_scores` describes them."""
 
 Bar = tuple[str, float, float, float]
-"""What is asked for, what was reached, the least and the most that is enough."""
+"""A sentence, the value that was reached, and the least and the most that is enough."""
 
 
 def score(every: Sequence[Mapping[str, Any]]) -> Tables:
@@ -119,7 +119,7 @@ def _accuracy(scored: CaseScores, by: Callable[[Any], Any], order: Sequence[Any]
 
 
 def _families(scored: CaseScores) -> pd.DataFrame:
-    parts = {name: [case for case in scored if case["family"] == name] for name in FAMILIES}
+    parts = {name: [case for case in scored if case["family"] == name] for name in HIDDEN_FAMILIES}
     parts["one or none"] = [*parts["catalogue"], *parts["null"]]
     parts["all"] = list(scored)
     rows = {}
@@ -164,14 +164,14 @@ def _calibration(reliability: pd.DataFrame, names: str) -> tuple[float, float, f
 def _hidden_bars(
     single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
 ) -> list[Bar]:
-    """What the benchmark asks for where all assumptions hold."""
+    """Return the bars of cases where all assumptions hold."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
 
     def reached(family: str, column: str = "study") -> float:
         return table[family][column] if family in table else np.nan
 
-    ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
+    ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in HIDDEN_FAMILIES if f in table]
     clear = mean([case for case in single if case["ratio"] >= 3], "right or tied")
     return [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),

@@ -1,4 +1,4 @@
-"""What is hidden, in plain NumPy: the catalogue's effects, written a second time, and shapes that no entry resembles.
+"""Hidden effects in plain NumPy: the catalogue's effects, written a second time, and shapes that no entry resembles.
 
 Formulas and priors repeat those of `bayes_greybox.physics` on purpose, so that an error there is not also in the
 data; a test holds the two side by side.
@@ -48,12 +48,12 @@ class Hidden:
     steps: int = 40
 
     def fits(self, host: Host) -> bool:
-        """Whether the host has the roles."""
+        """Return True if the host has the roles."""
         return all(role in host.roles for role in self.roles)
 
 
 def _sign(c: Columns, role: str) -> Any:
-    """Sign of a column; on a stretch between two of its zeros, the integrator says which."""
+    """Return the sign of a column; on a stretch between two of its zeros, the integrator says which."""
     return c["side"] if "side" in c else np.sign(c[role])
 
 
@@ -62,12 +62,12 @@ def _root(x: Any) -> Any:
 
 
 def _plain(slug: str, value: Callable[..., Any], *roles: str) -> Hidden:
-    """An effect of columns alone."""
+    """Return an effect of columns alone."""
     return Hidden(slug, roles, lambda c, _: value(*(c[role] for role in roles)))
 
 
 def _inner(slug: str, value: Callable[..., Any], *roles: str, of: str, low: float, high: float) -> Hidden:
-    """An effect with an inner parameter, the last argument of `value`."""
+    """Return an effect with an inner parameter, the last argument of `value`."""
     return Hidden(slug, roles, lambda c, inner: value(*(c[role] for role in roles), inner), Inner(of, low, high))
 
 
@@ -200,12 +200,12 @@ def _wave(x: Any, length: Any) -> Any:
 
 
 def _triangle(x: Any, length: Any) -> Any:
-    """A sawtooth with equal flanks, between -1 and 1."""
+    """Return a sawtooth with equal flanks, between -1 and 1."""
     return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x / length))
 
 
 def _shapes(role: str, length: tuple[float, float], place: tuple[float, float], width: float) -> tuple[Hidden, ...]:
-    """Shapes over one column: waves of some lengths, and a bump at some place; fractions of the column's range."""
+    """Return waves of some lengths and a bump at some place over one column, in fractions of its range."""
 
     def bump(x: Any, at: Any) -> Any:
         return np.exp(-(((x - at) / (width * at)) ** 2))
@@ -254,5 +254,5 @@ OFF_CATALOGUE: dict[str, dict[str, Hidden]] = {
 
 
 def find(domain: str, slug: str) -> Hidden:
-    """The effect or shape of that name."""
+    """Return the effect or shape of that name."""
     return {**OFF_CATALOGUE[domain], **CATALOGUE[domain], **ADDED[domain]}[slug]

@@ -33,12 +33,12 @@ SPREAD = 0.2
 
 
 def term_value(text: str, columns: Columns) -> Any:
-    """Value of a term of a simulation: a column, or a key of `TERMS`."""
+    """Return the value of a term of a simulation: a column, or a key of `TERMS`."""
     return columns[text] if text in columns else TERMS[text](columns)
 
 
 def formula(terms: Mapping[str, float]) -> str:
-    """A simulation as the text that a user writes; numbers read back to the last bit."""
+    """Write a simulation as a user does; numbers read back to the last bit."""
     text = ""
     for name, value in terms.items():
         size = "" if abs(value) == 1.0 else f"{abs(value)!r}*"
@@ -65,7 +65,7 @@ class Excitation:
     tones: int = 6
 
     def draw(self, rng: np.random.Generator, runs: int, stop: float) -> Callable[[float], np.ndarray]:
-        """The signal of several runs, each with phases of its own: a function from time to one value for each run."""
+        """Draw the signal of several runs, each with its own phases: a function from time to a value for each run."""
         low, high = self.band
         if self.kind == "chirp":
             phase = rng.uniform(0.0, 2 * np.pi, runs)
@@ -87,7 +87,7 @@ class Start:
     mirrored: bool = False
 
     def draw(self, rng: np.random.Generator, runs: int) -> Float[np.ndarray, " n_run"]:
-        """Initial values of several runs."""
+        """Draw initial values of several runs."""
         sign = rng.choice([-1.0, 1.0], runs) if self.mirrored else np.ones(runs)
         return sign * rng.uniform(self.low, self.high, runs)
 
@@ -143,11 +143,11 @@ class Host:
 
     @property
     def heeds_input(self) -> bool:
-        """Whether the simulation has a term of each of its inputs."""
+        """True if the simulation has a term of each of its inputs."""
         return all(any(name in terms for terms in self.rates.values()) for name in self.inputs)
 
     def in_roles(self, columns: Columns) -> dict[str, Any]:
-        """Columns by role, as the hidden effects read them."""
+        """Return columns by role, as the hidden effects read them."""
         return {role: columns[name] for role, name in self.roles.items()}
 
 

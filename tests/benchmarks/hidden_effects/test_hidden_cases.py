@@ -9,7 +9,7 @@ from hidden_cases import OBVIOUS, SILENT, made, without_effect
 
 from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import (
-    FAMILIES,
+    HIDDEN_FAMILIES,
     NOISE,
     RATIO_EDGES,
     HiddenCase,
@@ -28,7 +28,7 @@ def test_cases_follow_from_the_seed_alone():
     assert cases == all_cases()
     assert len({case.key for case in cases}) == len(cases) == 388
     counts = Counter(case.family for case in cases)
-    assert set(counts) == set(FAMILIES)
+    assert set(counts) == set(HIDDEN_FAMILIES)
     assert min(counts["null"], counts["mis-calibrated"], counts["off-catalogue"]) >= 40
     assert counts["two effects"] >= 30
     other = all_cases(seed=1)
@@ -79,7 +79,7 @@ def test_ratios_are_log_uniform_over_all_and_by_noise_level_as_stated():
 def test_a_subset_keeps_the_mix():
     few = subset(all_cases(), 30)
     assert 28 <= len(few) <= 32
-    assert {case.family for case in few} == set(FAMILIES)
+    assert {case.family for case in few} == set(HIDDEN_FAMILIES)
     assert {case.noise for case in few} == set(NOISE)
     assert {HOSTS[case.host].domain for case in few} == set(CATALOGUE)
     assert few == subset(all_cases(), 30)
