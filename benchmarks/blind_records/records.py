@@ -51,18 +51,34 @@ def asked(catalogue, states, inputs, units, **more):
     return {**columns, "catalogue": catalogue, "units": known, **more}
 
 
-def build(kind, seed, equations, study, *, ok, trap, right=(), harmless=()):
+def words(text):
+    """Return a set of words."""
+    return set(text.split())
+
+
+def answers(verdicts_ok, right="", harmless=""):
+    """Return verdicts, right and harmless names; names are sets, or words in a text."""
+    named = {"right": right, "harmless": harmless}
+    return {"verdicts_ok": verdicts_ok, **{k: words(v) if isinstance(v, str) else set(v) for k, v in named.items()}}
+
+
+def build(kind, seed, equations, study, judged, trap):
     """Register the record of a function that draws the columns of its table."""
 
     def register(columns):
         def built():
             table = pd.DataFrame(columns(np.random.default_rng(seed)))
-            return Record(columns.__name__, kind, table, equations, study, set(right), set(harmless), ok, trap)
+            return Record(columns.__name__, kind, table, equations, study, trap=trap, **judged)
 
         _BUILDERS[columns.__name__] = built
         return columns
 
     return register
+
+
+def named(names, y):
+    """Return columns by name."""
+    return dict(zip(names.split(), y.T, strict=True))
 
 
 def names() -> list[str]:
@@ -149,9 +165,11 @@ def oscillate(acceleration, start, t, jumps=False):
     1101,
     {"x": "v", "v": "F/1.2 - 50*x - 1.25*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right=DRY | {"quadratic-stiffness", "input-saturation"},
-    harmless=DRY_TOO | {"bilinear-stiffness", "cubic-input", "backlash", "input-gain", "velocity-squared"},
-    ok=FOUND,
+    answers(
+        FOUND,
+        right=DRY | words("quadratic-stiffness input-saturation"),
+        harmless=DRY_TOO | words("bilinear-stiffness cubic-input backlash input-gain velocity-squared"),
+    ),
     trap="Coulomb friction, a lopsided spring and a drive that clips, each a few per cent of the force, so that each "
     "hides in the residual of the other two.",
 )
@@ -166,7 +184,7 @@ def slide_with_three(rng):
 
     y = oscillate(acc, [0.05, 0.3], t, jumps=True)
     a = acc(t, y[:, 0], y[:, 1])
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.02, rms), "F": F(t)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.02, rms), "F": F(t)}
 
 
 @build(
@@ -174,9 +192,11 @@ def slide_with_three(rng):
     1102,
     {"x": "v", "v": "5000*F - 10000*x - 20*v"},
     asked("mechanical", "x", "F", "s mm N"),
-    right={"cubic-stiffness", "direction-dependent-friction", "constant-force"},
-    harmless=HARDENING | {"velocity-squared", "quadratic-stiffness", "bilinear-stiffness"},
-    ok=FOUND | {UNKNOWN},
+    answers(
+        FOUND | {UNKNOWN},
+        right="cubic-stiffness direction-dependent-friction constant-force",
+        harmless=HARDENING | words("velocity-squared quadratic-stiffness bilinear-stiffness"),
+    ),
     trap="Hardening, a damper that differs by direction and a preload at once, under a coil current that is held "
     "between samples (not said); the preload is also what an offset of the sensor is.",
 )
@@ -203,9 +223,11 @@ def valve_spool(rng):
         "v2": "-50*x2 - 0.8333333*v2 + 41.6666667*(x1 - x2) + 0.5*(v1 - v2)",
     },
     asked("mechanical", "x1 v1 x2 v2", "F", "s m m/s m m/s N", derivatives={"v1": "a1", "v2": "a2"}),
-    right={"cubic-coupling-stiffness", "quadratic-drag"},
-    harmless={"cubic-damping", "cubic-stiffness", "coupling-stiffness", "input-gain"},
-    ok=FOUND | {INSTRUMENT},
+    answers(
+        FOUND | {INSTRUMENT},
+        right="cubic-coupling-stiffness quadratic-drag",
+        harmless="cubic-damping cubic-stiffness coupling-stiffness input-gain",
+    ),
     trap="A cubic spring between two carts shows in both equations, drag in one, and the other accelerometer reads 3 "
     "% too much, which looks like wrong coefficients.",
 )
@@ -227,10 +249,7 @@ def two_carts(rng):
     a1, a2 = acc(t, *y.T)
     return {
         "t": t,
-        "x1": y[:, 0],
-        "v1": y[:, 1],
-        "x2": y[:, 2],
-        "v2": y[:, 3],
+        **named("x1 v1 x2 v2", y),
         "a1": 1.03 * a1 + 0.02 * rms(a1) * rng.normal(size=len(t)),
         "a2": noisy(rng, a2, 0.02, rms),
         "F": F(t),
@@ -242,9 +261,9 @@ def two_carts(rng):
     1104,
     {"i": "20*u - 40*i"},
     asked("electrical", "i", "u", "s A V"),
-    right={"brush-drop", "cubic-resistor", "constant-source"},
-    harmless={"ohmic-loss", "inductance-drop"},
-    ok=FOUND | {UNKNOWN},
+    answers(
+        FOUND | {UNKNOWN}, right="brush-drop cubic-resistor constant-source", harmless="ohmic-loss inductance-drop"
+    ),
     trap="A contact drop, a heated wire's cube and an amplifier's offset: the first two are curves of one current "
     "that look like one law, or like a wrong resistance, the third like an offset of a channel.",
 )
@@ -262,7 +281,7 @@ def coil_with_contacts(rng):
     1201,
     {"x": "v", "v": "F - 2*x - 0.35*v"},
     asked("mechanical", "x", "F", "s m N"),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; the encoder has 22 steps over its range and no other noise, so that residuals are "
     "sawteeth of the position, constant while it hardly moves.",
 )
@@ -280,9 +299,7 @@ def hoist_coarse_encoder(rng):
     1202,
     {"x": "v", "v": "F - 60*x - 0.9*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right={"cubic-stiffness"},
-    harmless=HARDENING | {"pendulum-restoring"},
-    ok=FOUND,
+    answers(FOUND, right="cubic-stiffness", harmless=HARDENING | words("pendulum-restoring")),
     trap="A cubic spring behind a position of 20 steps: the error of a step times the stiffness is as large as part "
     "of the effect, depends on x alone, and flattens the middle like a dead zone.",
 )
@@ -302,9 +319,7 @@ def spring_coarse_position(rng):
     1203,
     {"x": "v", "v": "F/1.5 - 30*x - 0.6666667*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right=DRY,
-    harmless=DRY_TOO | {"viscous-damping"},
-    ok=FOUND,
+    answers(FOUND, right=DRY, harmless=DRY_TOO | words("viscous-damping")),
     trap="Dry friction where the speed has 20 steps and the acceleration 32: a whole step of speed reads exactly "
     "zero, so sign(v) is zero on a band and friction looks like backlash or a dead zone in speed.",
 )
@@ -329,9 +344,7 @@ def tacho_eight_bits(rng):
     1204,
     {"h": "0.5*q - 0.07*sqrt(max(h,0))"},
     asked("fluid", "h", "q", "s cm L/s"),
-    right={"weir-overflow", "overflow"},
-    harmless={"linear-outflow", "cubic-input"},
-    ok=FOUND,
+    answers(FOUND, right="weir-overflow overflow", harmless="linear-outflow cubic-input"),
     trap="Above the weir the level moves by a few steps of the sensor only (1.5 cm), where it stays at the same "
     "number for a long time as a saturated sensor does.",
 )
@@ -358,8 +371,7 @@ def basin_with_float_switches(rng):
         "vu": "450*(xs - xu) + 35*(vs - vu) - 4000*(xu - road)",
     },
     asked("mechanical", "xs vs xu vu", "road", "s m m/s m m/s m", derivatives={"vs": "as", "vu": "au"}),
-    harmless={"coupling-damping", "viscous-damping"},
-    ok={UNKNOWN, RECALIBRATE, PARTLY},
+    answers({UNKNOWN, RECALIBRATE, PARTLY}, harmless="coupling-damping viscous-damping"),
     trap="A quarter car whose damper loses 40 % as it warms up: no law of the states, but on average a wrong "
     "coefficient.",
 )
@@ -381,10 +393,7 @@ def damper_heats_up(rng):
     a1, a2 = acc(t, *y.T)
     return {
         "t": t,
-        "xs": y[:, 0],
-        "vs": y[:, 1],
-        "xu": y[:, 2],
-        "vu": y[:, 3],
+        **named("xs vs xu vu", y),
         "as": noisy(rng, a1, 0.02, rms),
         "au": noisy(rng, a2, 0.02, rms),
         "road": z(t),
@@ -396,8 +405,7 @@ def damper_heats_up(rng):
     1302,
     {"x": "v", "v": "F - 30*x - 0.7*v"},
     asked("mechanical", "x", "F", "s m N"),
-    harmless={"constant-force"},
-    ok={INSTRUMENT, NO_GAP, UNKNOWN},
+    answers({INSTRUMENT, NO_GAP, UNKNOWN}, harmless="constant-force"),
     trap="Nothing is missing; the sensor's zero creeps by half the motion's spread along an exponential, which is "
     "not a line, and a creeping preload would look the same.",
 )
@@ -414,8 +422,7 @@ def sensor_zero_warms_up(rng):
     1303,
     {"w": "3*u - 0.6*w"},
     asked("mechanical", "w", "u", "s rad/s V", derivatives={"w": "alpha"}),
-    harmless={"input-gain", "actuator-lag"},
-    ok={UNKNOWN, RECALIBRATE, PARTLY, INSTRUMENT},
+    answers({UNKNOWN, RECALIBRATE, PARTLY, INSTRUMENT}, harmless="input-gain actuator-lag"),
     trap="The drive's gain falls by 28 % over the record as the battery empties; the held-out end lies beyond what "
     "was seen.",
 )
@@ -433,8 +440,7 @@ def battery_runs_down(rng):
     1304,
     {"h": "0.5*q - 0.09*sqrt(max(h,0))"},
     asked("fluid", "h", "q", "s cm L/s", interpolation="zoh"),
-    harmless={"linear-outflow", "constant-inflow", "torricelli-outflow"},
-    ok={UNKNOWN, RECALIBRATE, PARTLY},
+    answers({UNKNOWN, RECALIBRATE, PARTLY}, harmless="linear-outflow constant-inflow torricelli-outflow"),
     trap="An outlet loses 35 % of its opening along the record while levels rise: time and level go together.",
 )
 def outlet_clogs(rng):
@@ -451,9 +457,7 @@ def outlet_clogs(rng):
     1401,
     {"x": "v", "v": "u/8 - 0.25*v"},
     asked("mechanical", "x v", "u", "s m m/s N", derivatives={"v": "a"}, interpolation="zoh"),
-    right={"quadratic-drag"},
-    harmless={"cubic-damping", "viscous-damping"},
-    ok=FOUND,
+    answers(FOUND, right="quadratic-drag", harmless="cubic-damping viscous-damping"),
     trap="The controller feeds the sensors' noise back, so that the force depends on position, speed and their noise.",
 )
 def thruster_under_pd(rng):
@@ -475,7 +479,7 @@ def thruster_under_pd(rng):
     1402,
     {"T": "3.2*P - 0.16*(T - 22)"},
     asked("all", "T", "P", "min - kW"),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; PI control makes the power a copy of the sensor's own noise and holds the temperature "
     "at three values, where any two laws agree.",
 )
@@ -500,9 +504,7 @@ def oven_under_pi(rng):
     1403,
     {"th": "w", "w": "12*th - 0.3*w + 4*T"},
     asked("mechanical", "th", "T", "s rad N*m", interpolation="zoh"),
-    right={"cubic-stiffness", "pendulum-restoring"},
-    harmless=HARDENING,
-    ok=FOUND | {RECALIBRATE},
+    answers(FOUND | {RECALIBRATE}, right="cubic-stiffness pendulum-restoring", harmless=HARDENING),
     trap="Gravity was linearised about the upright: unstable without the controller, whose torque is a filtered copy "
     "of angle and noise; 12 (sin th - th) is a cube that hardens as far as signs go.",
 )
@@ -527,9 +529,7 @@ def balanced_pole(rng):
     1404,
     {"w": "2*u - 0.5*w"},
     asked("mechanical", "w", "u", "s rad/s V", derivatives={"w": "alpha"}, interpolation="zoh"),
-    right={"input-saturation"},
-    harmless={"cubic-input", "input-gain", "backlash"},
-    ok=FOUND,
+    answers(FOUND, right="input-saturation", harmless="cubic-input input-gain backlash"),
     trap="What was logged is the command before the amplifier clips it; it clips just after a change of target, when "
     "speed is far from it, so that the lost torque also goes with the speed.",
 )
@@ -555,9 +555,11 @@ def speed_loop_saturates(rng):
     1501,
     {"v": "-0.03*v"},
     asked("mechanical", "v", "", "s m/s"),
-    right={"quadratic-drag", "velocity-squared"},
-    harmless={"cubic-damping", "coulomb-friction", "constant-force", "direction-dependent-friction", "smooth-friction"},
-    ok=FOUND | {UNKNOWN, RECALIBRATE},
+    answers(
+        FOUND | {UNKNOWN, RECALIBRATE},
+        right="quadratic-drag velocity-squared",
+        harmless="cubic-damping coulomb-friction constant-force direction-dependent-friction smooth-friction",
+    ),
     trap="Sixty samples of one coast-down, never backwards: v|v| and v*v are one curve, and the end of the record is "
     "slower than anything it was learned from.",
 )
@@ -572,7 +574,7 @@ def trolley_coasts(rng):
     1502,
     {"x": "v", "v": "10*u - 16*x - 1.1*v"},
     asked("mechanical", "x v", "u", "s m m/s V", derivatives={"v": "a"}),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing: 45 rows of a step with 8 % noise; the input is one but for its first row, so input, "
     "constant and cubed input are the same column and the held-out part has no change of input at all.",
 )
@@ -584,7 +586,7 @@ def step_test_45_rows(rng):
     u = np.where(t >= 0, 1.0, 0.0)
     u[0] = 0.0
     a[0] = 0.0
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.08, rms), "u": u}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.08, rms), "u": u}
 
 
 @build(
@@ -592,9 +594,11 @@ def step_test_45_rows(rng):
     1503,
     {"v": "2*u - 2*v"},
     asked("electrical", "v", "u", "ms V V", interpolation="zoh"),
-    right={"diode", "diode-pair"},
-    harmless={"cubic-resistor", "saturating-inductor", "cubic-input", "cubic-storage"},
-    ok=FOUND | {UNKNOWN},
+    answers(
+        FOUND | {UNKNOWN},
+        right="diode diode-pair",
+        harmless="cubic-resistor saturating-inductor cubic-input cubic-storage",
+    ),
     trap="A leaky protection diode, seen for two plateaus: one point of the curve twice, and an input that bends "
     "would reach the same plateaus.",
 )
@@ -611,9 +615,11 @@ def clamped_charging(rng):
     1504,
     {"x": "v", "v": "-30*x - 0.9*v"},
     asked("mechanical", "x v", "", "s m m/s", derivatives={"v": "a"}),
-    right={"bilinear-stiffness"},
-    harmless={"quadratic-stiffness", "linear-stiffness", "constant-force"},
-    ok=FOUND | {RECALIBRATE},
+    answers(
+        FOUND | {RECALIBRATE},
+        right="bilinear-stiffness",
+        harmless="quadratic-stiffness linear-stiffness constant-force",
+    ),
     trap="Ninety rows of a free decay: half of the missing spring is a wrong stiffness, a third of the rest is a "
     "square, and the held-out part is small.",
 )
@@ -622,7 +628,7 @@ def slack_cable_drop(rng):
     acc = lambda x, v: -30 * x - 0.9 * v - 14.0 * np.maximum(x, 0)
     y = integrate(lambda t, s: [s[1], acc(*s)], [0.4, 0.0], t)
     a = acc(*y.T)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.04, rms)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.04, rms)}
 
 
 @build(
@@ -630,8 +636,7 @@ def slack_cable_drop(rng):
     1601,
     {"x": "v", "v": "F - 40*x - 0.8*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    harmless={"linear-stiffness"},
-    ok={RECALIBRATE, INSTRUMENT, UNKNOWN},
+    answers({RECALIBRATE, INSTRUMENT, UNKNOWN}, harmless="linear-stiffness"),
     trap="The position is in mm under a heading of m: the simulation's spring is a thousand times too stiff and no "
     "spring of the catalogue is missing.",
 )
@@ -649,8 +654,7 @@ def millimetres_as_metres(rng):
     1602,
     {"th": "w", "w": "50*T - 110*th - 1.8*w"},
     asked("mechanical", "th", "T", "s rad N*m"),
-    right={"input-gain"},
-    ok={RECALIBRATE, INSTRUMENT, NAMED, ONE_OF, PARTLY},
+    answers({RECALIBRATE, INSTRUMENT, NAMED, ONE_OF, PARTLY}, right="input-gain"),
     trap="The angle is in degrees under a heading of rad: on a linear rig the torque acts 57 times as strongly and "
     "nothing else differs; no nonlinearity of the torque or the angle is missing.",
 )
@@ -667,8 +671,7 @@ def degrees_as_radians(rng):
     1603,
     {"x": "v", "v": "F/1.4 - 50*x - 1.1428571*v - 85.7142857*x**3"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right={"input-gain"},
-    ok={RECALIBRATE, INSTRUMENT, NAMED, ONE_OF, PARTLY},
+    answers({RECALIBRATE, INSTRUMENT, NAMED, ONE_OF, PARTLY}, right="input-gain"),
     trap="The load cell is mounted the wrong way round: every other coefficient is right, the correction is minus "
     "twice the coefficient (beyond six prior standard deviations), and anything that goes with the force is "
     "tempted to stand in.",
@@ -679,7 +682,7 @@ def force_with_wrong_sign(rng):
     acc = lambda t, x, v: (F(t) - 70 * x - 1.6 * v - 120 * x**3) / 1.4
     y = oscillate(acc, [0.1, 0.0], t)
     a = acc(t, *y.T)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.03, rms), "F": -F(t)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.03, rms), "F": -F(t)}
 
 
 @build(
@@ -687,9 +690,11 @@ def force_with_wrong_sign(rng):
     1604,
     {"h": "0.02*q - 0.016*sqrt(max(h,0))"},
     asked("fluid", "h", "q", "s m L/s", interpolation="zoh"),
-    right={"input-gain", "torricelli-outflow"},
-    harmless={"linear-outflow", "constant-inflow"},
-    ok={RECALIBRATE, INSTRUMENT, UNKNOWN, PARTLY},
+    answers(
+        {RECALIBRATE, INSTRUMENT, UNKNOWN, PARTLY},
+        right="input-gain torricelli-outflow",
+        harmless="linear-outflow constant-inflow",
+    ),
     trap="The level is in cm under a heading of m: the inflow is 100 and the outlet 10 times too small, so the ratio "
     "of two terms is wrong as well, and an outlet seems to be missing.",
 )
@@ -707,7 +712,7 @@ def centimetres_as_metres_tank(rng):
     1701,
     {"th": "w", "w": "8*u - 0.8*w"},
     asked("mechanical", "th w", "u", "s rad rad/s V", derivatives={"w": "alpha"}),
-    ok={UNKNOWN},
+    answers({UNKNOWN}),
     trap="Cogging, sin(7 th + 0.4), over several turns: on average zero, finer than a law of th can follow, and like "
     "coloured noise whose pitch goes with the speed.",
 )
@@ -717,7 +722,7 @@ def cogging_motor(rng):
     rate = lambda t, th, w: 8 * u(t) - 0.8 * w - 3.0 * np.sin(7 * th + 0.4)
     y = oscillate(rate, [0.0, 0.0], t)
     a = rate(t, *y.T)
-    return {"t": t, "th": y[:, 0], "w": y[:, 1], "alpha": noisy(rng, a, 0.02, rms), "u": u(t)}
+    return {"t": t, **named("th w", y), "alpha": noisy(rng, a, 0.02, rms), "u": u(t)}
 
 
 @build(
@@ -725,8 +730,10 @@ def cogging_motor(rng):
     1702,
     {"x": "v", "v": "F - 39.5*x - 1.6*v"},
     asked("mechanical", "x", "F", "ms um -"),
-    harmless={"constant-force", "quadratic-stiffness", "cubic-stiffness", "bilinear-stiffness", "linear-stiffness"},
-    ok={UNKNOWN, PARTLY, ONE_OF},
+    answers(
+        {UNKNOWN, PARTLY, ONE_OF},
+        harmless="constant-force quadratic-stiffness cubic-stiffness bilinear-stiffness linear-stiffness",
+    ),
     trap="The pull of a biased electrode, 110/(4 - x)^2: its Taylor series is a constant, a softer spring, a square "
     "and a cube, all of which the catalogue has.",
 )
@@ -744,8 +751,9 @@ def electrostatic_mirror(rng):
     1703,
     {"N": "0.8*N - D*N"},
     asked("population", "N", "D", "h g/L 1/h", interpolation="zoh"),
-    harmless={"logistic-crowding", "cubic-crowding", "linear-growth", "constant-harvest", "allee"},
-    ok={UNKNOWN, PARTLY, ONE_OF},
+    answers(
+        {UNKNOWN, PARTLY, ONE_OF}, harmless="logistic-crowding cubic-crowding linear-growth constant-harvest allee"
+    ),
     trap="Growth after Gompertz, -N ln N beyond the simulation's exponential: close to logistic crowding with "
     "another rate, and a cube beside it closes the gap.",
 )
@@ -762,8 +770,7 @@ def gompertz_culture(rng):
     1704,
     {"v": "1.5*u - 0.3*v*abs(v)"},
     asked("mechanical", "v", "u", "s m/s -", derivatives={"v": "a"}),
-    harmless={"viscous-damping", "input-gain"},
-    ok={UNKNOWN, PARTLY},
+    answers({UNKNOWN, PARTLY}, harmless="viscous-damping input-gain"),
     trap="A propeller loses thrust with the inflow, -|u| v: an input times a state, which on average is viscous "
     "damping and, as v follows u, a drive that saturates.",
 )
@@ -781,7 +788,7 @@ def propeller_slips(rng):
     1801,
     {"x": "v", "v": "F - 55*x - v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; a loose connector adds spikes, and half of the hardest jolts read zero, so that "
     "outliers all point inwards at large displacements, as a softening spring does.",
 )
@@ -795,7 +802,7 @@ def loose_connector(rng):
     hit = rng.random(len(t)) < 0.03
     shown[hit] += rms(a) * rng.normal(size=hit.sum()) * 1.5
     shown[np.abs(a) > 2.1 * rms(a)] *= np.where(rng.random((np.abs(a) > 2.1 * rms(a)).sum()) < 0.5, 0.0, 1.0)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": shown, "F": F(t)}
+    return {"t": t, **named("x v", y), "a": shown, "F": F(t)}
 
 
 @build(
@@ -803,7 +810,7 @@ def loose_connector(rng):
     1802,
     {"x": "v", "v": "F - 0.9*x - 0.22*v"},
     asked("mechanical", "x", "F", "s m N", missing="drop"),
-    ok={NO_GAP},
+    answers({NO_GAP}),
     trap="Nothing is missing; steps between samples are random (0.15 s to 2 s and more, of a period of 6.6 s), 15 % "
     "are lost, and one gap is 14 s long; between samples the force is anybody's guess.",
 )
@@ -822,7 +829,7 @@ def radio_logger(rng):
     1803,
     {"x": "v", "v": "F - 28*x - 1.2*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; noise grows with the square of the speed, hangs together and has heavy tails, all "
     "three at once, so that a few bursts at high speed decide any law of v.",
 )
@@ -850,7 +857,7 @@ def gearbox_rumble(rng):
     1804,
     {"h1": "0.5*q - 0.08*sqrt(max(h1,0))", "h2": "0.08*sqrt(max(h1,0)) - 0.07*sqrt(max(h2,0))"},
     asked("fluid", "h2", "q", "s cm L/s", learn="h2", interpolation="zoh"),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; only the lower tank is seen, every fifth number repeats the one before (a slow bus), "
     "which is a delay now and then, and noise has infinite kurtosis.",
 )
@@ -875,9 +882,7 @@ def slow_bus_lower_tank(rng):
     1901,
     {"x": "v", "v": "F - 50*x - 0.9*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right={"quadratic-drag"},
-    harmless={"cubic-damping"},
-    ok=FOUND | {RECALIBRATE},
+    answers(FOUND | {RECALIBRATE}, right="quadratic-drag", harmless="cubic-damping"),
     trap="The spring is 12 % too stiff and there is a little drag, which a wrong damping would explain nearly as well.",
 )
 def soft_spring_some_drag(rng):
@@ -886,7 +891,7 @@ def soft_spring_some_drag(rng):
     acc = lambda t, x, v: F(t) - 44 * x - 0.9 * v - 0.3 * v * np.abs(v)
     y = oscillate(acc, [0.2, 0.0], t)
     a = acc(t, *y.T)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.03, rms), "F": F(t)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.03, rms), "F": F(t)}
 
 
 @build(
@@ -899,9 +904,11 @@ def soft_spring_some_drag(rng):
         "w2": "90.9090909*(th1 - th2) + 0.2727273*(w1 - w2) - 22.7272727*th2 - 0.3636364*w2",
     },
     asked("mechanical", "th1 th2", "u", "s rad rad N*m", learn="w2"),
-    right=DRY,
-    harmless=DRY_TOO | {"viscous-damping", "coupling-stiffness", "linear-stiffness", "pendulum-restoring"},
-    ok=FOUND | {RECALIBRATE},
+    answers(
+        FOUND | {RECALIBRATE},
+        right=DRY,
+        harmless=DRY_TOO | words("viscous-damping coupling-stiffness linear-stiffness pendulum-restoring"),
+    ),
     trap="The load's inertia is 10 % off, which is all four coefficients of its equation by the same factor, and its "
     "bearing has a little dry friction; neither speed is measured.",
 )
@@ -925,9 +932,7 @@ def drive_train_load(rng):
     1903,
     {"h": "0.5*q - 0.09*sqrt(max(h,0))"},
     asked("fluid", "h", "q", "s cm L/s", interpolation="zoh"),
-    right={"constant-inflow"},
-    harmless={"linear-outflow"},
-    ok=FOUND | {RECALIBRATE, INSTRUMENT},
+    answers(FOUND | {RECALIBRATE, INSTRUMENT}, right="constant-inflow", harmless="linear-outflow"),
     trap="The outlet is 20 % too large in the simulation and a small steady leak nearly makes up for it; a root, a "
     "line and a constant are nearly one over the levels that occur.",
 )
@@ -945,9 +950,7 @@ def outlet_and_leak(rng):
     1904,
     {"q": "i", "i": "u - 0.4*i - 25*q"},
     asked("electrical", "q i", "u", "ms mC A V", derivatives={"i": "di"}),
-    right={"constant-source"},
-    harmless={"ohmic-loss"},
-    ok=FOUND | {RECALIBRATE, INSTRUMENT},
+    answers(FOUND | {RECALIBRATE, INSTRUMENT}, right="constant-source", harmless="ohmic-loss"),
     trap="The resistance is 15 % off and the generator has an offset of 6 % of its RMS, less than the noise of the "
     "rate; the offset is also what an offset of any channel is.",
 )
@@ -957,7 +960,7 @@ def series_resonance_offset(rng):
     rate = lambda t, q, i: u(t) + 0.12 - 0.46 * i - 25 * q
     y = oscillate(rate, [0.0, 0.0], t)
     r = rate(t, *y.T)
-    return {"t": t, "q": y[:, 0], "i": y[:, 1], "di": noisy(rng, r, 0.03, rms), "u": u(t)}
+    return {"t": t, **named("q i", y), "di": noisy(rng, r, 0.03, rms), "u": u(t)}
 
 
 @build(
@@ -965,7 +968,7 @@ def series_resonance_offset(rng):
     2001,
     {"x": "v", "v": "F - 88*x - 0.9*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    ok={UNKNOWN, INSTRUMENT},
+    answers({UNKNOWN, INSTRUMENT}),
     trap="A pump next door shakes the rig at 1.72 and 3.44 Hz, beside the resonance at 1.49 Hz: what it does goes "
     "with x and v, as their own response does.",
 )
@@ -977,7 +980,7 @@ def pump_pulsation(rng):
     )
     y = oscillate(acc, [0.0, 0.0], t)
     a = acc(t, *y.T)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.02, rms), "F": F(t)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.02, rms), "F": F(t)}
 
 
 @build(
@@ -985,8 +988,7 @@ def pump_pulsation(rng):
     2002,
     {"w": "1.2*u - 0.9*w"},
     asked("mechanical", "w", "u", "s rad/s V", interpolation="zoh"),
-    harmless={"constant-force", "coulomb-friction", "smooth-friction"},
-    ok={UNKNOWN, PARTLY, ONE_OF},
+    answers({UNKNOWN, PARTLY, ONE_OF}, harmless="constant-force coulomb-friction smooth-friction"),
     trap="Parcels come and go, a torque in steps that nobody measured; the belt never turns round, so its mean is a "
     "constant force and dry friction alike.",
 )
@@ -1009,7 +1011,7 @@ def conveyor_loads(rng):
         "v2": "-ground + 150*(x1 - x2) + 0.7*(v1 - v2)",
     },
     asked("mechanical", "x1 x2", "ground", "s m m m/s^2", learn="v2"),
-    ok={UNKNOWN},
+    answers({UNKNOWN}),
     trap="Gusts on the upper of two floors (coloured, 0.8 s, over half of the ground's push), which ring at the "
     "building's own pitch as a missing spring or damper would.",
 )
@@ -1037,8 +1039,7 @@ def wind_on_top_floor(rng):
     2004,
     {"x": "v", "v": "1000*F - 16000*x - 30*v"},
     asked("mechanical", "x v", "F", "s mm mm/s N", derivatives={"v": "a"}),
-    harmless={"cubic-input"},
-    ok={UNKNOWN, INSTRUMENT},
+    answers({UNKNOWN, INSTRUMENT}, harmless="cubic-input"),
     trap="The shaker's amplifier adds a third harmonic, which no input has, to a drive that is nearly one sine: with "
     "a correction of a coefficient, cubes of position, speed and force have that harmonic too, at another "
     "phase.",
@@ -1051,7 +1052,7 @@ def amplifier_third_harmonic(rng):
     start = oscillate(acc, [0.0, 0.0], np.linspace(-0.4, 0, 200))[-1]
     y = oscillate(acc, start, t)
     a = acc(t, *y.T)
-    return {"t": t, "x": y[:, 0], "v": y[:, 1], "a": noisy(rng, a, 0.02, rms), "F": F(t)}
+    return {"t": t, **named("x v", y), "a": noisy(rng, a, 0.02, rms), "F": F(t)}
 
 
 @build(
@@ -1059,7 +1060,7 @@ def amplifier_third_harmonic(rng):
     2101,
     {"x": "v", "v": "F - 65*x - 1.3*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    ok={NO_GAP, INSTRUMENT},
+    answers({NO_GAP, INSTRUMENT}),
     trap="Nothing is missing; the column of accelerations is a central difference of noisy speeds under a moving "
     "mean of five, sold as measured: its noise is correlated, is shared with v, and peaks are cut by 2 %.",
 )
@@ -1079,9 +1080,7 @@ def differences_of_speed(rng):
     2102,
     {"x": "v", "v": "F - 50*x - 0.9*v"},
     asked("mechanical", "x v", "F", "s m m/s N", derivatives={"v": "a"}),
-    right={"cubic-stiffness"},
-    harmless=HARDENING,
-    ok=FOUND,
+    answers(FOUND, right="cubic-stiffness", harmless=HARDENING),
     trap="Speed is a backward difference (half a step late) and acceleration another on top (a whole step late), "
     "which adds a damping of the wrong sign and a cube of position times speed beside the cubic spring that is "
     "missing.",
@@ -1102,8 +1101,7 @@ def backward_differences_duffing(rng):
     2103,
     {"T": "6*P - 0.12*(T - 20)"},
     asked("all", "T", "P", "min - kW", interpolation="zoh"),
-    right={"actuator-lag"},
-    ok={INSTRUMENT, ONE_OF, UNKNOWN, PARTLY},
+    answers({INSTRUMENT, ONE_OF, UNKNOWN, PARTLY}, right="actuator-lag"),
     trap="The process is right, but the thermocouple in its well follows with 1.3 min: no law of the temperature or "
     "the heat is missing, and a slow heater would look the same.",
 )
@@ -1120,8 +1118,7 @@ def thermocouple_in_a_well(rng):
     2104,
     {"x": "v", "v": "F - 24*x - 0.6*v"},
     asked("mechanical", "x", "F", "s m N"),
-    harmless={"actuator-lag"},
-    ok={INSTRUMENT, UNKNOWN, PARTLY},
+    answers({INSTRUMENT, UNKNOWN, PARTLY}, harmless="actuator-lag"),
     trap="Nothing is missing; force and position have a logger each, whose clocks part by 0.3 % (three samples at "
     "the end): a delay that grows, and is largest where data are held out.",
 )
@@ -1138,22 +1135,12 @@ def two_clocks(rng):
     2201,
     {"T": "2.6*P - 0.03*(T - 25)"},
     asked("all", "T", "P", "min - kW", interpolation="zoh"),
-    harmless={
-        "logistic-crowding",
-        "cubic-crowding",
-        "quadratic-drag",
-        "velocity-squared",
-        "cubic-damping",
-        "cubic-resistor",
-        "diode",
-        "diode-pair",
-        "weir-overflow",
-        "overflow",
-        "saturating-inductor",
-        "cubic-storage",
+    answers(
+        {UNKNOWN, PARTLY, ONE_OF},
+        harmless="logistic-crowding cubic-crowding quadratic-drag velocity-squared cubic-damping "
+        "cubic-resistor diode diode-pair weir-overflow overflow saturating-inductor cubic-storage "
         "allee",
-    },
-    ok={UNKNOWN, PARTLY, ONE_OF},
+    ),
     trap="Radiation with the fourth power of T + 273, of a temperature in Celsius that is always positive: nearly a "
     "square, a cube, an exponential or a weir, each of which some domain of the catalogue has.",
 )
@@ -1170,9 +1157,7 @@ def furnace_radiates(rng):
     2202,
     {"phi": "v", "v": "4*I - 0.6*v - 40*phi"},
     asked("electrical", "phi v", "I", "ms V*ms V A", derivatives={"v": "dv"}),
-    right={"saturating-inductor"},
-    harmless={"cubic-storage", "cubic-resistor"},
-    ok=FOUND,
+    answers(FOUND, right="saturating-inductor", harmless="cubic-storage cubic-resistor"),
     trap="A core with a knee: flux is the integral of the voltage, and the bend is between a cube and a corner.",
 )
 def ferroresonant_coil(rng):
@@ -1186,7 +1171,7 @@ def ferroresonant_coil(rng):
 
     y = oscillate(rate, [0.0, 0.0], t)
     r = rate(t, *y.T)
-    return {"t": t, "phi": y[:, 0], "v": y[:, 1], "dv": noisy(rng, r, 0.04, rms), "I": I(t)}
+    return {"t": t, **named("phi v", y), "dv": noisy(rng, r, 0.04, rms), "I": I(t)}
 
 
 @build(
@@ -1194,9 +1179,7 @@ def ferroresonant_coil(rng):
     2203,
     {"N": "1.3*N - 0.16*N**2 - E*N"},
     asked("population", "N", "E", "year kt 1/year", interpolation="zoh"),
-    right={"allee"},
-    harmless={"constant-harvest", "cubic-crowding", "linear-growth"},
-    ok=FOUND | {RECALIBRATE},
+    answers(FOUND | {RECALIBRATE}, right="allee", harmless="constant-harvest cubic-crowding linear-growth"),
     trap="An Allee effect over stocks at which it has nearly levelled off: close to a fixed harvest, and with a "
     "wrong rate of growth and crowding closer still; the error of a count goes with the stock.",
 )
@@ -1214,9 +1197,11 @@ def fishery_allee(rng):
     2204,
     {"h1": "0.5*q - 0.03*(h1 - h2)", "h2": "0.03*(h1 - h2) - 0.08*sqrt(max(h2,0))"},
     asked("fluid", "h1 h2", "q", "s cm cm L/s", derivatives={"h1": "r1", "h2": "r2"}, interpolation="zoh"),
-    right={"connecting-pipe"},
-    harmless={"linear-outflow", "linear-inflow", "torricelli-inflow", "torricelli-outflow", "constant-inflow"},
-    ok=FOUND | {RECALIBRATE},
+    answers(
+        FOUND | {RECALIBRATE},
+        right="connecting-pipe",
+        harmless="linear-outflow linear-inflow torricelli-inflow torricelli-outflow constant-inflow",
+    ),
     trap="The simulation has a laminar pipe where there is a turbulent one: the root of the difference of levels has "
     "to come in and the line has to go out altogether, in both equations, with opposite signs.",
 )
@@ -1232,8 +1217,7 @@ def locks_with_a_pipe(rng):
     r1, r2 = rates(h[:, 0], h[:, 1], q)
     return {
         "t": t,
-        "h1": h[:, 0],
-        "h2": h[:, 1],
+        **named("h1 h2", h),
         "r1": noisy(rng, r1, 0.04, rms),
         "r2": r2 + 0.04 * rms(r1) * rng.normal(size=len(t)),
         "q": q,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 HELD_OUT_SHARE = 0.3
 """Last part of each table, held out as in the README."""
 
-COLUMNS = ["kind", "verdict", "acceptable", "names above 0.5", "wrong above 0.5", "wrong above 0.9", "seconds"]
+BLIND_COLUMNS = ["kind", "verdict", "acceptable", "names above 0.5", "wrong above 0.5", "wrong above 0.9", "seconds"]
 
 
 def cases(asked: Asked) -> list[Case]:
@@ -64,8 +64,8 @@ def judged(name: str) -> dict[str, Any]:
 
 def score(records: list[Record]) -> Tables:
     """Return the verdicts, and how many of them are acceptable."""
-    table = pd.DataFrame(records, columns=["record", *COLUMNS]).set_index("record")
-    table = table.fillna({name: "" for name in COLUMNS if " above " in name})
+    table = pd.DataFrame(records, columns=["record", *BLIND_COLUMNS]).set_index("record")
+    table = table.fillna({name: "" for name in BLIND_COLUMNS if " above " in name})
     wrong = int((table["wrong above 0.9"] != "").sum())
     counts = {"records": len(table), "acceptable": int(table["acceptable"].sum()), "wrong above 0.9": wrong}
     return {"records": table, "counts": pd.DataFrame(counts, index=pd.Index(["all"], name="kind"))}

@@ -49,9 +49,9 @@ ROOM: Mapping[str, tuple[str, ...]] = {
     "population": ("rivals", "culture", "prey", "visited"),
     "electrical": ("rc", "series-rlc", "rl", "parallel-rlc"),
 }
-"""Hosts that effects of a domain are hidden in, two at a time, unless `PLACES` says where."""
+"""Hosts that effects of a domain are hidden in, two at a time, unless `HOSTS_OF` says where."""
 
-PLACES: Mapping[str, Mapping[str, tuple[str, str]]] = {
+HOSTS_OF: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "mechanical": {
         "linear-stiffness": ("free-hard-spring", "forced-hard-spring"),
         "viscous-damping": ("free-drag-oscillator", "forced-drag-oscillator"),
@@ -216,7 +216,7 @@ def _catalogue(crossed: bool) -> Iterator[HiddenCase]:
         rooms = ROOM[domain]
         for i, effect in enumerate(effects.values()):
             usual = (rooms[2 * i % len(rooms)], rooms[(2 * i + 1) % len(rooms)])
-            first, second = PLACES[domain].get(effect.slug, usual)
+            first, second = HOSTS_OF[domain].get(effect.slug, usual)
             visits = [(first, NOISE[0]), (second, NOISE[1]), (first, NOISE[2]), (second, NOISE[turn % 3])]
             if turn % 3 == 1:
                 visits[-1] = (first, NOISE[1])

@@ -37,21 +37,22 @@ START, ERROR = (10.0, 1.0), (-1.0, 1.0)
 DRAWS_BY_HAND = 500
 """Draws of the one chain of the model written by hand, which takes minutes, after as many of warm-up."""
 
-OURS, BY_HAND = "fit and refine", "NumPyro and diffrax"
+REFINED, BY_HAND = "fit and refine", "NumPyro and diffrax"
 """Samplers."""
 
 
 def cases(asked: Asked) -> list[Case]:
     """Return both samplers."""
     return [
-        Case(f"{name}/{asked.seed}", (name, asked.seed, asked.progress), {"sampler": name}) for name in (OURS, BY_HAND)
+        Case(f"{name}/{asked.seed}", (name, asked.seed, asked.progress), {"sampler": name})
+        for name in (REFINED, BY_HAND)
     ]
 
 
 def sampled(name: str, seed: int, progress: bool) -> dict[str, Any]:
     """Return the moments of a sampler's draws against the reference, and its speed."""
     pelts, start = load_hudson_bay(), time.perf_counter()
-    if name == OURS:
+    if name == REFINED:
         draws = refined(pelts, seed, progress)
     else:
         # Imported here: it brings NumPyro and diffrax.

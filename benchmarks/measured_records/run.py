@@ -14,7 +14,7 @@ from .records import READ
 LEAST_LISTED = 0.3
 """Effects, corrections and kinds of discrepancies that are likelier are listed."""
 
-COLUMNS = ["samples", "verdict", "effects", "corrections", "kind of what is left", "right", "seconds", "says"]
+MEASURED_COLUMNS = ["samples", "verdict", "effects", "corrections", "kind of what is left", "right", "seconds", "says"]
 
 
 def cases(asked: Asked) -> list[Case]:
@@ -56,7 +56,7 @@ def _listed(table: pd.DataFrame, name: str) -> str:
 
 def score(records: list[Record]) -> Tables:
     """Return a row for each record."""
-    return {"records": pd.DataFrame(records, columns=["record", *COLUMNS]).set_index("record")}
+    return {"records": pd.DataFrame(records, columns=["record", *MEASURED_COLUMNS]).set_index("record")}
 
 
 def show(tables: Tables) -> dict[str, pd.DataFrame]:

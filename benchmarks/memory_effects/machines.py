@@ -32,7 +32,7 @@ HELD_OUT_SAMPLES = 600
 WAVES, BAND = 10, (0.3, 2.0)
 """Waves of the force, and the band of their frequencies over ω₀."""
 
-AMPLITUDE, NATURAL, DAMPED, BENT = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1, 0.5)
+AMPLITUDE, NATURAL, DAMPED, DUFFING = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1, 0.5)
 """RMS of the linear host's position; ω₀; ζ; the Duffing force over the linear one at that position."""
 
 INSET = 1.15
@@ -45,7 +45,7 @@ MOST_INTEGRATIONS, SETTLED = 20, 0.01
 """Most integrations of a machine until its inner parameters are the shares of its own motion that were
 drawn, to this precision: strong friction changes the motion that it is scaled by."""
 
-ACCURATE = {"name": "dop853", "rtol": 1e-9, "atol": 1e-11, "nsteps": 100_000}
+DOP853 = {"name": "dop853", "rtol": 1e-9, "atol": 1e-11, "nsteps": 100_000}
 
 Rates = Callable[[float, float, float, list[float], list[float]], list[float]]
 """Rates of the hidden states, from y, y′, F, z and the inner parameters: plain numbers, for speed."""
@@ -172,7 +172,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
     """Integrate a replicate and sample it; odd ones are Duffing's."""
     rng = np.random.default_rng([seed, replicate, *machine.name.encode()])
     w0, zeta, amplitude = (_drawn(rng, *limits) for limits in (NATURAL, DAMPED, AMPLITUDE))
-    beta = _drawn(rng, *BENT) * w0**2 / amplitude**2 if replicate % 2 else 0.0
+    beta = _drawn(rng, *DUFFING) * w0**2 / amplitude**2 if replicate % 2 else 0.0
     frequency = w0 * rng.uniform(*BAND, WAVES)
     level = amplitude * np.sqrt(2) / np.linalg.norm(1 / np.abs(w0**2 - frequency**2 + 2j * zeta * w0 * frequency))
     forces = [_waves(frequency, rng.uniform(0, 2 * pi, WAVES), level) for _ in range(2)]
@@ -198,7 +198,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
 
         t = step * np.arange(n)
         # From sample to sample, by a compiled solver.
-        solver = ode(motion).set_integrator(**ACCURATE, first_step=step).set_initial_value(begun)
+        solver = ode(motion).set_integrator(**DOP853, first_step=step).set_initial_value(begun)
         path = np.stack([begun, *(solver.integrate(each) for each in t[1:])], axis=1)
         assert solver.successful()
         return t, path

@@ -20,10 +20,10 @@ from bayes_greybox.data.trajectories import Trajectories
 LARGEST_PARAMETER = 100.0
 """Parameters lie between zero and this, as for all published methods."""
 
-DRAWS = 100_000
+EFFICIENT_DRAWS = 100_000
 """Draws behind the median of an efficient estimator."""
 
-STEP = 1e-5
+SENSITIVITY_STEP = 1e-5
 """Step of differences of samples by parameters."""
 
 
@@ -115,9 +115,11 @@ class OdeCell:
         def sampled(at: np.ndarray) -> np.ndarray:
             return self.problem.states(*np.split(at, [n])).ravel()
 
-        J = np.column_stack([sampled(both + h) - sampled(both - h) for h in STEP * np.eye(len(both))]) / (2 * STEP)
+        J = np.column_stack([sampled(both + h) - sampled(both - h) for h in SENSITIVITY_STEP * np.eye(len(both))]) / (
+            2 * SENSITIVITY_STEP
+        )
         C = self.variance * np.linalg.inv(J.T @ J)[:n, :n]
-        drawn = np.random.default_rng(0).multivariate_normal(truth, C, DRAWS)
+        drawn = np.random.default_rng(0).multivariate_normal(truth, C, EFFICIENT_DRAWS)
         return float(np.median(np.linalg.norm(drawn - truth, axis=1)) / np.linalg.norm(truth))
 
 

@@ -31,21 +31,21 @@ STAYS = 1e-4
 OTHER_MINIMUM = 0.5
 """An error above it does not come from noise, but from another minimum."""
 
-_CELLS = {cell.key: cell for cell in CELLS}
+_BY_KEY = {cell.key: cell for cell in CELLS}
 
 
 def cases(asked: Asked) -> list[Case]:
     """Return the draws of all cells."""
     return [
         Case(f"{key}, seed {asked.seed}, draw {draw}", (key, draw, asked.seed))
-        for key in _CELLS
+        for key in _BY_KEY
         for draw in range(asked.replicates)
     ]
 
 
 def solved(key: str, draw: int, seed: int) -> dict[str, Any]:
     """Return the parameters of one draw, None where the package refuses it, and the seconds."""
-    cell, start = _CELLS[key], time.perf_counter()
+    cell, start = _BY_KEY[key], time.perf_counter()
     try:
         parameters = estimate(cell.problem, cell.samples(draw, seed)).tolist()
     except InputError:
@@ -95,7 +95,7 @@ def estimate(problem: Problem, data: Trajectories) -> Float[np.ndarray, " n_para
 def score(records: list[Record]) -> Tables:
     """Return a row for each cell; see `table_row`."""
     labelled = [{**record, "cell": record["key"].split(", seed")[0]} for record in records]
-    return {"table": by_group(labelled, {"cell": "cell"}, lambda group: table_row(_CELLS[group[0]["cell"]], group))}
+    return {"table": by_group(labelled, {"cell": "cell"}, lambda group: table_row(_BY_KEY[group[0]["cell"]], group))}
 
 
 def table_row(cell: OdeCell, records: list[Record]) -> dict[str, object]:

@@ -16,10 +16,10 @@ from scipy.linalg import cho_factor, cho_solve, toeplitz
 from .samples import CORRELATION, KICKS, SHAKEN, System
 from .systems import systems
 
-STEP = 1e-5
+SLOPE_STEP = 1e-5
 """Step of central differences over coefficients and starts."""
 
-ACCURATE = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
+TIGHT_DOP853 = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
 
 SHAPES = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
 """φ by name."""
@@ -47,10 +47,10 @@ def _known(name: str, terms: tuple[tuple[str, float], ...]) -> tuple[np.ndarray,
 
     def path(at: np.ndarray) -> np.ndarray:
         rates = _oscillator(system, terms, at)
-        return solve_ivp(rates, (t[0], t[-1]), at[len(terms) :], t_eval=t, **ACCURATE).y[0]
+        return solve_ivp(rates, (t[0], t[-1]), at[len(terms) :], t_eval=t, **TIGHT_DOP853).y[0]
 
     y = path(truth)
-    J = np.array([(path(truth + d) - path(truth - d)) / (2 * STEP) for d in STEP * np.eye(len(truth))]).T
+    J = np.array([(path(truth + d) - path(truth - d)) / (2 * SLOPE_STEP) for d in SLOPE_STEP * np.eye(len(truth))]).T
     lag = CORRELATION ** np.arange(len(t)) if system.sensor == "correlated" else np.eye(1, len(t))[0]
     C = (system.noise * np.std(y)) ** 2 * toeplitz(lag)
     if system.shaken:
@@ -76,11 +76,14 @@ def _answers(
 
     def motion(time: float, x: np.ndarray) -> np.ndarray:
         state, change = x[:2], x[2:].reshape(2, 2)
-        tangent = [(np.array(rates(time, state + d)) - rates(time, state - d)) / (2 * STEP) for d in STEP * np.eye(2)]
+        tangent = [
+            (np.array(rates(time, state + d)) - rates(time, state - d)) / (2 * SLOPE_STEP)
+            for d in SLOPE_STEP * np.eye(2)
+        ]
         return np.concatenate([rates(time, state), (np.array(tangent).T @ change).ravel()])
 
     start = [*truth[n:], 1.0, 0.0, 0.0, 1.0]
-    change = solve_ivp(motion, (t[0], t[-1]), start, t_eval=moments, **ACCURATE).y[2:].T.reshape(-1, 2, 2)
+    change = solve_ivp(motion, (t[0], t[-1]), start, t_eval=moments, **TIGHT_DOP853).y[2:].T.reshape(-1, 2, 2)
     # Φ(t) Φ(τ)⁻¹ takes a push at τ to t; the path knows nothing of later ones.
     answers = change[::KICKS, 0] @ np.linalg.inv(change)[:, :, 1].T
     answers[np.arange(len(moments)) > KICKS * np.arange(len(t))[:, None]] = 0.0

@@ -1,4 +1,4 @@
-"""The package beside the machine's own speed: a gradient beside LAPACK's share of it, a pass over rows beside a product.
+"""The package beside the machine itself: a gradient beside LAPACK's share of it, a pass over rows beside a product.
 
 A gradient of the sampler, with M features, factorises A = I + diag(s) G diag(s), solves with it for K + 1 columns on
 its way there and again on its way back, and needs diag(A⁻¹), for which LAPACK inverts the triangle: dpotrf, twice

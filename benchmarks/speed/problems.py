@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-RATE_NOISE = 0.02
+SPEED_NOISE = 0.02
 """Standard deviation of the noise, as a share of that of the rate."""
 
 INTEGRATED = 20_000
 """Rows up to which the oscillator is integrated to each; more lie on splines through as many."""
 
-OSCILLATOR = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3))
+OSCILLATOR_POWERS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3))
 """Powers of y and ydot: the terms of the oscillator."""
 
 MISSING = (3, 0)
@@ -45,7 +45,7 @@ class Problem:
 
     kind: str
     n_obs: int
-    n_term: int = len(OSCILLATOR)
+    n_term: int = len(OSCILLATOR_POWERS)
     n_var: int = 2
 
     @property
@@ -99,7 +99,7 @@ def problems() -> list[Problem]:
     """Return all problems of the table, those at a thousand rows first; then by rows, by terms, by variables."""
     return [
         Problem(COMPLETE, 1000),
-        Problem(PARTIAL, 1000, len(OSCILLATOR) - 1),
+        Problem(PARTIAL, 1000, len(OSCILLATOR_POWERS) - 1),
         *(Problem(COMPLETE, 10**power) for power in (2, 4, 5, 6, 7)),
         *(Problem(BOX, 1000, n_term) for n_term in (6, 20, 50)),
         *(Problem(BOX, 1000, 6, n_var) for n_var in (1, 3, 4)),
@@ -114,20 +114,20 @@ def measured(problem: Problem, seed: int) -> Data:
 
         system, time = oscillator(), np.linspace(0.0, 100.0, problem.n_obs)
         if problem.n_obs <= INTEGRATED:
-            seen = system.simulate(t=time, noise=RATE_NOISE, seed=seed)
+            seen = system.simulate(t=time, noise=SPEED_NOISE, seed=seed)
             return Data(problem, seen.states, "ydot", seen.derivatives["ydot"], seen.time)
         path = system.simulate(t=np.linspace(0.0, 100.0, INTEGRATED))
         spline = CubicSpline(path.time, path.matrix(path.state_names))
         columns = dict(zip(path.state_names, np.ascontiguousarray(spline(time).T), strict=True))
         rate = np.array(system.rate(columns)[:, path.state_names.index("ydot")])
-        rate += RATE_NOISE * rate.std() * np.random.default_rng(seed).standard_normal(problem.n_obs)
+        rate += SPEED_NOISE * rate.std() * np.random.default_rng(seed).standard_normal(problem.n_obs)
         return Data(problem, columns, "ydot", rate, time)
     generator = np.random.default_rng(seed)
     states = generator.uniform(-1.0, 1.0, (problem.n_obs, problem.n_var))
     theta = np.zeros(problem.n_term)
     theta[[0, problem.n_term // 2, -1]] = BOX_COEFFICIENTS
     rate = terms(problem, states) @ theta
-    rate += RATE_NOISE * rate.std() * generator.standard_normal(problem.n_obs)
+    rate += SPEED_NOISE * rate.std() * generator.standard_normal(problem.n_obs)
     names = BOX_STATES[: problem.n_var]
     return Data(problem, dict(zip(names, states.T, strict=True)), "a", rate, np.arange(problem.n_obs) * 1e-3)
 
@@ -135,7 +135,7 @@ def measured(problem: Problem, seed: int) -> Data:
 def degrees(problem: Problem) -> list[tuple[int, ...]]:
     """Return degrees of each term in each variable; in the box the lowest ones in all, without the constant."""
     if problem.kind != BOX:
-        return [powers for powers in OSCILLATOR if problem.kind == COMPLETE or powers != MISSING]
+        return [powers for powers in OSCILLATOR_POWERS if problem.kind == COMPLETE or powers != MISSING]
     # All of the least total degree that has enough.
     most = next(m for m in count(1) if math.comb(m + problem.n_var, problem.n_var) > problem.n_term)
     low = [each for each in product(range(most + 1), repeat=problem.n_var) if 0 < sum(each) <= most]

@@ -15,7 +15,7 @@ from benchmarks.answers import Answer, studied
 from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
 
 from .plant import NAMES, plant
-from .truth import STEP, path, truth, without_friction
+from .truth import PENDULUM_STEP, path, truth, without_friction
 
 TRAIN, UNSEEN = ((0.5, 0.0), 5.0), ((1.0, -1.5), 4.0)
 """Start and last time of the record that is learned from and of the other one, of the demonstration's two examples."""
@@ -147,7 +147,7 @@ def off(rates: Callable[[np.ndarray], np.ndarray], case: Pendulum, start: tuple[
         end: Last time.
     """
     t, true = case.path(start, end)
-    x, found, h = np.array(start), [start[0]], STEP / FREE_RUN_STEPS
+    x, found, h = np.array(start), [start[0]], PENDULUM_STEP / FREE_RUN_STEPS
     for _ in t[1:]:
         for _ in range(FREE_RUN_STEPS):
             a = rates(x)

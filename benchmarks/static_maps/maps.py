@@ -18,7 +18,7 @@ from benchmarks.sampled_systems.samples import sensor_noise
 NOISE_OF_OUTPUT = 0.05
 """Standard deviation of the output's noise over the output's spread."""
 
-RUN_SAMPLES, STEP_OF = 100, {"F": 0.04, "q": 0.4}
+SWEEP_SAMPLES, STEP_OF = 100, {"F": 0.04, "q": 0.4}
 """Samples of a run, and time from sample to sample by output."""
 
 HIDDEN = (0.02, 0.4)
@@ -113,10 +113,10 @@ def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
     noise = NOISE_OF_OUTPUT * float(np.std(np.concatenate([run_of(columns) for columns in parts[0]])))
     tables = []
     for part in parts:
-        outputs = [run_of(columns) + noise * sensor_noise(each.sensor, RUN_SAMPLES, rng) for columns in part]
+        outputs = [run_of(columns) + noise * sensor_noise(each.sensor, SWEEP_SAMPLES, rng) for columns in part]
         rest = {name: [columns[name] for columns in part] for name in part[0]}
         states, inputs = (rest, None) if each.output == "F" else (None, rest)
-        stamps = [STEP_OF[each.output] * np.arange(RUN_SAMPLES)] * len(part)
+        stamps = [STEP_OF[each.output] * np.arange(SWEEP_SAMPLES)] * len(part)
         tables.append(
             Trajectories.from_arrays(
                 stamps, states=states, inputs=inputs, outputs={each.output: outputs}, units=dict(each.units)
@@ -140,7 +140,7 @@ def _rig(part: int, rng: np.random.Generator) -> list[Columns]:
     amplitudes, frequencies = (((0.02, 0.05, 0.1), (0.5, 2.0)), ((0.035, 0.08), (0.8, 1.6)))[part]
     runs = []
     for amplitude, frequency in product(amplitudes, frequencies):
-        angle = 2 * np.pi * frequency * STEP_OF["F"] * np.arange(RUN_SAMPLES) + rng.uniform(0, 2 * np.pi)
+        angle = 2 * np.pi * frequency * STEP_OF["F"] * np.arange(SWEEP_SAMPLES) + rng.uniform(0, 2 * np.pi)
         runs.append({"x": amplitude * np.sin(angle), "v": 2 * np.pi * frequency * amplitude * np.cos(angle)})
     return runs
 
@@ -150,7 +150,7 @@ def _pump(part: int, rng: np.random.Generator) -> list[Columns]:
     pressures, frequencies = (((0.5, 2.0, 4.0), (0.05, 0.2)), ((1.0, 3.0), (0.08, 0.15)))[part]
     runs = []
     for pressure, frequency in product(pressures, frequencies):
-        angle = 2 * np.pi * frequency * STEP_OF["q"] * np.arange(RUN_SAMPLES) + rng.uniform(0, 2 * np.pi)
+        angle = 2 * np.pi * frequency * STEP_OF["q"] * np.arange(SWEEP_SAMPLES) + rng.uniform(0, 2 * np.pi)
         runs.append({"p": pressure * (1 + 0.95 * np.sin(angle)) / 2})
     return runs
 

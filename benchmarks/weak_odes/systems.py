@@ -18,15 +18,13 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from bayes_greybox.data.trajectories import Trajectories
+from benchmarks.published_odes.problems import EFFICIENT_DRAWS
 
 DEGREE = 5
 """Largest total degree of the monomials."""
 
 NOISES = (0.1, 0.2, 0.4)
 """Levels ν of the noise."""
-
-DRAWS = 100_000
-"""Draws behind the median of an efficient estimator."""
 
 CHANGE = 1e-6
 """Step of differences of samples by coefficients and starts, over one and their size."""
@@ -113,7 +111,7 @@ class WeakSystem:
         J = np.column_stack([(self._solved(both + h) - self._solved(both - h)).ravel() / (2 * h.max()) for h in steps])
         variance = noise**2 * np.mean(self.exact**2)
         C = variance * np.linalg.inv(J.T @ J)[: len(values), : len(values)]
-        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(values)), C, DRAWS)
+        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(values)), C, EFFICIENT_DRAWS)
         return float(np.median(np.linalg.norm(drawn, axis=1)) / np.linalg.norm(values))
 
     @property

@@ -61,13 +61,13 @@ def _partly(name: str, whole: Host, visible: tuple[str, ...]) -> Place:
     return Place(seen, replace(whole, name=name, roles=seen.roles))
 
 
-_SPRING, _DAMPING = 10.0, 0.5
+_MACHINE_SPRING, _MACHINE_DAMPING = 10.0, 0.5
 
 MACHINE = Host(
     name="machine",
     domain="mechanical",
     equation="ydot",
-    rates={"y": {"ydot": 1.0}, "ydot": {"F": 1.0, "y": -_SPRING, "ydot": -_DAMPING}},
+    rates={"y": {"ydot": 1.0}, "ydot": {"F": 1.0, "y": -_MACHINE_SPRING, "ydot": -_MACHINE_DAMPING}},
     roles={"position": "y", "velocity": "ydot", "input": "F"},
     units={"t": "s", "y": "m", "ydot": "m/s", "F": "N/kg"},
     starts={"y": Start(0.2, 1.0, mirrored=True), "ydot": Start(0.0, 2.0, mirrored=True)},

@@ -28,7 +28,7 @@ MOST_WRONG, MOST_WRONG_IN_FAMILY = 0.01, 0.05
 
 _CLAIM = re.compile(r"\bcloses\b.*?(\d+(?:\.\d+)?) ?%")
 
-_SHARES = (
+_AVERAGED = (
     *("wrong above 0.9", "wrong", "right", "silent", "unknown", "instrument found", "delay covered", "claim denied"),
     *(f"{peer} {kind}" for peer in PEERS for kind in ("wrong", "right")),
 )
@@ -141,7 +141,7 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
     for group, part in parts.items():
         rows[group] = {
             "cases": len(part),
-            **{column: _mean(part, column) for column in _SHARES},
+            **{column: _mean(part, column) for column in _AVERAGED},
             **{column: _median(part, column) for column in ("free run before", "free run after")},
             "seconds": _mean(part, "seconds"),
         }

@@ -141,7 +141,7 @@ def wrong_names(row: Mapping[str, Any], surely: bool = False) -> set[str]:
 
 
 def listed(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest probability of any effect in cases of one effect, whatever the verdict, and whether it was the one."""
+    """Return the largest probability of an effect in each case of one effect, and whether it was the hidden one."""
     found = []
     for row in rows:
         known = [e for e in (row.get("study") or {}).get("effects", ()) if e["probability"] is not None]
@@ -198,7 +198,7 @@ def _first_added(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def _is_excused(row: Mapping[str, Any]) -> bool:
-    """Return True if the study's first name is tied with the true one, and the oracle could not separate them either."""
+    """Return True if the study's first name is tied with the true one, and the oracle cannot separate them either."""
     first = _first_added(row)
     if row["family"] != "catalogue" or first is None or not row.get("oracle"):
         return False

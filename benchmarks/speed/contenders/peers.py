@@ -15,7 +15,7 @@ from bayes_greybox.running.errors import InputError
 from benchmarks.speed.drawn import BOUNDARY, LEAST_NOISE, Clock, Drawn, Settings, tensor_features
 from benchmarks.speed.problems import Data, Scaled
 
-PATIENCE, GROWTH = 0.5, 1.25
+PATIENCE, PATIENCE_GROWTH = 0.5, 1.25
 """Seconds to the first look at the draws of nutpie, and the factor by which the next gap is longer."""
 
 
@@ -95,7 +95,7 @@ def _sampled(data: Data, settings: Settings, clock: Clock, projected: bool) -> D
     while not _is_finished(sampler) and clock() < settings.cap:
         time.sleep(0.05)
         if clock() >= again:
-            gap *= GROWTH
+            gap *= PATIENCE_GROWTH
             again = clock() + gap
             looks.append((clock(), _whole(sampler.inspect())))
     found = sampler.wait() if _is_finished(sampler) else sampler.abort()

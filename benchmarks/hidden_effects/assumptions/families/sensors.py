@@ -211,7 +211,7 @@ SENSOR = Family(
 )
 
 
-POSITION, SPEED = "position compresses", "speed compresses"
+POSITION_COMPRESSED, SPEED_COMPRESSED = "position compresses", "speed compresses"
 """Read too small by a cubic; the size is the share that is lost at the largest value of the training data."""
 
 PLAY = "position play"
@@ -223,10 +223,10 @@ ZERO = "position zero"
 COUPLED = "AC-coupled rate"
 """A first-order high-pass; the size is its corner over the natural frequency of the host's mass on its spring."""
 
-_BENT = (
-    (POSITION, ((0.05, "machine", 0.02), (0.02, "swept-oscillator", 0.01))),
+_BENT_TRIED = (
+    (POSITION_COMPRESSED, ((0.05, "machine", 0.02), (0.02, "swept-oscillator", 0.01))),
     # A speed acts through the damping that the simulation knows, so that there has to be some.
-    (SPEED, ((0.1, "damped-machine", 0.01), (0.06, "damped-oscillator", 0.005))),
+    (SPEED_COMPRESSED, ((0.1, "damped-machine", 0.01), (0.06, "damped-oscillator", 0.005))),
     (PLAY, ((0.04, "forced-oscillator", 0.02), (0.03, "machine", 0.01))),
     (ZERO, ((0.2, "hardening-machine", 0.02), (0.2, "hardening-oscillator", 0.05))),
     (COUPLED, ((0.15, "machine", 0.05), (0.15, "forced-oscillator", 0.02))),
@@ -234,7 +234,7 @@ _BENT = (
 
 
 def _bent() -> Iterator[Setting]:
-    for breach, tried in _BENT:
+    for breach, tried in _BENT_TRIED:
         for size, host, noise in tried:
             yield Setting(breach, size, host, noise)
 
@@ -279,8 +279,8 @@ def _bending(scene: Scene, part: str, rng: np.random.Generator) -> Measured:
     clean, train = white(scene, part, rng), seen(scene, "train").columns
     columns, rate, size = dict(clean.columns), clean.rate, case.size
     position, speed = host.roles["position"], host.roles["velocity"]
-    if case.breach in (POSITION, SPEED):
-        name = position if case.breach == POSITION else speed
+    if case.breach in (POSITION_COMPRESSED, SPEED_COMPRESSED):
+        name = position if case.breach == POSITION_COMPRESSED else speed
         columns[name] = compressed(columns[name], float(np.max(np.abs(train[name]))), size)
     elif case.breach == PLAY:
         half = size * float(np.max(np.abs(train[position])))
