@@ -146,11 +146,6 @@ def _row(record: Record) -> Record:
     }
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return verdict and worst test of each variant."""
-    return {"Simulation-based calibration": tables["calibration"][["passed", "worst", "adjusted", "seconds"]]}
-
-
 CALIBRATION = Benchmark(
     "calibration",
     "draws truths from every prior with every kernel and tests whether they lie among the posterior draws as they "
@@ -159,5 +154,5 @@ CALIBRATION = Benchmark(
     cases,
     calibrated,
     score,
-    show,
+    lambda tables: {"Simulation-based calibration": tables["calibration"][["passed", "worst", "adjusted", "seconds"]]},
 )

@@ -140,6 +140,15 @@ class Benchmark:
     finish: Callable[[Path, Tables], object] = lambda folder, tables: None
 
 
+def replicated(kind: str, names: Sequence[str], asked: Asked) -> list[Case]:
+    """Return the replicates of named cases, whose `run` takes the name, the number of the replicate and the seed."""
+    return [
+        Case(f"{name}/{asked.seed}/{k}", (name, k, asked.seed), {kind: name, "replicate": k})
+        for name in names
+        for k in range(asked.replicates)
+    ]
+
+
 def perform(benchmark: Benchmark, cases: Sequence[Case], asked: Asked) -> Tables:
     """Run the cases, or what is left of them, and write the results.
 

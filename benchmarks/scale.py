@@ -89,13 +89,6 @@ class Growth(NamedTuple):
             yield Trajectories.from_arrays([t] * n, states={"x": list(x)}, run_names=names)
 
 
-class Stopped(NamedTuple):
-    """Seconds of wall time and of the processor."""
-
-    wall: float
-    processor: float
-
-
 class Clock:
     """A clock that tells the time since it was last asked."""
 
@@ -103,10 +96,10 @@ class Clock:
         """Start."""
         self._last = time.perf_counter(), time.process_time()
 
-    def lap(self) -> Stopped:
-        """Return the time since the last lap."""
+    def lap(self, name: str) -> dict[str, float]:
+        """Return seconds of wall time and of the processor since the last lap."""
         before, self._last = self._last, (time.perf_counter(), time.process_time())
-        return Stopped(self._last[0] - before[0], self._last[1] - before[1])
+        return {f"{name}, s": self._last[0] - before[0], f"{name}, CPU": self._last[1] - before[1]}
 
 
 def fit_of_rows(n_row: int) -> dict[str, Any]:
@@ -124,22 +117,22 @@ def fit_of_rows(n_row: int) -> dict[str, Any]:
     sampling = Sampling(draws=500, tune=500, chains=2)
     clock = Clock()
     model, data, rows = taken(model, RowStream(Oscillator(n_row)))
-    ranges = clock.lap()
+    ranges = clock.lap("ranges")
     assert rows is not None
     whole = rows.statistics(model)
-    statistics = clock.lap()
+    statistics = clock.lap("statistics")
     # The first compiles.
     sample_posterior(model, data, sampling, progress=False, whole=whole)
-    clock.lap()
+    clock.lap("compiling")
     fit = sample_posterior(model, data, sampling, progress=False, whole=whole)
-    sampled = clock.lap()
+    sampled = clock.lap("sampling")
     theta = fit.values("ydot")["theta"]
     truth = np.array([OSCILLATOR.get(name, 0.0) for name in fit.equations["ydot"].frame.dictionary.names])
     return {
-        **_timed("ranges", ranges),
-        **_timed("statistics", statistics),
-        "rows a second": n_row / (ranges.processor + statistics.processor),
-        **_timed("sampling", sampled),
+        **ranges,
+        **statistics,
+        "rows a second": n_row / (ranges["ranges, CPU"] + statistics["statistics, CPU"]),
+        **sampled,
         "peak memory, MB": _peak(),
         "farthest coefficient, sd": float(np.max(np.abs(theta.mean(axis=0) - truth) / theta.std(axis=0))),
     }
@@ -159,12 +152,12 @@ def statistics_of_runs(kind: str, n_run: int) -> dict[str, Any]:
     model, sample, rows = taken(model, RowStream(Growth(n_run)))
     assert rows is not None
     statistics = rows.statistics(model)
-    passed = clock.lap()
+    passed = clock.lap("statistics")
     (equation,) = equations_of(model, sample, statistics).values()
     return {
         "samples": n_run * RUN_SAMPLES,
-        **_timed("statistics", passed),
-        "runs a second": n_run / passed.processor,
+        **passed,
+        "runs a second": n_run / passed["statistics, CPU"],
         "peak memory, MB": _peak(),
         "farthest coefficient, sd": equation.moved(
             [(term, GROWTH[term.text]) for term in equation.frame.dictionary.terms]
@@ -176,15 +169,6 @@ def score(records: list[Record]) -> Tables:
     """Return one row for each number of rows or of runs; memory is that of the largest so far."""
     rows = [{key: value for key, value in record.items() if key not in ("key", "version")} for record in records]
     return {"costs": pd.DataFrame(rows).set_index("size")}
-
-
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return the costs."""
-    return {"Seconds of wall time, and of the processor (CPU), by which rows and runs a second count": tables["costs"]}
-
-
-def _timed(name: str, stopped: Stopped) -> dict[str, float]:
-    return {f"{name}, s": stopped.wall, f"{name}, CPU": stopped.processor}
 
 
 def _peak() -> float:
@@ -203,7 +187,7 @@ MANY_ROWS = Benchmark(
     lambda asked: [Case(f"{n}", (n,), {"size": n}) for n in sorted(asked.size or ())],
     fit_of_rows,
     score,
-    show,
+    lambda tables: {"Seconds of wall time, and of the processor (CPU), by which rates count": tables["costs"]},
     threads=1,
     resumes=False,
 )

@@ -59,11 +59,6 @@ def score(records: list[Record]) -> Tables:
     return {"records": pd.DataFrame(records, columns=["record", *MEASURED_COLUMNS]).set_index("record")}
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return the verdicts."""
-    return {"Measured records": tables["records"].drop(columns=["samples", "right", "says"])}
-
-
 MEASURED_RECORDS = Benchmark(
     "measured-records",
     "studies records that other people measured and published, from a folder of their files (--data).",
@@ -71,5 +66,5 @@ MEASURED_RECORDS = Benchmark(
     cases,
     judged,
     score,
-    show,
+    lambda tables: {"Measured records": tables["records"].drop(columns=["samples", "right", "says"])},
 )

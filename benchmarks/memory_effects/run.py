@@ -1,11 +1,10 @@
 """Studies of the machines with a memory: names, clean machines, coverage."""
 
+from dataclasses import replace
 from typing import Any
 
-import pandas as pd
-
 from benchmarks.answers import Answer, studied
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
 
 from .machines import hidden, machines, measured
 
@@ -16,14 +15,12 @@ def cases(asked: Asked) -> list[Case]:
     `replicates` counts those of each effect of the catalogue. There are as many machines that hide nothing as of all
     effects, and a third as many of an effect that the catalogue does not have.
     """
-    known = machines()
-    counts = {
-        name: max(1, round(known[name].weight * asked.replicates)) for name in asked.names(known, "kind of machine")
-    }
-    each = sorted(
-        ((name, k) for name in counts for k in range(counts[name])), key=lambda case: case[1] / counts[case[0]]
-    )
-    return [Case(f"{name}/{asked.seed}/{k}", (name, k, asked.seed), {"kind": name, "replicate": k}) for name, k in each]
+    known, found = machines(), []
+    for name in asked.names(known, "kind of machine"):
+        count = max(1, round(known[name].weight * asked.replicates))
+        own = replicated("kind", [name], replace(asked, replicates=count))
+        found += [(case.arguments[1] / count, case) for case in own]
+    return [case for _, case in sorted(found, key=lambda pair: pair[0])]
 
 
 def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
@@ -82,11 +79,7 @@ def score(records: list[Record]) -> Tables:
     return {"machines": by_group(records, {"kind": "kind"}, of_group)}
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return names, wrong names and coverage of each kind of machine."""
-    title = "Effects with memory found from samples of a position; counts of cases, coverage of 90 % intervals"
-    return {title: tables["machines"]}
-
+TITLE = "Effects with memory found from samples of a position; counts of cases, coverage of 90 % intervals"
 
 MEMORY_EFFECTS = Benchmark(
     "memory-effects",
@@ -95,5 +88,5 @@ MEMORY_EFFECTS = Benchmark(
     cases,
     study,
     score,
-    show,
+    lambda tables: {TITLE: tables["machines"]},
 )

@@ -10,7 +10,6 @@ import time
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.stats import norm
 
 from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, median
@@ -113,11 +112,7 @@ def score(records: list[Record]) -> Tables:
     return {"coverage": by_group(ordered, {"noise": "noise", "rows": "rows"}, of_group)}
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return the coverage of each coefficient by noise and kind of rows."""
-    title = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"
-    return {title: tables["coverage"]}
-
+TITLE = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"
 
 SAMPLED_COVERAGE = Benchmark(
     "sampled-coverage",
@@ -126,7 +121,7 @@ SAMPLED_COVERAGE = Benchmark(
     cases,
     fitted,
     score,
-    show,
+    lambda tables: {TITLE: tables["coverage"]},
     threads=1,
     refusals=True,
 )

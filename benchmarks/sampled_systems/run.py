@@ -2,10 +2,8 @@
 
 from typing import Any
 
-import pandas as pd
-
 from benchmarks.answers import Answer, studied
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
 
 from .samples import sampled
 from .systems import systems
@@ -13,11 +11,7 @@ from .systems import systems
 
 def cases(asked: Asked) -> list[Case]:
     """Return the replicates of the chosen systems."""
-    return [
-        Case(f"{name}/{asked.seed}/{k}", (name, k, asked.seed), {"system": name, "replicate": k})
-        for name in asked.names(systems(), "system")
-        for k in range(asked.replicates)
-    ]
+    return replicated("system", asked.names(systems(), "system"), asked)
 
 
 def study(name: str, replicate: int, seed: int) -> dict[str, Any]:
@@ -75,11 +69,7 @@ def score(records: list[Record]) -> Tables:
     return {"systems": by_group(records, {"system": "system"}, of_group)}
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return names, coverage and held-out error of each system."""
-    title = "Effects found from samples of one state; coverage of 90 % intervals; held-out error over the sensor's"
-    return {title: tables["systems"]}
-
+TITLE = "Effects found from samples of one state; coverage of 90 % intervals; held-out error over the sensor's"
 
 SAMPLED_SYSTEMS = Benchmark(
     "sampled-systems",
@@ -89,6 +79,6 @@ SAMPLED_SYSTEMS = Benchmark(
     cases,
     study,
     score,
-    show,
+    lambda tables: {TITLE: tables["systems"]},
     refusals=True,
 )

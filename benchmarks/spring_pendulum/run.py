@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
 from benchmarks.answers import Answer, studied
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
 
 from .plant import NAMES, plant
 from .truth import PENDULUM_STEP, path, truth, without_friction
@@ -78,11 +78,8 @@ def cases(asked: Asked) -> list[Case]:
     """
     names = asked.names(pendulums(), "case")
     _plant()
-    return [
-        Case(f"{name}/{asked.seed}/{k}", (name, k, asked.seed), {"case": name, "replicate": k})
-        for k in range(asked.replicates)
-        for name in names
-    ]
+    # A stopped run has some of all.
+    return sorted(replicated("case", names, asked), key=lambda case: case.arguments[1])
 
 
 def study(name: str, replicate: int, seed: int) -> dict[str, Any]:

@@ -3,10 +3,9 @@
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from benchmarks.answers import SURE, Answer, studied
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
 
 from .maps import maps, measured
 from .oracle import posterior
@@ -14,11 +13,7 @@ from .oracle import posterior
 
 def cases(asked: Asked) -> list[Case]:
     """Return the replicates of the chosen maps."""
-    return [
-        Case(f"{name}/{asked.seed}/{k}", (name, k, asked.seed), {"map": name, "replicate": k})
-        for name in asked.names(maps(), "map")
-        for k in range(asked.replicates)
-    ]
+    return replicated("map", asked.names(maps(), "map"), asked)
 
 
 def study(name: str, replicate: int, seed: int) -> dict[str, Any]:
@@ -79,11 +74,7 @@ def score(records: list[Record]) -> Tables:
     return {"maps": by_group(records, {"map": "map"}, of_group)}
 
 
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return names, controls, coverage and held-out error of each map."""
-    title = "Effects found from outputs; coverage of 90 % intervals; held-out error over that of the noise"
-    return {title: tables["maps"]}
-
+TITLE = "Effects found from outputs; coverage of 90 % intervals; held-out error over that of the noise"
 
 STATIC_MAPS = Benchmark(
     "static-maps",
@@ -92,5 +83,5 @@ STATIC_MAPS = Benchmark(
     cases,
     study,
     score,
-    show,
+    lambda tables: {TITLE: tables["maps"]},
 )
