@@ -100,9 +100,6 @@ def benchmark(
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
 
-    Args:
-        arguments: Words after the program's name; those of the process by default.
-
     Returns:
         The exit code.
     """

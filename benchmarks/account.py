@@ -52,12 +52,7 @@ class Interval(NamedTuple):
 
 
 def accounted(intervals: Iterable[Interval], total: Interval) -> dict[str, float]:
-    """Return seconds by kind, each counted once, for the interval that began last of those that were open.
-
-    Args:
-        intervals: Intervals in any order; they may lie within each other.
-        total: Interval of the whole, whose kind gets the seconds that no other has.
-    """
+    """Return seconds by kind, each counted once, for the interval that began last of those that were open."""
     inside = [Interval(k, max(a, total.start), min(b, total.end)) for k, a, b in intervals]
     # Of two of the same length the first one counts.
     whole = [*(each for each in inside if each.end > each.start), total]

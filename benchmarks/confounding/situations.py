@@ -86,10 +86,9 @@ class Records:
         return float(np.sum(copied**2) / np.sum(delta**2))
 
     def projected(self, measure: str) -> Float[np.ndarray, " n_term"]:
-        """Return the addition of δ to θ when δ is projected on the dictionary: H⁻¹⟨Φ, δ⟩.
+        """Return the addition of δ to θ when δ is projected on the dictionary: H⁻¹⟨Φ, δ⟩, by a measure.
 
-        Args:
-            measure: "empirical", the states of the record, or "box", uniform on their bounding box.
+        That is "empirical", the states of the record, or "box", uniform on their bounding box.
         """
         y, v = self.y, self.v
         if measure == "box":

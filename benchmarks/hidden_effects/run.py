@@ -92,13 +92,7 @@ def to_solve(chosen: Sequence[AnyCase], ways: Ways) -> list[Case]:
 
 
 def run_case(case: AnyCase, ways: Ways, before: Mapping[str, Any] | None = None) -> Record:
-    """Return everything about one case that is not known yet; an error is a result.
-
-    Args:
-        case: The case.
-        ways: Solvers.
-        before: Record of an earlier run.
-    """
+    """Return everything about one case that is not known yet; an error is a result."""
     before = before or {}
     row = {"domain": case.system.domain, **asdict(case), "truth": [], "off": None, "closable": None, **before}
     row.pop("error", None)

@@ -43,11 +43,7 @@ class Driven:
 
 
 def small_gaps(seed: int = 0) -> tuple[HiddenCase, ...]:
-    """Return each effect of the catalogue in both its hosts at each level of noise, with a small ratio; in mixed order.
-
-    Args:
-        seed: Seed of ratios (log-uniform in `RATIOS`), order, coefficients, starts, excitation and noise.
-    """
+    """Return each effect of the catalogue in both its hosts at each level of noise, small and in mixed order."""
     rng = np.random.default_rng(seed)
     known = [c for c in all_cases(seed, crossed=True) if c.family == "catalogue" and c.noise in SMALL_GAP_NOISES]
     # One ratio from each of as many equal parts of the range.
@@ -89,13 +85,7 @@ def exact(data: CaseData, driven: Driven) -> Runs | None:
 
 
 def joined(data: CaseData, runs: Sequence[Runs], noise: Mapping[str, Sequence[np.ndarray]]) -> Trajectories:
-    """Return the record, and runs after it as they are measured.
-
-    Args:
-        data: The case.
-        runs: Exact quantities of the runs.
-        noise: Noise of the rate of each state, for each run.
-    """
+    """Return the record, and runs after it as they are measured."""
     host, record = data.host, record_of(data)
     return Trajectories.from_arrays(
         [record.time, *(r.columns["t"] for r in runs)],

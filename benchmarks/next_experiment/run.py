@@ -56,13 +56,7 @@ def measure(case: HiddenCase) -> dict[str, Any]:
 
 
 def orders(data: CaseData, study: "Study", candidates: "Sequence[Candidate]") -> dict[str, list[int]]:
-    """Return candidates in the order in which each way prefers them; what the study says may fail comes last in each.
-
-    Args:
-        data: The case.
-        study: Study of its record.
-        candidates: Possible experiments, with names that tell them apart.
-    """
+    """Return candidates in the order in which each way prefers them; those that may fail come last in each."""
     from bayes_greybox.discovery.next_experiment.ranked import FAILS
 
     from .optimal import log_determinants

@@ -45,11 +45,6 @@ def ways(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
 def differences(records: Sequence[Mapping[str, Any]], level: float = 0.95, seed: int = 0) -> pd.DataFrame:
     """Compare the information with each other way, in the same ties with the same noise.
 
-    Args:
-        records: Records of the cases.
-        level: Probability of the intervals, by the bootstrap of ties.
-        seed: Seed of the bootstrap.
-
     Returns:
         By other way and score (right, probability, log): difference, lower, upper; of right also the ties in which the
         one alone and the other alone is right, and the exact two-sided p of McNemar's test (1947).

@@ -53,11 +53,7 @@ def solved(key: str, draw: int, seed: int) -> dict[str, Any]:
 
 
 def estimate(problem: Problem, data: Trajectories) -> Float[np.ndarray, " n_parameter"]:
-    """Estimate parameters between zero and `LARGEST_PARAMETER`.
-
-    Args:
-        problem: The problem; its true parameters and starts are not used.
-        data: Samples.
+    """Estimate parameters between zero and `LARGEST_PARAMETER`; the true ones and the starts are not used.
 
     Raises:
         InputError: Coefficients do not settle.

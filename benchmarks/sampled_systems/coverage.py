@@ -42,14 +42,7 @@ def cases(asked: Asked) -> list[Case]:
 
 
 def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
-    """Return which intervals of one repeat hold the truth, and how wide they are.
-
-    Args:
-        noise: One of `NOISE_MODELS`.
-        kind: One of `ROW_KINDS`.
-        repeat: Number of the draw of the noise.
-        seed: Seed of all noise.
-    """
+    """Return which intervals of one repeat hold the truth, and how wide they are."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.greybox import GreyBox
     from bayes_greybox.model.noise.asked import Noise

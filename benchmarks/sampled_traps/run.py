@@ -63,11 +63,6 @@ def study(name: str, seed: int) -> dict[str, Any]:
 def judged(trap: Trap, verdict: str, effects: pd.DataFrame) -> dict[str, Any]:
     """Judge an answer.
 
-    Args:
-        trap: The trap.
-        verdict: Verdict of the study.
-        effects: Weighed effects: slug, probability, status.
-
     Returns:
         wrong (slugs that nothing excuses, above `SURE` or in a verdict *named*), right (of a trap: nothing is wrong;
         of a control: besides, its verdict, or one of the effects that are wanted and none that is not is added).

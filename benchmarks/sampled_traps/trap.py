@@ -91,15 +91,7 @@ def recorded(t: Any, x: Any, u: Any = None) -> Trajectories:
 
 
 def multisine(rng: np.random.Generator, low: float, high: float, lines: int, rms: float) -> Signal:
-    """Draw a smooth random signal.
-
-    Args:
-        rng: Generator of its lines.
-        low: Frequency of the first line, about.
-        high: Frequency of the last one.
-        lines: Number of sines.
-        rms: RMS of their sum.
-    """
+    """Draw a smooth random signal: sines from about the low to the high frequency, their sum of this RMS."""
     w = np.linspace(low, high, lines) * (1 + 0.01 * rng.standard_normal(lines))
     phase = rng.uniform(0, 2 * np.pi, lines)
     a = rng.uniform(0.6, 1.4, lines)

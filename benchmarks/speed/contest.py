@@ -37,12 +37,6 @@ GRACE = 15.0
 def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tuple[Drawn | None, dict[str, Any]]:
     """Return draws of a contender, and their costs.
 
-    Args:
-        folder: Empty folder, for this alone.
-        contender: Name in `CONTENDERS`.
-        data: Data.
-        settings: Settings.
-
     Returns:
         The draws, None where it was ended; and `seconds` since its process started, `cpu` seconds of all cores,
         `starting` seconds (the interpreter, imports, tracing, compiling), `memory` in MB at its peak, `capped`, and

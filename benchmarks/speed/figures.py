@@ -58,10 +58,6 @@ def first_answer(drawn: Drawn) -> float:
 def apart(row: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[float, float]:
     """Return how far the posterior means of θ are from those of another sampler, at most.
 
-    Args:
-        row: Figures of a sampler.
-        other: Figures of the other.
-
     Returns:
         In standard deviations of the other's posterior, and in standard errors of the difference of both means. NaN
         where one has no draws.

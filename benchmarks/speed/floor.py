@@ -36,13 +36,7 @@ def floor(name: str) -> dict[str, float]:
 
 
 def gradient(n_var: int, along: int, n_term: int = 6) -> tuple[float, float]:
-    """Return seconds of a gradient of the log density that NUTS sees, and of LAPACK alone.
-
-    Args:
-        n_var: Number of variables of f.
-        along: Features along each.
-        n_term: Number of terms.
-    """
+    """Return seconds of a gradient of the log density that NUTS sees, and of LAPACK alone."""
     import jax
 
     from bayes_greybox.running.compiling import compiled

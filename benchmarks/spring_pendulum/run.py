@@ -135,14 +135,7 @@ def sampled(case: Pendulum, record: tuple[tuple[float, float], float], seed: Seq
 
 
 def off(rates: Callable[[np.ndarray], np.ndarray], case: Pendulum, start: tuple[float, float], end: float) -> float:
-    """Return the RMS error of the position of a free run from the true start, in m, by Runge and Kutta's method.
-
-    Args:
-        rates: Function from position and speed to their rates.
-        case: Case that has the true path.
-        start: Position and speed at time 0.
-        end: Last time.
-    """
+    """Return the RMS error of the position of a free run from the true start, in m, by Runge and Kutta's method."""
     t, true = case.path(start, end)
     x, found, h = np.array(start), [start[0]], PENDULUM_STEP / FREE_RUN_STEPS
     for _ in t[1:]:

@@ -53,12 +53,7 @@ def without_friction(start: tuple[float, float], end: float) -> tuple[np.ndarray
 
 
 def path(start: tuple[float, float], end: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "2 n"]]:
-    """Return times, and positions and speeds of the pendulum at them, every `PENDULUM_STEP`.
-
-    Args:
-        start: Position in m and speed in m/s at time 0.
-        end: Last time, in s.
-    """
+    """Return times, and positions and speeds of the pendulum at them, every `PENDULUM_STEP`."""
     t = PENDULUM_STEP * np.arange(round(end / PENDULUM_STEP) + 1)
     found = np.empty((2, len(t)))
     now, state = 0.0, np.array(start, float)

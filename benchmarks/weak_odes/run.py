@@ -35,14 +35,7 @@ def cases(asked: Asked, names: Iterable[str] | None = None, noises: Sequence[flo
 
 
 def identified(name: str, noise: float, replicate: int, seed: int) -> dict[str, Any]:
-    """Return terms, coefficients, and which of their intervals hold the truth, of one draw.
-
-    Args:
-        name: Name of the system; its equations serve for scoring alone.
-        noise: Level of the noise.
-        replicate: Number of the draw.
-        seed: Seed of all draws.
-    """
+    """Return terms and coefficients of one draw, and which of their intervals hold the truth."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.model.estimate.likeliest import likeliest
     from bayes_greybox.model.program import Program

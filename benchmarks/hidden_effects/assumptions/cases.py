@@ -31,11 +31,7 @@ UNUSUAL = 3
 
 
 def assumption_cases(seed: int = 0) -> tuple[AssumptionCase, ...]:
-    """Return all cases of broken assumptions.
-
-    Args:
-        seed: Seed of ratios, coefficients, starts, excitation and noise.
-    """
+    """Return all cases of broken assumptions."""
     return tuple(case for place, family in enumerate(FAMILIES.values()) for case in _cases(family, place, seed))
 
 

@@ -153,12 +153,7 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
 def assumption_bars(
     records: Sequence[Mapping[str, Any]], scored: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, float, float, float]]:
-    """Return the bars: a sentence, the value that was reached, the least and the most that is enough.
-
-    Args:
-        records: All finished cases, those without a broken assumption too.
-        scored: Scores of the cases with a broken assumption.
-    """
+    """Return the bars: a sentence, the value that was reached, the least and the most that is enough."""
     believed: dict[str, list[bool]] = {}
     for row in records:
         believed.setdefault(row["family"], []).append(bool(wrong_names(row, surely=True)))

@@ -38,9 +38,6 @@ def score(every: Sequence[Mapping[str, Any]]) -> Tables:
     In all tables the share of right answers has the solver's name. Cases of broken assumptions have tables of their
     own, and are in no other but the reliability and the bars.
 
-    Args:
-        every: Records of the cases.
-
     Returns:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
         families: By family, for all, and for those that the oracle applies to ("one or none"); with `exact` (the

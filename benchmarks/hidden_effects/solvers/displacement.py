@@ -25,12 +25,7 @@ def displacement_cases(seed: int = 1) -> tuple[HiddenCase, ...]:
 
 
 def displacement(data: CaseData, noise: float) -> tuple[Trajectories, Trajectories]:
-    """Sample the position of training and held-out data with white noise, beside the exact force.
-
-    Args:
-        data: Data of the case, of which only the position and the inputs are used.
-        noise: Standard deviation over that of the position in the training data.
-    """
+    """Sample the position of both data sets with noise over its spread in the training data, beside the exact force."""
     rng = np.random.default_rng(zlib.crc32(f"{data.case.key} {noise}".encode()))
     place = data.host.roles["position"]
     sd = noise * float(np.std(data.train.states[place]))

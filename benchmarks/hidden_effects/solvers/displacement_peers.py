@@ -27,11 +27,6 @@ WINDOWS = 200
 def ask(data: CaseData, noise: float, seed: int = 0) -> dict[str, Any]:
     """Return the answers of PySINDy's weak form by method; see `peers.Rivals`.
 
-    Args:
-        data: Data of the case.
-        noise: Noise of the sensor over the spread of the position.
-        seed: Seed of windows and bootstrap.
-
     Raises:
         InputError: PySINDy is not installed.
     """

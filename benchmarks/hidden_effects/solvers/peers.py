@@ -79,10 +79,7 @@ def ask(data: CaseData) -> dict[str, Any]:
 def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, object]:
     """Name what is missing by sparse regression of measured derivative less simulation.
 
-    Args:
-        data: Data of the case; the truth is not looked at.
-        ensemble: If true, the median of models on bootstrapped rows is taken.
-        seed: Seed of the bootstrap.
+    An ensemble takes the median of models on bootstrapped rows.
 
     Returns:
         "verdict" ("no gap", "recalibrate" or "named"), "names" (effects that are kept, largest first) and the chosen

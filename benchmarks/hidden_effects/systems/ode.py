@@ -90,12 +90,6 @@ def paths(
 ) -> Float[np.ndarray, "n_run n_all n_time"]:
     """Integrate the states of all runs at the host's times, followed by those of effects with a memory.
 
-    Args:
-        ode: The system.
-        starts: Initial states.
-        signal: The inputs of the runs as a function of time, if there are any.
-        tolerance: Relative tolerance of the integration (order 8).
-
     Raises:
         LostError: Nothing that could serve as data.
     """

@@ -38,11 +38,6 @@ class Wanted:
 def coefficients(ode: HostODE, excited: Excited, wanted: Sequence[Wanted]) -> tuple[Acting, ...]:
     """Search coefficients, and with them inner parameters, by secants in their logarithms.
 
-    Args:
-        ode: The host without effects.
-        excited: Starts and input of the training data.
-        wanted: Effects and their sizes.
-
     Raises:
         LostError: The host cannot be followed with effects of these sizes.
     """
