@@ -7,14 +7,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from .trap import multisine, noisy, path, recorded, staircase, trap
 
 
-@trap(
-    21,
-    "White noise, a held input, all coefficients right.",
-    {"x": "v", "v": "-10*x - 0.5*v + u"},
-    hold="held",
-    answer="no gap",
-)
+@trap(21, {"x": "v", "v": "-10*x - 0.5*v + u"}, hold="held", answer="no gap")
 def _control_nothing(rng: np.random.Generator) -> Trajectories:
+    """White noise, a held input, all coefficients right."""
     n, step = 2000, 0.02
     t = step * np.arange(n)
     u, breaks = staircase(rng, n * step, 0.5, 5.0)
@@ -22,13 +17,9 @@ def _control_nothing(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.02), u(t))
 
 
-@trap(
-    22,
-    "A strong cubic spring, a broad drive, white noise.",
-    {"x": "v", "v": "-10*x - 0.5*v + u"},
-    wanted={"cubic-stiffness"},
-)
+@trap(22, {"x": "v", "v": "-10*x - 0.5*v + u"}, wanted={"cubic-stiffness"})
 def _control_cubic(rng: np.random.Generator) -> Trajectories:
+    """A strong cubic spring, a broad drive, white noise."""
     t = 0.01 * np.arange(3000)
     u = multisine(rng, 1.0, 4.5, 9, 5.0)
     x, _ = path(lambda _, x, u: (x[1], -10 * x[0] - 0.5 * x[1] - 4 * x[0] ** 3 + u), (0.0, 0.0), t, u)
@@ -37,7 +28,6 @@ def _control_cubic(rng: np.random.Generator) -> Trajectories:
 
 @trap(
     23,
-    "Dry friction in two runs with held inputs, white noise.",
     {"x": "v", "v": "-15*x - 0.4*v + u"},
     hold="held",
     # Its sign is smooth over 0.05 of speed, which is smooth friction to the letter.
@@ -45,7 +35,7 @@ def _control_cubic(rng: np.random.Generator) -> Trajectories:
     allowed={"stribeck-friction", "exponential-stribeck-friction"},
 )
 def _control_coulomb(rng: np.random.Generator) -> Trajectories:
-    """Two runs."""
+    """Dry friction in two runs with held inputs, white noise."""
     n, step = 1000, 0.015
     t = step * np.arange(n)
     paths, inputs = [], []
@@ -61,28 +51,20 @@ def _rubbing(_: float, x: np.ndarray, u: float) -> tuple[float, float]:
     return x[1], -15 * x[0] - 0.4 * x[1] - 0.8 * np.tanh(x[1] / 0.05) + u
 
 
-@trap(
-    24,
-    "One coefficient is −14.5 and should be −16; all else is exact.",
-    {"x": "v", "v": "-14.5*x - 0.6*v - 8*x**3 + u"},
-    wanted={"linear-stiffness"},
-    answer="recalibrate",
-)
+@trap(24, {"x": "v", "v": "-14.5*x - 0.6*v - 8*x**3 + u"}, wanted={"linear-stiffness"}, answer="recalibrate")
 def _control_literal(rng: np.random.Generator) -> Trajectories:
+    """One coefficient is −14.5 and should be −16; all else is exact."""
     t = 0.01 * np.arange(2500)
     u = multisine(rng, 1.0, 5.0, 9, 5.0)
     x, _ = path(lambda _, x, u: (x[1], -16 * x[0] - 0.6 * x[1] - 8 * x[0] ** 3 + u), (0.2, 0.0), t, u)
     return recorded(t, noisy(rng, x, 0.015), u(t))
 
 
-@trap(
-    25,
-    "A controller whose output stays until its next sample, which nobody says: between straight lines the force is "
-    "half a step early, as if the actuator lagged.",
-    {"x": "v", "v": "-2*x - 0.15*v + u"},
-    wanted={"signed-quadratic-stiffness"},
-)
+@trap(25, {"x": "v", "v": "-2*x - 0.15*v + u"}, wanted={"signed-quadratic-stiffness"})
 def _control_digital_loop(rng: np.random.Generator) -> Trajectories:
+    """A controller whose output stays until its next sample, which nobody says: between straight lines the force is
+    half a step early, as if the actuator lagged.
+    """
     n, step = 800, 0.1
     t = step * np.arange(n)
     wanted, shown, u = multisine(rng, 0.3, 3.0, 12, 1.5), np.zeros(n), np.zeros(n)
@@ -99,14 +81,11 @@ def _control_digital_loop(rng: np.random.Generator) -> Trajectories:
     return recorded(t, shown, u)
 
 
-@trap(
-    27,
-    "The logger lost a second of a rig with quadratic drag, its drive included: a line through the gap drives the "
-    "path elsewhere, and offsets, a dead zone and backlash explain that.",
-    {"x": "v", "v": "-100*x - 0.33*v + u/1.2"},
-    wanted={"quadratic-drag"},
-)
+@trap(27, {"x": "v", "v": "-100*x - 0.33*v + u/1.2"}, wanted={"quadratic-drag"})
 def _control_gap(rng: np.random.Generator) -> Trajectories:
+    """The logger lost a second of a rig with quadratic drag, its drive included: a line through the gap drives the path
+    elsewhere, and offsets, a dead zone and backlash explain that.
+    """
     t = 0.02 * np.arange(1500)
     u = multisine(rng, 1.9, 14.5, 7, 3.2)
 

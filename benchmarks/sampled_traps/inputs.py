@@ -9,13 +9,14 @@ from .trap import multisine, noisy, path, recorded, trap
 
 @trap(
     9,
-    "An amplifier loses what is small of its input. At resonance force and speed are in phase, so that its loss "
-    "c sign(u) is c sign(v): dry friction.",
     {"x": "v", "v": "-25*x - 0.6*v + u"},
     # The catalogue's backlash has no memory: it is what a dead zone of the input takes away, and that is the truth.
     allowed={"backlash", "cubic-input", "input-gain"},
 )
 def _amplifier_crossover(rng: np.random.Generator) -> Trajectories:
+    """An amplifier loses what is small of its input. At resonance force and speed are in phase, so that its loss c
+    sign(u) is c sign(v): dry friction.
+    """
     t = 0.01 * np.arange(3000)
     phase = rng.uniform(0, 2 * np.pi)
 
@@ -29,15 +30,11 @@ def _amplifier_crossover(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.02), u(t))
 
 
-@trap(
-    10,
-    "A valve lags behind its command, the more the larger it is: neither a delay nor a gain fits alone, and the "
-    "rest looks like a damper or a spring that is not linear.",
-    {"x": "v", "v": "-36*x - 1.5*v + u"},
-    learned=("v",),
-    allowed={"input-gain"},
-)
+@trap(10, {"x": "v", "v": "-36*x - 1.5*v + u"}, learned=("v",), allowed={"input-gain"})
 def _slewing_actuator(rng: np.random.Generator) -> Trajectories:
+    """A valve lags behind its command, the more the larger it is: neither a delay nor a gain fits alone, and the rest
+    looks like a damper or a spring that is not linear.
+    """
     t = 0.015 * np.arange(3000)
     waves = multisine(rng, 1.0, 8.0, 10, 12.0)
     lag, slew = 0.04, 55.0
@@ -53,14 +50,11 @@ def _slewing_actuator(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.015), u(t))
 
 
-@trap(
-    11,
-    "The floor shakes in the machine's own band and is not recorded: so does every wrong law of x and v, and with "
-    "some thirty periods the nearest one explains a part of it.",
-    {"x": "v", "v": "-18*x - 0.5*v + u"},
-    learned=("x", "v"),
-)
+@trap(11, {"x": "v", "v": "-18*x - 0.5*v + u"}, learned=("x", "v"))
 def _shaking_floor(rng: np.random.Generator) -> Trajectories:
+    """The floor shakes in the machine's own band and is not recorded: so does every wrong law of x and v, and with some
+    thirty periods the nearest one explains a part of it.
+    """
     t = 0.02 * np.arange(2500)
     u = multisine(rng, 1.5, 6.0, 8, 2.0)
     floor = multisine(rng, 3.9, 4.6, 12, 0.35)

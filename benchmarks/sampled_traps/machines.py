@@ -7,14 +7,11 @@ from bayes_greybox.data.trajectories import Trajectories
 from .trap import multisine, noisy, path, recorded, trap
 
 
-@trap(
-    12,
-    "Dry friction and drag about the one amplitude of speed at which their sum is flat: what they take is that of "
-    "viscous damping, and of their third harmonics 40 % are left.",
-    {"x": "v", "v": "-16*x + u"},
-    allowed={"coulomb-friction", "smooth-friction", "quadratic-drag"},
-)
+@trap(12, {"x": "v", "v": "-16*x + u"}, allowed={"coulomb-friction", "smooth-friction", "quadratic-drag"})
 def _two_laws_as_one(rng: np.random.Generator) -> Trajectories:
+    """Dry friction and drag about the one amplitude of speed at which their sum is flat: what they take is that of
+    viscous damping, and of their third harmonics 40 % are left.
+    """
     t = 0.01 * np.arange(4000)
     dry = 0.25
     drag = 1.5 * dry / 0.8**2
@@ -31,13 +28,11 @@ def _two_laws_as_one(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.015), u(t))
 
 
-@trap(
-    16,
-    "A spring cools while it rings down: its frequency follows amplitude squared at all times, as that of a "
-    "softening cubic spring does. Only a third harmonic of 0.3 % would tell them apart.",
-    {"x": "v", "v": "-39.48*x - 0.06*v"},
-)
+@trap(16, {"x": "v", "v": "-39.48*x - 0.06*v"})
 def _cooling_spring(rng: np.random.Generator) -> Trajectories:
+    """A spring cools while it rings down: its frequency follows amplitude squared at all times, as that of a softening
+    cubic spring does. Only a third harmonic of 0.3 % would tell them apart.
+    """
     k, c = 39.48, 0.06
     t = 0.006 * np.arange(10_000)
     drop, start = 0.10 * rng.uniform(0.9, 1.1), rng.uniform(0.9, 1.1)
@@ -49,14 +44,11 @@ def _cooling_spring(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.02))
 
 
-@trap(
-    17,
-    "Stiffness is lower and damping higher where amplitude is large, because something broke there, and not "
-    "because of amplitude: a softening spring and drag.",
-    {"x": "v", "v": "-64*x - 0.9*v + u"},
-)
+@trap(17, {"x": "v", "v": "-64*x - 0.9*v + u"})
 def _loosening_bolt(rng: np.random.Generator) -> Trajectories:
-    """Two runs: a gentle one, and a hard one in which a bolt gives way."""
+    """Stiffness is lower and damping higher where amplitude is large, because something broke there, and not because of
+    amplitude: a softening spring and drag. Two runs: a gentle one, and a hard one in which a bolt gives way.
+    """
     t = 0.012 * np.arange(1500)
     paths, inputs = [], []
     for level, change in ((2.0, 0.0), (9.0, 1.0)):
@@ -72,14 +64,11 @@ def _loosening_bolt(rng: np.random.Generator) -> Trajectories:
     return recorded([t, t], np.split(x, 2), inputs)
 
 
-@trap(
-    18,
-    "Stiffness swings at twice the drive and locked to it: first and third harmonics, as of a cubic spring, whose "
-    "ratio the learned stiffness mends. Amplitude hardly varies.",
-    {"x": "v", "v": "-36*x - 0.4*v + u"},
-    learned=("x", "v"),
-)
+@trap(18, {"x": "v", "v": "-36*x - 0.4*v + u"}, learned=("x", "v"))
 def _gear_mesh(rng: np.random.Generator) -> Trajectories:
+    """Stiffness swings at twice the drive and locked to it: first and third harmonics, as of a cubic spring, whose
+    ratio the learned stiffness mends. Amplitude hardly varies.
+    """
     k, c, w = 36.0, 0.4, 5.0
     t = 0.01 * np.arange(4000)
     phase = rng.uniform(0, 2 * np.pi)
@@ -95,13 +84,11 @@ def _gear_mesh(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.006), u(t))
 
 
-@trap(
-    19,
-    "A limit cycle that a damper −|x|v bounds, which no catalogue has: on one orbit every damper that takes the "
-    "same energy fits, and small harmonics choose the nearest entry.",
-    {"x": "v", "v": "-4*x + 0.3*v"},
-)
+@trap(19, {"x": "v", "v": "-4*x + 0.3*v"})
 def _one_limit_cycle(rng: np.random.Generator) -> Trajectories:
+    """A limit cycle that a damper −|x|v bounds, which no catalogue has: on one orbit every damper that takes the same
+    energy fits, and small harmonics choose the nearest entry.
+    """
     t = 0.05 * np.arange(2000)
     bound, start = 0.7 * rng.uniform(0.9, 1.1), 0.1 * rng.standard_normal()
 
@@ -114,8 +101,6 @@ def _one_limit_cycle(rng: np.random.Generator) -> Trajectories:
 
 @trap(
     20,
-    "One number is wrong and five terms move together, the input's among them; one of them may be learned, and "
-    "what is left looks like a new spring.",
     {
         "x1": "v1",
         "v1": "-50*x1 - 1.0*v1 - 40*(x1 - x2) - 120*(x1 - x2)**3 + u",
@@ -128,7 +113,9 @@ def _one_limit_cycle(rng: np.random.Generator) -> Trajectories:
     allowed={"input-gain", "linear-stiffness", "viscous-damping", "coupling-stiffness", "cubic-coupling-stiffness"},
 )
 def _wrong_mass(rng: np.random.Generator) -> Trajectories:
-    """Two masses of which the first is 10 % heavier than the drawing."""
+    """One number is wrong and five terms move together, the input's among them; one of them may be learned, and what is
+    left looks like a new spring. Two masses of which the first is 10 % heavier than the drawing.
+    """
     t = 0.012 * np.arange(2500)
     u = multisine(rng, 2.0, 9.0, 10, 10.0)
 

@@ -10,14 +10,12 @@ FINER = 200
 """Plain steps between two samples: a mass that sticks has no smooth equation that a solver could follow."""
 
 
-@trap(
-    13,
-    "Softening and loss come of one hidden state, and strength fades as the drive is raised: the nearest entries "
-    "are a softening spring and drag, which remember nothing.",
-    {"x": "v", "v": "-30*x - 0.6*v + u"},
-)
+@trap(13, {"x": "v", "v": "-30*x - 0.6*v + u"})
 def _degrading_hysteresis(rng: np.random.Generator) -> Trajectories:
-    """Bouc and Wen's joint, which loses strength with the energy that it has taken."""
+    """Softening and loss come of one hidden state, and strength fades as the drive is raised: the nearest entries are a
+    softening spring and drag, which remember nothing. Bouc and Wen's joint, which loses strength with the energy that
+    it has taken.
+    """
     t = 0.015 * np.arange(3000)
     waves, end = multisine(rng, 1.5, 6.0, 9, 5.0), t[-1]
     k, share, c = 30.0, 0.45, 0.6
@@ -34,16 +32,12 @@ def _degrading_hysteresis(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.02), u(t))
 
 
-@trap(
-    14,
-    "Stiffness and damping, which are learned, take most of it; the creep that is left after each step looks like "
-    "a drift of the sensor, or dry friction that holds the mass off its rest.",
-    {"x": "v", "v": "-25*x - 0.3*v + u"},
-    learned=("x", "v"),
-    hold="held",
-)
+@trap(14, {"x": "v", "v": "-25*x - 0.3*v + u"}, learned=("x", "v"), hold="held")
 def _rubber_mount(rng: np.random.Generator) -> Trajectories:
-    """Three of Maxwell's elements over two decades of time."""
+    """Stiffness and damping, which are learned, take most of it; the creep that is left after each step looks like a
+    drift of the sensor, or dry friction that holds the mass off its rest. Three of Maxwell's elements over two decades
+    of time.
+    """
     n, step = 2500, 0.012
     t = step * np.arange(n)
     u, breaks = staircase(rng, n * step, 1.2, 6.0)
@@ -58,13 +52,11 @@ def _rubber_mount(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.01), u(t))
 
 
-@trap(
-    15,
-    "A hidden mode at half the frequency takes the energy once the motion is large: seen from x alone, a damper "
-    "that is far from linear.",
-    {"x": "v", "v": "-36*x - 0.3*v + u"},
-)
+@trap(15, {"x": "v", "v": "-36*x - 0.3*v + u"})
 def _autoparametric_absorber(rng: np.random.Generator) -> Trajectories:
+    """A hidden mode at half the frequency takes the energy once the motion is large: seen from x alone, a damper that
+    is far from linear.
+    """
     t = 0.015 * np.arange(4000)
     phase = rng.uniform(0, 2 * np.pi)
     start = 0.06 * rng.choice([-1, 1]) * rng.uniform(0.8, 1.2)
@@ -80,15 +72,11 @@ def _autoparametric_absorber(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x, 0.02), u(t))
 
 
-@trap(
-    28,
-    "Dry friction that sticks, behind rates that a filter computed: what is smoothed there looks rounded.",
-    {"x": "v", "v": "-40*x - 0.4*v + u"},
-    rates={"x": "v"},
-    allowed={"coulomb-friction"},
-)
+@trap(28, {"x": "v", "v": "-40*x - 0.4*v + u"}, rates={"x": "v"}, allowed={"coulomb-friction"})
 def _filtered_coulomb(rng: np.random.Generator) -> Trajectories:
-    """Friction of 0.55 N on 1 kg under some 2 N; the position with 2 % noise."""
+    """Dry friction that sticks, behind rates that a filter computed: what is smoothed there looks rounded. Friction of
+    0.55 N on 1 kg under some 2 N; the position with 2 % noise.
+    """
     n, step = 2000, 0.01
     u = multisine(rng, 2.0, 9.0, 4, 1.7)
     fine = u(step / FINER * np.arange(n * FINER))

@@ -7,14 +7,11 @@ from bayes_greybox.data.trajectories import Trajectories
 from .trap import multisine, noisy, path, recorded, trap
 
 
-@trap(
-    1,
-    "A converter that truncates towards zero takes half a count times sign(x) from a free decay: its envelope is "
-    "exactly that of viscous and Coulomb friction. Noise far below one count does not dither it.",
-    {"x": "v", "v": "-88.83*x"},
-    learned=("v",),
-)
+@trap(1, {"x": "v", "v": "-88.83*x"}, learned=("v",))
 def _truncating_adc(rng: np.random.Generator) -> Trajectories:
+    """A converter that truncates towards zero takes half a count times sign(x) from a free decay: its envelope is
+    exactly that of viscous and Coulomb friction. Noise far below one count does not dither it.
+    """
     t = 0.005 * np.arange(10_000)
     start = (rng.uniform(0.9, 1.1), 0.0)
     x, _ = path(lambda _, x, u: (x[1], -88.83 * x[0] - 0.11 * x[1]), start, t)
@@ -24,8 +21,6 @@ def _truncating_adc(rng: np.random.Generator) -> Trajectories:
 
 @trap(
     2,
-    "Lag and droop of a filter on one of two channels, through a resonance that a chirp crosses with an amplitude "
-    "that follows its frequency: a delay is not quite it, and what is left asks for damping or stiffness.",
     {
         "x1": "v1",
         "v1": "-40*x1 - 60*(x1 - x2) - 0.8*v1 + u",
@@ -35,7 +30,10 @@ def _truncating_adc(rng: np.random.Generator) -> Trajectories:
     equation="v2",
 )
 def _lowpass_sensor(rng: np.random.Generator) -> Trajectories:
-    """Two masses of which the second is read through a filter of order two at 6 Hz."""
+    """Lag and droop of a filter on one of two channels, through a resonance that a chirp crosses with an amplitude that
+    follows its frequency: a delay is not quite it, and what is left asks for damping or stiffness. Two masses of which
+    the second is read through a filter of order two at 6 Hz.
+    """
     cut = 2 * np.pi * 6.0
     t = 0.01 * np.arange(3000)
     phase = rng.uniform(0, 2 * np.pi)
@@ -56,13 +54,11 @@ def _lowpass_sensor(rng: np.random.Generator) -> Trajectories:
     return recorded(t, states, u(t))
 
 
-@trap(
-    3,
-    "The sensor's gain wanders: an error in proportion to the displacement, part of it coherent over half a "
-    "period, looks like a force that amplitude switches on.",
-    {"x": "v", "v": "-12*x - 0.5*v + u"},
-)
+@trap(3, {"x": "v", "v": "-12*x - 0.5*v + u"})
 def _multiplicative_noise(rng: np.random.Generator) -> Trajectories:
+    """The sensor's gain wanders: an error in proportion to the displacement, part of it coherent over half a period,
+    looks like a force that amplitude switches on.
+    """
     t = 0.015 * np.arange(3000)
     u = multisine(rng, 1.5, 5.0, 9, 4.0)
     x, _ = path(lambda _, x, u: (x[1], -12 * x[0] - 0.5 * x[1] + u), (0.0, 0.0), t, u)
@@ -70,13 +66,11 @@ def _multiplicative_noise(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, read, 0.005, x), u(t))
 
 
-@trap(
-    4,
-    "An optical tracker freezes while its target is fast: near resonance a lag that grows with amplitude is a "
-    "cubic spring or drag. Spikes to one side read as a constant force, and tails are heavy.",
-    {"x": "v", "v": "-20*x - 0.6*v + u"},
-)
+@trap(4, {"x": "v", "v": "-20*x - 0.6*v + u"})
 def _freezing_tracker(rng: np.random.Generator) -> Trajectories:
+    """An optical tracker freezes while its target is fast: near resonance a lag that grows with amplitude is a cubic
+    spring or drag. Spikes to one side read as a constant force, and tails are heavy.
+    """
     n = 10_000
     t = 0.005 * np.arange(n)
     u = multisine(rng, 4.15, 4.8, 6, 2.5)
@@ -98,16 +92,11 @@ def _freezing_tracker(rng: np.random.Generator) -> Trajectories:
     return recorded(t, read, u(t))
 
 
-@trap(
-    5,
-    "A bent float arm over a laminar outlet: the test is slow, so that a curved sensor and a curved outflow are "
-    "one curve to first order.",
-    {"h": "u"},
-    equation="h",
-    learned=("h",),
-    catalogue="fluid",
-)
+@trap(5, {"h": "u"}, equation="h", learned=("h",), catalogue="fluid")
 def _two_point_float(rng: np.random.Generator) -> Trajectories:
+    """A bent float arm over a laminar outlet: the test is slow, so that a curved sensor and a curved outflow are one
+    curve to first order.
+    """
     t = 1.0 * np.arange(1500)
     pumped = multisine(rng, 0.008, 0.045, 8, 0.017)
     (h,) = path(lambda _, h, u: (u - 0.05 * h[0],), (1.0,), t, lambda s: 0.05 + pumped(s))
@@ -116,14 +105,11 @@ def _two_point_float(rng: np.random.Generator) -> Trajectories:
     return recorded(t, {"h": noisy(rng, read, 0.012, h)}, 0.05 + pumped(t))
 
 
-@trap(
-    6,
-    "The sensor's bracket rings near the third harmonic of a rounded square wave: the reading carries a harmonic "
-    "locked to the motion, as of a cubic spring or dry friction.",
-    {"x": "v", "v": "-14*x - 1.2*v + u"},
-    learned=("x", "v"),
-)
+@trap(6, {"x": "v", "v": "-14*x - 1.2*v + u"}, learned=("x", "v"))
 def _flexible_bracket(rng: np.random.Generator) -> Trajectories:
+    """The sensor's bracket rings near the third harmonic of a rounded square wave: the reading carries a harmonic
+    locked to the motion, as of a cubic spring or dry friction.
+    """
     t = 0.02 * np.arange(3000)
     w, rings = 2.2 + 0.05 * rng.standard_normal(), 6.8
     phase = rng.uniform(0, 2 * np.pi)
@@ -140,14 +126,11 @@ def _flexible_bracket(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x - b, 0.01, x), u(t))
 
 
-@trap(
-    7,
-    "Mains hum on the sensor is aliased to exactly the third harmonic of a drive of one amplitude; stiffness and "
-    "damping, which are learned, take up what a cubic spring would do to the fundamental.",
-    {"x": "v", "v": "-20*x - 0.6*v + u"},
-    learned=("x", "v"),
-)
+@trap(7, {"x": "v", "v": "-20*x - 0.6*v + u"}, learned=("x", "v"))
 def _aliased_hum(rng: np.random.Generator) -> Trajectories:
+    """Mains hum on the sensor is aliased to exactly the third harmonic of a drive of one amplitude; stiffness and
+    damping, which are learned, take up what a cubic spring would do to the fundamental.
+    """
     t = np.arange(2910) / 48.5
     k, c, w = 20.0, 0.6, np.pi
     phase = rng.uniform(0, 2 * np.pi)
@@ -165,14 +148,11 @@ def _aliased_hum(rng: np.random.Generator) -> Trajectories:
     return recorded(t, noisy(rng, x + hum, 0.01, x), u(t))
 
 
-@trap(
-    8,
-    "Stamps drift from 20 ms early to 30 ms late while the drive is raised: near resonance phase depends on "
-    "amplitude, as with a cubic spring. The mean delay is about nil, and jitter is noise in proportion to speed.",
-    {"x": "v", "v": "-25*x - 0.7*v + u"},
-    learned=("x",),
-)
+@trap(8, {"x": "v", "v": "-25*x - 0.7*v + u"}, learned=("x",))
 def _drifting_clock(rng: np.random.Generator) -> Trajectories:
+    """Stamps drift from 20 ms early to 30 ms late while the drive is raised: near resonance phase depends on amplitude,
+    as with a cubic spring. The mean delay is about nil, and jitter is noise in proportion to speed.
+    """
     n = 4000
     stamps = 0.015 * np.arange(n)
     late = 0.0006 * stamps + 0.01 * (1 - np.exp(-stamps / 15)) + rng.exponential(0.002, n)
@@ -189,26 +169,22 @@ def _drifting_clock(rng: np.random.Generator) -> Trajectories:
     return recorded(stamps, noisy(rng, x, 0.01), u(stamps))
 
 
-@trap(
-    26,
-    "A sensor with a lag of the first order, 4 % of the period: of a linear machine it does exactly what an "
-    "actuator does that lags, and no sample tells which of the two it is.",
-    {"x": "v", "v": "u - x - 0.1*v"},
-)
+@trap(26, {"x": "v", "v": "u - x - 0.1*v"})
 def _slow_sensor(rng: np.random.Generator) -> Trajectories:
+    """A sensor with a lag of the first order, 4 % of the period: of a linear machine it does exactly what an actuator
+    does that lags, and no sample tells which of the two it is.
+    """
     t = 0.2 * np.arange(800)
     u, lag = multisine(rng, 0.5, 1.6, 10, 1.0), 0.25
     shown = path(lambda _, x, u: (x[1], u - x[0] - 0.1 * x[1], (x[0] - x[2]) / lag), [0.0] * 3, t, u)[2]
     return recorded(t, noisy(rng, shown, 0.01), u(t))
 
 
-@trap(
-    29,
-    "A displacement sensor that saturates, by 6 to 10 % at the ends of its range, on a machine that is driven far "
-    "below its resonance: displacement and force are in phase, and what bends one may as well bend the other.",
-    {"x": "v", "v": "u - 144*x - 4*v"},
-)
+@trap(29, {"x": "v", "v": "u - 144*x - 4*v"})
 def _compressing_sensor(rng: np.random.Generator) -> Trajectories:
+    """A displacement sensor that saturates, by 6 to 10 % at the ends of its range, on a machine that is driven far
+    below its resonance: displacement and force are in phase, and what bends one may as well bend the other.
+    """
     t, end = 0.1 * np.arange(1200), 0.02
     u = multisine(rng, 0.2, 1.5, 8, 0.7)
     x, _ = path(lambda _, x, u: (x[1], u - 144 * x[0] - 4 * x[1]), (0.0, 0.0), t, u)

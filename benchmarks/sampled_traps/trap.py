@@ -61,19 +61,18 @@ class Trap:
 
 
 def trap(
-    number: int, why: str, simulation: Mapping[str, str], **more: Any
+    number: int, simulation: Mapping[str, str], **more: Any
 ) -> Callable[[Callable[[np.random.Generator], Trajectories]], Trap]:
-    """Make a trap, by its name, of the function that draws its samples.
+    """Make a trap of the function that draws its samples, by its name and its docstring.
 
     Args:
         number: Number that keeps its draws apart from those of other traps.
-        why: Reason why a study is tempted.
         simulation: Right-hand sides that the study is given.
         **more: Further attributes of `Trap`.
     """
 
     def made(drawn: Callable[[np.random.Generator], Trajectories]) -> Trap:
-        name = drawn.__name__.strip("_").replace("_", "-")
+        name, why = drawn.__name__.strip("_").replace("_", "-"), " ".join((drawn.__doc__ or "").split())
         return Trap(name, why, simulation, lambda seed: drawn(generator(seed, number)), **more)
 
     return made
