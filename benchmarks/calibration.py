@@ -154,5 +154,7 @@ CALIBRATION = Benchmark(
     cases,
     calibrated,
     score,
-    lambda tables: {"Simulation-based calibration": tables["calibration"][["passed", "worst", "adjusted", "seconds"]]},
+    lambda tables: {
+        "Simulation-based calibration": tables["calibration"].loc[:, ["passed", "worst", "adjusted", "seconds"]]
+    },
 )

@@ -195,12 +195,12 @@ def perform(benchmark: Benchmark, cases: Sequence[Case], asked: Asked) -> Tables
     return tables
 
 
-def mean(values: Sequence[float]) -> float:
+def mean(values: Sequence[float] | np.ndarray) -> float:
     """Return the mean; NaN of nothing."""
     return float(np.mean(values)) if len(values) else float("nan")
 
 
-def median(values: Sequence[float]) -> float:
+def median(values: Sequence[float] | np.ndarray) -> float:
     """Return the median; NaN of nothing."""
     return float(np.median(values)) if len(values) else float("nan")
 
@@ -215,7 +215,7 @@ def by_group(
         names: Entries that the records of a group share, and what the table's index calls them.
         scores: Function from the records of a group to its row.
     """
-    groups: dict[tuple, list[Record]] = {}
+    groups: dict[tuple[Any, ...], list[Record]] = {}
     for record in records:
         groups.setdefault(tuple(record[name] for name in names), []).append(record)
     rows = {key if len(key) > 1 else key[0]: scores(group) for key, group in groups.items()}

@@ -84,12 +84,12 @@ def show(tables: Tables) -> dict[str, pd.DataFrame]:
     renamed = {"coverage": "covers", "correlation": "|corr|", "ess_per_second": "ESS/s"}
     cells = tables["cells"].reset_index().set_index("situation").rename(columns=renamed)
     title = "Worst bias in SDs, worst coverage of 90 % intervals, |corr(θ, f)|, chains"
-    shown = {title: cells[["kernel", "measure", "bias", "covers", "|corr|", "converged", "ESS/s"]]}
+    shown = {title: cells.loc[:, ["kernel", "measure", "bias", "covers", "|corr|", "converged", "ESS/s"]]}
     renamed = {"projection": "proj.", "coverage": "covers θ", "coverage_projection": "θ + proj."}
     for situation, terms in tables["terms"].groupby(level="situation", sort=False):
         table = terms.reset_index().set_index("kernel").rename(columns=renamed)
         columns = ["measure", "term", "proj.", "bias", "sd", "covers θ", "θ + proj."]
-        shown[f"Coefficients, {situation}"] = table[columns]
+        shown[f"Coefficients, {situation}"] = table.loc[:, columns]
     return shown
 
 

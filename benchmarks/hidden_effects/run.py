@@ -141,10 +141,10 @@ def show(tables: Tables) -> dict[str, pd.DataFrame]:
     shown = {}
     if len(tables["families"]):
         columns = ["cases", *SOLVERS, "right or tied", "closed", "seconds"]
-        shown["Share of right answers; gap closed, of what the true model closes"] = tables["families"][columns]
+        shown["Share of right answers; gap closed, of what the true model closes"] = tables["families"].loc[:, columns]
     if len(tables["assumptions"]):
         title = "Broken assumptions: shares of cases; error of the held-out free run"
-        shown[title] = tables["assumptions"][list(BROKEN)].rename(columns=BROKEN)
+        shown[title] = tables["assumptions"].loc[:, list(BROKEN)].rename(columns=BROKEN)
     return {**shown, "What must hold": tables["bars"]}
 
 

@@ -112,9 +112,9 @@ def score(records: list[Record]) -> Tables:
 def show(tables: Tables) -> dict[str, pd.DataFrame]:
     """Return the contenders of each problem, then the comparisons with the machine."""
     shown = {
-        f"{problem}: effective draws a second of θ and η, cold": rows.droplevel("problem")[list(SHOWN)].rename(
-            columns=SHOWN
-        )
+        f"{problem}: effective draws a second of θ and η, cold": rows.droplevel("problem")
+        .loc[:, list(SHOWN)]
+        .rename(columns=SHOWN)
         for problem, rows in tables["speed"].groupby(level="problem", sort=False)
     }
     if "floor" in tables:
