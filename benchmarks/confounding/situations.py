@@ -41,16 +41,8 @@ class Situation:
 
 
 SITUATIONS = (
-    Situation(
-        "complete",
-        {"y": -2.0, "v": -0.3, "y**3": -1.0},
-        lambda y, v: np.zeros_like(y),
-    ),
-    Situation(
-        "dissimilar",
-        {"y": -2.0, "v": -0.3},
-        lambda y, v: np.cos(1.5 * y),
-    ),
+    Situation("complete", {"y": -2.0, "v": -0.3, "y**3": -1.0}, lambda y, v: np.zeros_like(y)),
+    Situation("dissimilar", {"y": -2.0, "v": -0.3}, lambda y, v: np.cos(1.5 * y)),
     Situation("overlapping", {"y": -2.0, "v": -0.3}, lambda y, v: -(y**3)),
 )
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_names, wrong_names
+from benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_names, values, wrong_names
+from benchmarks.runner import mean, median
 
 from .families import FAMILIES
 
@@ -141,9 +142,9 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
     for group, part in parts.items():
         rows[group] = {
             "cases": len(part),
-            **{column: _mean(part, column) for column in _AVERAGED},
-            **{column: _median(part, column) for column in ("free run before", "free run after")},
-            "seconds": _mean(part, "seconds"),
+            **{column: mean(values(part, column)) for column in _AVERAGED},
+            **{column: median(values(part, column)) for column in ("free run before", "free run after")},
+            "seconds": mean(values(part, "seconds")),
         }
     index = pd.MultiIndex.from_tuples(list(rows), names=list(by))
     table = pd.DataFrame(list(rows.values()), index=index)
@@ -174,12 +175,12 @@ def assumption_bars(
             0.0,
             MOST_WRONG_IN_FAMILY,
         ),
-        ("delays of half a step or more found", _mean(delays, "instrument found"), 0.9, 1.0),
-        ("coverage of these delays' 90 % intervals", _mean(delays, "delay covered"), 0.85, 0.95),
-        ("right names beside a delay that was found", _mean(found, "right"), 0.9, 1.0),
-        ("no gap under noise that is not white and normal", _mean(quiet, "silent"), 0.9, 1.0),
-        ("names under such noise alone", _mean(named, "named"), 0.0, 0.0),
-        ("sentences that the free run denies", _mean(scored, "claim denied"), 0.0, 0.0),
+        ("delays of half a step or more found", mean(values(delays, "instrument found")), 0.9, 1.0),
+        ("coverage of these delays' 90 % intervals", mean(values(delays, "delay covered")), 0.85, 0.95),
+        ("right names beside a delay that was found", mean(values(found, "right")), 0.9, 1.0),
+        ("no gap under noise that is not white and normal", mean(values(quiet, "silent")), 0.9, 1.0),
+        ("names under such noise alone", mean(values(named, "named")), 0.0, 0.0),
+        ("sentences that the free run denies", mean(values(scored, "claim denied")), 0.0, 0.0),
     ]
 
 
@@ -207,17 +208,3 @@ def _found(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | None:
     if not suspects:
         return None
     return any(_is_meant(entry, suspect) for entry in _believed(study) for suspect in suspects)
-
-
-def _values(scored: Iterable[Mapping[str, Any]], column: str) -> list[float]:
-    return [float(case[column]) for case in scored if case[column] is not None]
-
-
-def _mean(scored: Iterable[Mapping[str, Any]], column: str) -> float:
-    values = _values(scored, column)
-    return float(np.mean(values)) if values else float("nan")
-
-
-def _median(scored: Iterable[Mapping[str, Any]], column: str) -> float:
-    values = _values(scored, column)
-    return float(np.median(values)) if values else float("nan")

@@ -100,6 +100,12 @@ def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def values(scored: Iterable[Mapping[str, Any]], column: str, missing: float | None = None) -> list[float]:
+    """Return the scores of a column; cases without one are left out, or count as `missing`."""
+    found = [missing if case[column] is None else case[column] for case in scored]
+    return [float(value) for value in found if value is not None]
+
+
 def stated(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     """Return probabilities of the first names that the study stated, in any family, and whether they were right.
 

@@ -15,9 +15,9 @@ from benchmarks.hidden_effects.assumptions.score import (
     is_assumption,
 )
 from benchmarks.hidden_effects.cases import HIDDEN_FAMILIES
-from benchmarks.runner import Tables
+from benchmarks.runner import Tables, mean
 
-from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
+from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated, values
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""
@@ -91,13 +91,6 @@ def score(every: Sequence[Mapping[str, Any]]) -> Tables:
     }
 
 
-def mean(scored: CaseScores, column: str, missing: float | None = None) -> float:
-    """Mean of a score; cases without one are left out, or count as `missing`."""
-    values = [case[column] if case[column] is not None else missing for case in scored]
-    known = [float(value) for value in values if value is not None]
-    return float(np.mean(known)) if known else float("nan")
-
-
 def _label(low: float, high: float) -> str:
     return f"{low:g} to {high:g}"
 
@@ -111,7 +104,7 @@ def _accuracy(scored: CaseScores, by: Callable[[Any], Any], order: Sequence[Any]
     """Shares of right answers by group."""
     groups = order or sorted({by(case) for case in scored})
     parts = {group: [case for case in scored if by(case) == group] for group in groups}
-    rows = {group: {"cases": len(part), **{c: mean(part, c) for c in SHARES}} for group, part in parts.items()}
+    rows = {group: {"cases": len(part), **{c: mean(values(part, c)) for c in SHARES}} for group, part in parts.items()}
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *SHARES])
 
 
@@ -126,11 +119,11 @@ def _families(scored: CaseScores) -> pd.DataFrame:
         gap = name not in ("null", "one or none", "all")
         rows[name] = {
             "cases": len(part),
-            **{column: mean(part, column) for column in (*SHARES, "overlap")},
+            **{column: mean(values(part, column)) for column in (*SHARES, "overlap")},
             # What the study failed on has closed nothing.
-            "closed": mean(part, "closed", 0.0) / mean(part, "closable", 0.0) if gap else np.nan,
-            "closed in free run": mean(part, "closed in free run") if gap else np.nan,
-            "seconds": mean(part, "seconds"),
+            "closed": mean(values(part, "closed", 0.0)) / mean(values(part, "closable", 0.0)) if gap else np.nan,
+            "closed in free run": mean(values(part, "closed in free run")) if gap else np.nan,
+            "seconds": mean(values(part, "seconds")),
         }
         # A mean over those that it applies to would not compare with the others'.
         if any(case["oracle"] is None for case in part):
@@ -169,7 +162,7 @@ def _hidden_bars(
         return table[family][column] if family in table else np.nan
 
     ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in HIDDEN_FAMILIES if f in table]
-    clear = mean([case for case in single if case["ratio"] >= 3], "right or tied")
+    clear = mean(values([case for case in single if case["ratio"] >= 3], "right or tied"))
     return [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),
         ("accuracy less the oracle's, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),
