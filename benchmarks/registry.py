@@ -37,14 +37,9 @@ BENCHMARKS: dict[str, Benchmark] = {
 
 
 def run_benchmark(name: str, options: Mapping[str, Any]) -> Tables:
-    """Run a benchmark by its name.
+    """Run a benchmark by its name, and return its tables for a terminal, by title.
 
-    Args:
-        name: Name of the benchmark.
-        options: Folder, progress, and options of the benchmark; None stands for its default.
-
-    Returns:
-        Its tables for a terminal, by title.
+    The options are folder, progress, and those of the benchmark; None stands for its default.
 
     Raises:
         InputError: No benchmark has the name; the benchmark does not understand an option.

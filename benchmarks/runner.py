@@ -43,22 +43,7 @@ Tables = dict[str, pd.DataFrame]
 
 @dataclass(frozen=True)
 class Asked:
-    """Options of a run; each benchmark understands some of them.
-
-    Attributes:
-        folder: Folder for the results.
-        progress: If true, a progress bar is shown.
-        seed: Seed of the cases.
-        cases: Number of cases; all of them by default.
-        only: Names of the kinds of cases to run; all of them by default.
-        replicates: Replicates of each case.
-        workers: Processes side by side; 1 works in this process.
-        families: Families of hidden-effects: "effects", "assumptions" or "all".
-        displacement: Noise of the only sensor of hidden-effects, over the position's spread.
-        cap: Most seconds of a sampler.
-        size: Numbers of rows or of runs.
-        data: Folder of the measured records.
-    """
+    """Options of a run, as `python -m benchmarks --help` explains them; each benchmark understands some of them."""
 
     folder: Path
     progress: bool = True
@@ -74,11 +59,7 @@ class Asked:
     data: Path | None = None
 
     def names(self, known: Iterable[str], kind: str) -> list[str]:
-        """Return the names of the kinds of cases to run.
-
-        Args:
-            known: All names.
-            kind: Noun for one of them.
+        """Return the names of the kinds of cases to run, of all known ones; `kind` is a noun for one of them.
 
         Raises:
             InputError: A name is unknown.
@@ -153,11 +134,6 @@ def perform(benchmark: Benchmark, cases: Sequence[Case], asked: Asked) -> Tables
     """Run the cases, or what is left of them, and write the results.
 
     Cases that results.jsonl has are not run again, unless another version of the package ran them.
-
-    Args:
-        benchmark: The benchmark.
-        cases: Some of its cases.
-        asked: The options.
 
     Returns:
         The tables of these cases.

@@ -7,8 +7,8 @@ sampled.
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -27,29 +27,31 @@ GROWTH = {"x": 1.0, "x**2": -0.5, "x**3": 0.0}
 """Coefficients of the growth."""
 
 
-class Oscillator(NamedTuple):
-    """Accelerations −y³ − 0.2 ẏ³ with 2 % noise at random states; a source of so many rows."""
+@dataclass(frozen=True)
+class Generated:
+    """A source of so many rows, or of so many short runs."""
 
-    n_row: int
-
-    @property
-    def where(self) -> str:
-        """Place of the data."""
-        return "a generator"
+    n: int
+    a_part: ClassVar[int] = PART
+    where: ClassVar[str] = "a generator"
 
     @property
     def n_part(self) -> int:
-        """Number of parts, of as many rows as those of a file."""
-        return -(-self.n_row // PART)
+        """Number of parts."""
+        return -(-self.n // self.a_part)
 
-    def whole_runs(self) -> "Oscillator":
-        """Return the same: rows of rates have no runs."""
+    def whole_runs(self) -> "Generated":
+        """Return the same: rows of rates have no runs, and runs are whole."""
         return self
+
+
+class Oscillator(Generated):
+    """Accelerations −y³ − 0.2 ẏ³ with 2 % noise at random states."""
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Yield the rows of a part."""
-        for start in range(part * PART, min((part + 1) * PART, self.n_row), CHUNK):
-            n, rng = min(CHUNK, self.n_row - start), np.random.default_rng([start, 0])
+        for start in range(part * PART, min((part + 1) * PART, self.n), CHUNK):
+            n, rng = min(CHUNK, self.n - start), np.random.default_rng([start, 0])
             y, v = rng.uniform(-1, 1, n), rng.uniform(-0.7, 0.7, n)
             a = OSCILLATOR["y**3"] * y**3 + OSCILLATOR["ydot**3"] * v**3
             yield Trajectories.from_arrays(
@@ -59,29 +61,15 @@ class Oscillator(NamedTuple):
             )
 
 
-class Growth(NamedTuple):
-    """Logistic growth dx/dt = x − x²/2 from random starts, sampled with noise of 0.01; a source of so many runs."""
+class Growth(Generated):
+    """Logistic growth dx/dt = x − x²/2 from random starts, sampled with noise of 0.01."""
 
-    n_run: int
-
-    @property
-    def where(self) -> str:
-        """Place of the data."""
-        return "a generator"
-
-    @property
-    def n_part(self) -> int:
-        """Number of parts."""
-        return -(-self.n_run // RUNS_A_PART)
-
-    def whole_runs(self) -> "Growth":
-        """Return the same: runs are whole."""
-        return self
+    a_part = RUNS_A_PART
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Yield the runs of a part."""
-        for first in range(part * RUNS_A_PART, min((part + 1) * RUNS_A_PART, self.n_run), TOGETHER):
-            n, rng = min(TOGETHER, self.n_run - first), np.random.default_rng([first, 1])
+        for first in range(part * RUNS_A_PART, min((part + 1) * RUNS_A_PART, self.n), TOGETHER):
+            n, rng = min(TOGETHER, self.n - first), np.random.default_rng([first, 1])
             t, start = 0.1 * np.arange(RUN_SAMPLES), rng.uniform(0.05, 1.0, n)
             # x = 2/(1 + (2/x₀ − 1) e^−t)
             x = 2.0 / (1.0 + (2.0 / start[:, None] - 1.0) * np.exp(-t)) + 0.01 * rng.standard_normal((n, RUN_SAMPLES))

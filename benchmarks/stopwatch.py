@@ -87,11 +87,6 @@ def timed(folder: Path, name: str, state: str) -> dict[str, Any]:
 def waited(words: Sequence[str], verdict: str, environment: Mapping[str, str]) -> dict[str, float]:
     """Run a command in a terminal of its own.
 
-    Args:
-        words: Words of the command, after the program's name.
-        verdict: Pattern of the line that gives the answer.
-        environment: Variables beside those of this process.
-
     Returns:
         Seconds to the first character, the first bar, the verdict (NaN where they never came) and the end; the longest
         silence before the end; and the exit code.

@@ -32,10 +32,7 @@ AnyCase = HiddenCase | AssumptionCase
 BROKEN = {
     "cases": "cases",
     "wrong above 0.9": "wrong > 0.9",
-    "wrong": "wrong",
-    "right": "right",
-    "silent": "silent",
-    "unknown": "unknown",
+    **{name: name for name in ("wrong", "right", "silent", "unknown")},
     "instrument found": "instr.",
     "claim denied": "denied",
     "free run before": "before",

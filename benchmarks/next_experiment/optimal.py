@@ -64,11 +64,7 @@ def log_determinants(
 ) -> Float[np.ndarray, " n_candidate"]:
     """Return the log determinant of the information after each candidate, up to a constant; −∞ where its run fails.
 
-    Args:
-        data: The case; only the simulation and the columns' meanings are used, which a user gives.
-        record: Measured record.
-        explanations: Explanations of the study.
-        candidates: Possible experiments.
+    Of the case only the simulation and the columns' meanings are used, which a user gives.
     """
     model = encompassing(explanations)
     measured = _columns(model.terms, {"t": record.time, **record.columns})

@@ -30,10 +30,7 @@ def efficient_estimate(
 ) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, " n_term"]]:
     """Return errors of the estimate, and its standard deviations.
 
-    Args:
-        name: An oscillator of `systems`, y″ = F(t) + Σ θ_k φ_k(y, v).
-        terms: True θ_k by φ_k, those of `SHAPES`.
-        shown: Samples of the first run.
+    The oscillator of `systems` is y″ = F(t) + Σ θ_k φ_k(y, v), with true θ_k by φ_k, those of `SHAPES`.
     """
     path, weights, covariance = _known(name, tuple(terms.items()))
     return (weights @ (shown - path))[: len(terms)], np.sqrt(np.diag(covariance))[: len(terms)]

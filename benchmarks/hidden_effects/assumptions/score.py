@@ -158,23 +158,14 @@ def assumption_bars(
     believed: dict[str, list[bool]] = {}
     for row in records:
         believed.setdefault(row["family"], []).append(bool(wrong_names(row, surely=True)))
+    worst = max(mean(wrong) for wrong in believed.values())
     delays = [case for case in scored if case["family"] == "delay" and abs(case["size"]) >= HALF_STEP]
     found = [case for case in delays if case["instrument found"]]
     quiet = [case for case in scored if case["family"] in QUIET and not case["effects"]]
     named = [{"named": case["study verdict"] in ("named", "partly named")} for case in quiet]
     return [
-        (
-            "wrong names above 0.9, or in a verdict, all cases",
-            float(np.mean(sum(believed.values(), []))),
-            0.0,
-            MOST_WRONG,
-        ),
-        (
-            "wrong names above 0.9, or in a verdict, worst family",
-            max(float(np.mean(wrong)) for wrong in believed.values()),
-            0.0,
-            MOST_WRONG_IN_FAMILY,
-        ),
+        ("wrong names above 0.9, or in a verdict, all cases", mean(sum(believed.values(), [])), 0.0, MOST_WRONG),
+        ("wrong names above 0.9, or in a verdict, worst family", worst, 0.0, MOST_WRONG_IN_FAMILY),
         ("delays of half a step or more found", mean(values(delays, "instrument found")), 0.9, 1.0),
         ("coverage of these delays' 90 % intervals", mean(values(delays, "delay covered")), 0.85, 0.95),
         ("right names beside a delay that was found", mean(values(found, "right")), 0.9, 1.0),

@@ -71,18 +71,15 @@ def ask(data: CaseData) -> dict[str, Any]:
     return {"oracle": posterior(data)}
 
 
-def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
-    """Return probabilities of "none" and of each candidate effect, best first.
-
-    The prior probability of "none" is by default its share among the benchmark's cases of one effect or none.
-    """
-    return weighed({slug: log_evidence(data, effect) for slug, effect in candidates(data).items()}, none)
+def posterior(data: CaseData) -> dict[str, float]:
+    """Return probabilities of "none" and of each candidate effect, best first."""
+    return weighed({slug: log_evidence(data, effect) for slug, effect in candidates(data).items()})
 
 
-def weighed(evidence: Mapping[str, float], none: float | None = None) -> dict[str, float]:
+def weighed(evidence: Mapping[str, float]) -> dict[str, float]:
     """Return probabilities of "none" and of effects, best first, by the log evidence of each over that of none."""
-    cases = 4 * sum(len(entries) for entries in CATALOGUE.values())
-    none = NULLS / (NULLS + cases) if none is None else none
+    # The prior of "none" is its share among the benchmark's cases of one effect or none.
+    none = NULLS / (NULLS + 4 * sum(len(entries) for entries in CATALOGUE.values()))
     logs = {NONE: float(np.log(none))}
     logs |= {slug: float(np.log((1.0 - none) / len(evidence)) + value) for slug, value in evidence.items()}
     total = float(np.asarray(logsumexp(list(logs.values()))))
@@ -106,11 +103,8 @@ def over_inner(
 ) -> float:
     """Return the log of an evidence integrated over the prior of an effect's inner parameter, if it has one.
 
-    Args:
-        data: Data of the case.
-        effect: The effect.
-        logs_of: Function from values of the inner parameter to log evidences.
-        count: Number of nodes over its range, and again around the best of them.
+    Log evidences at values of the inner parameter are those of `logs_of`, at so many nodes over its range, and again
+    around the best of them.
     """
     nodes = inner_nodes(data, effect, count)
     logs = logs_of(nodes[:1] if effect.inner is None else nodes)

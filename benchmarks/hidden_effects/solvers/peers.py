@@ -77,9 +77,7 @@ def ask(data: CaseData) -> dict[str, Any]:
 
 
 def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, object]:
-    """Name what is missing by sparse regression of measured derivative less simulation.
-
-    An ensemble takes the median of models on bootstrapped rows.
+    """Name what is missing by sparse regression of the gap; an ensemble takes the median of bootstrapped models.
 
     Returns:
         "verdict" ("no gap", "recalibrate" or "named"), "names" (effects that are kept, largest first) and the chosen

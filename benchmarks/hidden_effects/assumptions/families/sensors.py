@@ -256,13 +256,7 @@ def with_play(values: Float[np.ndarray, "n_run n_time"], half: float) -> Float[n
 def high_passed(
     values: Float[np.ndarray, "n_run n_time"], corner: float, step: float
 ) -> Float[np.ndarray, "n_run n_time"]:
-    """Pass every run through a first-order high-pass, switched on at its first row.
-
-    Args:
-        values: Measured values.
-        corner: Frequency at which 3 dB are lost, in cycles per unit of time.
-        step: Sampling step.
-    """
+    """Pass every run through a first-order high-pass, switched on at its first row; the corner is a frequency."""
     # Bilinear, exact at the corner.
     turn = np.tan(np.pi * corner * step)
     return np.asarray(lfilter([1.0, -1.0], [1.0 + turn, turn - 1.0], values, axis=1))
