@@ -10,8 +10,9 @@ import typer
 
 from bayes_greybox.cli.ending import DONE, log_to_stderr, run_app, show
 from bayes_greybox.cli.options import NoProgress, Quiet, Verbose
+from bayes_greybox.report.terminal.tables import frame_table
 
-from .registry import RUNS, Wanted, run_benchmark
+from .registry import BENCHMARKS, run_benchmark
 
 
 class Families(StrEnum):
@@ -21,6 +22,17 @@ class Families(StrEnum):
     effects = "effects"
     assumptions = "assumptions"
 
+
+HELP = "\n\n".join(
+    [
+        "Run one of the benchmarks; each goes on where it was stopped, but for many-rows, many-runs and stopwatch.",
+        *(
+            f"{name} {benchmark.about} Options: {', '.join(f'--{option}' for option in benchmark.options)}."
+            for name, benchmark in BENCHMARKS.items()
+        ),
+    ]
+)
+"""Text of --help."""
 
 app = typer.Typer(
     name="python -m benchmarks",
@@ -32,27 +44,24 @@ app = typer.Typer(
 )
 
 
-@app.command()
+@app.command(help=HELP)
 def benchmark(
-    name: Annotated[str, typer.Argument(help=f"One of {', '.join(RUNS)}.")],
+    context: typer.Context,
+    name: Annotated[str, typer.Argument(help=f"One of {', '.join(BENCHMARKS)}.")],
     output: Annotated[Path | None, typer.Option("--output", "-o", help="Folder for the results.")] = None,
+    no_progress: NoProgress = False,
+    quiet: Quiet = False,
+    verbose: Verbose = 0,
+    # Options of some benchmarks; the defaults are theirs.
     cases: Annotated[int | None, typer.Option(min=1, help="Number of cases; all of them by default.")] = None,
     only: Annotated[
         list[str] | None,
-        typer.Option(
-            help="A kind of cases by its name, once for each (benchmarks of named kinds); --cases counts these."
-        ),
+        typer.Option(help="A kind of cases by its name, once for each; --cases counts these."),
     ] = None,
+    replicates: Annotated[int | None, typer.Option(min=1, help="Replicates of each case.")] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that work side by side (hidden-effects); 2 by default.")
-    ] = None,
-    replicates: Annotated[
         int | None,
-        typer.Option(
-            min=1,
-            help="Replicates of each case (all but hidden-effects, next-experiment, sampled-traps, hudson-bay and "
-            "speed).",
-        ),
+        typer.Option(min=1, help="Processes side by side; 1 by default, 2 of hidden-effects."),
     ] = None,
     families: Annotated[
         Families | None,
@@ -68,60 +77,28 @@ def benchmark(
             help="Cases of hidden-effects seen by one sensor of the position alone, with this noise over its spread.",
         ),
     ] = None,
-    cap: Annotated[
-        float | None,
-        typer.Option(min=1.0, help="Seconds of each sampler on each problem (speed) at most; 600 by default."),
+    cap: Annotated[float | None, typer.Option(min=1.0, help="Most seconds of each sampler on each problem.")] = None,
+    size: Annotated[
+        list[int] | None, typer.Option(min=1, help="Number of rows or of runs, once for each (many-rows, many-runs).")
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the cases.")] = 0,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
+    data: Annotated[Path | None, typer.Option(help="Folder of the files of the measured records.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the cases; 0 by default.")] = None,
 ) -> int:
-    """Run one of the benchmarks.
-
-    A run that was stopped goes on where it was. hidden-effects hides known effects from simulations and counts
-    how often the study finds them. calibration draws truths from every prior with every kernel and tests whether
-    they lie among the posterior draws as they should. confounding fits repeated data under each kernel and says what
-    orthogonality gives and costs. sampled-systems studies systems of which one state has a sensor: decays, an
-    axis, a beam, an oscillator under noise of several kinds, two masses, tanks, predators and prey. sampled-traps
-    tempts the study to wrong names: sensors and inputs that lie, machines that no catalogue has, with controls.
-    sampled-coverage counts how often intervals of coefficients hold the truth in samples. published-odes finds
-    parameters of differential equations from noisy samples, beside published results. static-maps studies forces
-    and flows that were measured beside what they depend on, without any derivative. memory-effects hides hysteresis,
-    relaxation, lags and absorbers in oscillators whose position is sampled. spring-pendulum studies the public
-    demonstration of neural FMUs (extra [fmu], a C compiler): friction that an FMU lacks. next-experiment has ties told
-    apart by the experiment that the study asks for, by the D-optimal one and by one at random. weak-odes finds the
-    terms of differential equations from noisy samples of all states, and weak-coverage counts their intervals.
-    hudson-bay compares the exact trajectory posterior with a reference, and with the model written by hand. speed has
-    NumPyro, PyMC with nutpie and PySINDy (extra [peers]) draw from the posteriors that this package draws from, each in
-    a process of its own, and compares a gradient with LAPACK's share of it, the pass over the rows with a matrix
-    product.
-    """
+    """Run one of the benchmarks."""
     log_to_stderr(verbose)
     seen = "" if displacement is None else f"-displacement-{displacement:g}"
     folder = output or Path("runs") / f"benchmark-{name}{seen}"
-    wanted = Wanted(
-        folder,
-        seed,
-        not (no_progress or quiet),
-        cases=cases,
-        only=tuple(only) if only else None,
-        replicates=replicates,
-        workers=workers,
-        families=None if families is None else families.value,
-        displacement=displacement,
-        cap=cap,
-    )
-    tables = run_benchmark(name, wanted)
-    show(*([folder] if quiet else [*tables, f"\nResults are in {folder}."]))
+    shared = ("name", "output", "no_progress", "quiet", "verbose")
+    # An option that may be given more than once is empty where it is not given.
+    options = {key: None if value in ([], ()) else value for key, value in context.params.items() if key not in shared}
+    tables = run_benchmark(name, {**options, "folder": folder, "progress": not (no_progress or quiet)})
+    printed = [frame_table(title, table) for title, table in tables.items()]
+    show(*([folder] if quiet else [*printed, f"\nResults are in {folder}."]))
     return DONE
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line.
-
-    Args:
-        arguments: Words after the program's name; those of the process by default.
 
     Returns:
         The exit code.

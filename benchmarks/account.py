@@ -1,7 +1,7 @@
-"""Where a command's seconds go: imports, tracing, compiling, sampling, checks, drawing, writing.
+"""Causes of a command's seconds: imports, tracing, compiling, sampling, checks, drawing, writing.
 
-The stopwatch runs commands with it. Every second counts once, for the innermost thing that was going on: what a stage
-spends on compiling is compiling, and what no stage says is the rest.
+The stopwatch runs commands with it. Every second counts once, for the innermost thing that was going on: compiling
+within a stage is compiling, and seconds outside all stages are the rest.
 """
 
 import builtins
@@ -29,7 +29,7 @@ STAGES = {
     "Saving the fit": "writing", "Saving the study": "writing", "Writing the record": "writing",
     "Writing the report": "pages",
 }  # fmt: skip
-"""What the time of a stage counts as, but for what is compiled in it."""
+"""Kind that the time of a stage counts as, but for compiling in it."""
 
 EVENTS = {
     "/jax/core/compile/jaxpr_trace_duration": "tracing",
@@ -37,7 +37,7 @@ EVENTS = {
     "/jax/core/compile/backend_compile_duration": "compiling",
     "/jax/compilation_cache/cache_retrieval_time_sec": "kept programs",
 }
-"""What JAX says of its compiling; the last is a program's way from the file."""
+"""Events of JAX's compiling; the last is a program's way from the file."""
 
 IMPORTS, REST = "imports", "rest"
 """Columns that are no stage's."""
@@ -52,12 +52,7 @@ class Interval(NamedTuple):
 
 
 def accounted(intervals: Iterable[Interval], total: Interval) -> dict[str, float]:
-    """Seconds by kind, each counted once, for the interval that began last of those that were open.
-
-    Args:
-        intervals: In any order; they may lie within each other.
-        total: The whole, whose kind gets what no other has.
-    """
+    """Return seconds by kind, each counted once, for the interval that began last of those that were open."""
     inside = [Interval(k, max(a, total.start), min(b, total.end)) for k, a, b in intervals]
     # Of two of the same length the first one counts.
     whole = [*(each for each in inside if each.end > each.start), total]
@@ -72,7 +67,7 @@ def accounted(intervals: Iterable[Interval], total: Interval) -> dict[str, float
 
 
 class Account(logging.Handler):
-    """Listens to imports, to JAX and to stages, and keeps what they say."""
+    """A listener to imports, to JAX and to stages."""
 
     def __init__(self) -> None:
         """Hear nothing yet."""
@@ -82,18 +77,18 @@ class Account(logging.Handler):
         self._hears_jax = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """A stage is over."""
+        """Take down a stage that is over."""
         if isinstance(record.args, tuple) and len(record.args) == 2:
             text, seconds = record.args
             self._over(STAGES.get(str(text), REST), float(str(seconds)))
 
     def heard(self, event: str, seconds: float, **_: Any) -> None:
-        """Something of JAX is over."""
+        """Take down an event of JAX that is over."""
         if event in EVENTS:
             self._over(EVENTS[event], seconds)
 
     def timed(self, importing: Callable[..., Any]) -> Callable[..., Any]:
-        """What `import` calls, with its time taken; imports within imports are not counted apart."""
+        """Wrap the function behind `import`, to time it; imports within imports are not counted apart."""
 
         def timed(*args: Any, **named: Any) -> Any:
             if getattr(self._depth, "inside", False):
@@ -119,7 +114,7 @@ class Account(logging.Handler):
 
 
 def account(command: Callable[[], int]) -> tuple[int, dict[str, float]]:
-    """Run a command; its exit code, and its seconds by kind, with those of all cores as "CPU"."""
+    """Run a command, and return its exit code and its seconds by kind, with those of all cores as "CPU"."""
     found = Account()
     log = logging.getLogger("bayes_greybox.running.stages")
     log.addHandler(found)
@@ -136,7 +131,7 @@ def account(command: Callable[[], int]) -> tuple[int, dict[str, float]]:
 
 
 def run(command: Callable[[], int]) -> int:
-    """Run a command and write its account to the file that the environment names; its exit code."""
+    """Run a command, write its account to the file that the environment names, and return its exit code."""
     code, seconds = account(command)
     with open(os.environ[ACCOUNT], "w", encoding="utf-8") as opened:
         json.dump({kind: round(value, 2) for kind, value in seconds.items()}, opened)

@@ -1,12 +1,29 @@
-"""What a study answered beside what was hidden: the part of a row that benchmarks of studies share."""
+"""A study of a record, and its answer beside what was hidden: the part of a record that benchmarks of studies share."""
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+if TYPE_CHECKING:
+    from bayes_greybox.data.trajectories import Trajectories
+    from bayes_greybox.greybox import GreyBox
+    from bayes_greybox.missing_effects import Study
+
 SURE = 0.9
 """A wrong name above this probability is a confident one."""
+
+
+def studied(model: "GreyBox", train: "Trajectories", **settings: Any) -> "tuple[Study, float]":
+    """Study a record without sampling a posterior, and return the study and its seconds."""
+    # Imported here: it brings JAX, which the modules that make the data do without.
+    from bayes_greybox.missing_effects import find_missing_effects
+
+    start = time.perf_counter()
+    study = find_missing_effects(model, train, settle=False, progress=False, **settings)
+    return study, time.perf_counter() - start
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,16 +31,21 @@ class Answer:
     """The answer of one study.
 
     Attributes:
-        truth: Coefficients of what was hidden, by slug; none of a control.
-        verdict: Of the study.
-        effects: What it weighed: slug, probability, lower, upper, tied_with, status and more.
-        suspects: Of the measurement: suspect and status.
+        truth: Coefficients of the hidden effects, by slug; none of a control.
+        verdict: Verdict of the study.
+        effects: Weighed effects: slug, probability, lower, upper, tied_with, status and more.
+        suspects: Weighed errors of the measurement: suspect and status.
     """
 
     truth: Mapping[str, float]
     verdict: str
     effects: pd.DataFrame
     suspects: pd.DataFrame
+
+    @classmethod
+    def of(cls, study: "Study", truth: Mapping[str, float]) -> "Answer":
+        """Return the answer of a study."""
+        return cls(truth, study.verdict, study.effects, study.instrument)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -42,19 +64,19 @@ class Answer:
 
     @property
     def tied(self) -> set[str]:
-        """Slugs of what was added, and of what the data cannot tell from it."""
+        """Slugs of the effects that were added, and of those that the data cannot tell from them."""
         table = self.table
         return set(table.index).union(*table["tied_with"]) if len(table) else set()
 
     @property
     def wrong(self) -> list[str]:
-        """Slugs of what is not there, above `SURE` or in a verdict *named*."""
+        """Slugs of effects that are not there, above `SURE` or in a verdict *named*."""
         sure = set(self.effects.loc[self.effects["probability"] > SURE, "slug"])
         return sorted((self.names if self.verdict == "named" else sure) - set(self.truth))
 
     @property
     def covered(self) -> dict[str, bool]:
-        """Whether its 90 % interval holds the coefficient of what was hidden and found, by slug."""
+        """True where the 90 % interval of a hidden effect that was added holds its coefficient, by slug."""
         table = self.table
         return {
             slug: bool(table.loc[slug, "lower"] <= truth <= table.loc[slug, "upper"])
@@ -64,5 +86,5 @@ class Answer:
 
     @property
     def instrument(self) -> list[str]:
-        """Suspects that are in the model."""
+        """Errors of the measurement that are in the model."""
         return self.suspects.loc[self.suspects["status"] != "", "suspect"].tolist()

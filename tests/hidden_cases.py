@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.cases import HiddenCase
 from benchmarks.hidden_effects.generate import generate
 
-OBVIOUS = Case("catalogue", "forced-oscillator", ("cubic-stiffness",), (10.0,), 0.01, 1)
-SILENT = Case("null", "tank", (), (), 0.05, 2)
+OBVIOUS = HiddenCase("catalogue", "forced-oscillator", ("cubic-stiffness",), (10.0,), 0.01, 1)
+SILENT = HiddenCase("null", "tank", (), (), 0.05, 2)
 
 
 @cache
@@ -17,7 +17,7 @@ def made(case):
 
 
 def without_effect(host):
-    return made(Case("null", host, (), (), 0.05, 0))
+    return made(HiddenCase("null", host, (), (), 0.05, 0))
 
 
 def effect(slug, probability=0.99, mean=1.0, sd=0.1, status="added", tied_with=()):

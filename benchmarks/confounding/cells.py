@@ -34,9 +34,8 @@ KERNELS: tuple[tuple[Variant, Measure], ...] = (
 )
 """Kernels compared; the measure plays no part in `none`."""
 
-CHAINS = 2
-FEATURES = 7
-LEVEL = 0.9
+CELL_CHAINS, CELL_FEATURES, LEVEL = 2, 7, 0.9
+"""Chains of a replicate, features along each variable, and probability of intervals."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,7 @@ class Cell:
     Attributes:
         situation: Name of the situation.
         variant: Kernel.
-        measure: What orthogonal is taken with respect to.
+        measure: Measure with respect to which f is orthogonal.
         replicates: Data sets.
         draws: Draws kept of each chain.
         tune: Warm-up iterations of each chain.
@@ -73,7 +72,7 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
     Returns:
         `mean`, `lower`, `upper` [replicate][term] in user's units; `correlation` (largest |corr(θ_j, j-th coefficient
         of f projected on Φ)|), `r_hat`, `ess` (worst over θ and the hyperparameters) and `divergences` by replicate;
-        `seconds`, of sampling, for one replicate; the truth: `theta`, `projected` (what δ adds to it), `overlap`.
+        `seconds`, of sampling, for one replicate; the truth: `theta`, `projected` (addition of δ to it), `overlap`.
     """
     situation = next(s for s in SITUATIONS if s.name == cell.situation)
     data = records(situation, cell.replicates, cell.seed)
@@ -81,43 +80,47 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
         dictionary={"v": list(situation.theta)},
         simulation={"v": "F"},
         prior=Normal(),
-        discrepancy=OrthogonalGP(variant=cell.variant, measure=cell.measure, variables=("y", "v"), features=FEATURES),
+        discrepancy=OrthogonalGP(
+            variant=cell.variant, measure=cell.measure, variables=("y", "v"), features=CELL_FEATURES
+        ),
     )
     equation, targets = _compressed(model, data)
     ends: list[float] = []
     sampled = sample_replicates(
         model,
         {"v": equation.design},
-        {"v": np.repeat(targets, CHAINS, axis=0)},
-        jax.random.split(jax.random.PRNGKey(cell.seed), CHAINS * cell.replicates),
+        {"v": np.repeat(targets, CELL_CHAINS, axis=0)},
+        jax.random.split(jax.random.PRNGKey(cell.seed), CELL_CHAINS * cell.replicates),
         Sampling(cell.draws, cell.tune),
         done=lambda _: ends.append(time.perf_counter()),
     )
     # From the first chain that ended to the last: compilation is left out.
-    seconds = CHAINS * (ends[-1] - ends[0]) / max(len(ends) - 1, 1)
-    rows = [_judged(equation, sampled.samples, range(CHAINS * i, CHAINS * (i + 1))) for i in range(cell.replicates)]
+    seconds = CELL_CHAINS * (ends[-1] - ends[0]) / max(len(ends) - 1, 1)
+    rows = [
+        _judged(equation, sampled.samples, range(CELL_CHAINS * i, CELL_CHAINS * (i + 1)))
+        for i in range(cell.replicates)
+    ]
     added = data.projected("empirical" if cell.variant == "none" else cell.measure)
     return {
-        "key": cell.key,
         **asdict(cell),
         "theta": list(situation.theta.values()),
         "projected": added.tolist(),
         "overlap": data.overlap(),
         "seconds": seconds,
-        "divergences": sampled.divergences.reshape(-1, CHAINS).sum(axis=1).tolist(),
+        "divergences": sampled.divergences.reshape(-1, CELL_CHAINS).sum(axis=1).tolist(),
         **{name: [row[name] for row in rows] for name in rows[0]},
     }
 
 
 def converged(r_hat: float, ess: float, divergences: int) -> bool:
-    """Whether a replicate passes the criteria of a fit's verdict for R̂, effective sample size and divergences."""
+    """Return True if a replicate passes a fit's criteria for R̂, effective sample size and divergences."""
     return r_hat <= MAX_R_HAT and ess >= MIN_ESS and divergences == 0
 
 
 def _compressed(model: Program, data: Records) -> tuple[Equation, np.ndarray]:
-    """The equation, and the compressed target of every replicate, on rows that all replicates share.
+    """Return the equation, and the compressed target of every replicate, on rows that all replicates share.
 
-    One factorisation [Φ Ψ̃] = Q T serves all: the rows are T, the targets Qᵀy with the norm of what is left of y below.
+    One factorisation [Φ Ψ̃] = Q T serves all: the rows are T, the targets Qᵀy with the norm of the rest of y below.
     """
     first = Trajectories.from_arrays(
         data.t, states={"y": data.y, "v": data.v}, derivatives={"v": data.rates[0]}, inputs={"F": data.force}
@@ -130,7 +133,7 @@ def _compressed(model: Program, data: Records) -> tuple[Equation, np.ndarray]:
 
 
 def _judged(equation: Equation, samples: dict[str, np.ndarray], chains: range) -> dict[str, Any]:
-    """Intervals, trade-off and chain behaviour of one replicate."""
+    """Return intervals, trade-off and chain behaviour of one replicate."""
     stats = array_stats()
     own = EquationSites("v")
     parts = {name: samples[own[name]][list(chains)] for name in ("theta", "sigma", "amplitude", "length_scale")}

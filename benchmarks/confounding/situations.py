@@ -11,55 +11,39 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-NOISE = 0.05
-"""Standard deviation of the measured rate's noise over the RMS of what is to be learned."""
+RATE_NOISE = 0.05
+"""Standard deviation of the measured rate's noise over the RMS of its learned part."""
 
-ROWS, DURATION = 150, 30.0
+RECORD_ROWS, DURATION = 150, 30.0
 """Rows of a record, and its length in seconds."""
 
 _SUBSTEPS = 20
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-TERMS: Mapping[str, Function] = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
+TERM_VALUES: Mapping[str, Function] = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
 """Terms of the dictionaries, written here as NumPy functions."""
 
 
 @dataclass(frozen=True)
 class Situation:
-    """What the dictionary offers and what is really there.
+    """Terms of a dictionary, and the part that it lacks.
 
     Attributes:
         name: Name.
-        about: In words.
         theta: True coefficient of each term of the dictionary.
         missing: δ(y, v), which no term of the dictionary is meant to be.
-        missing_text: δ as a formula.
     """
 
     name: str
-    about: str
     theta: Mapping[str, float]
     missing: Function
-    missing_text: str
 
 
 SITUATIONS = (
-    Situation(
-        "complete",
-        "nothing is missing",
-        {"y": -2.0, "v": -0.3, "y**3": -1.0},
-        lambda y, v: np.zeros_like(y),
-        "0",
-    ),
-    Situation(
-        "dissimilar",
-        "what is missing resembles no term",
-        {"y": -2.0, "v": -0.3},
-        lambda y, v: np.cos(1.5 * y),
-        "cos(1.5*y)",
-    ),
-    Situation("overlapping", "what is missing resembles a term", {"y": -2.0, "v": -0.3}, lambda y, v: -(y**3), "-y**3"),
+    Situation("complete", {"y": -2.0, "v": -0.3, "y**3": -1.0}, lambda y, v: np.zeros_like(y)),
+    Situation("dissimilar", {"y": -2.0, "v": -0.3}, lambda y, v: np.cos(1.5 * y)),
+    Situation("overlapping", {"y": -2.0, "v": -0.3}, lambda y, v: -(y**3)),
 )
 
 
@@ -86,7 +70,7 @@ class Records:
     noise: float
 
     def overlap(self) -> float:
-        """Share of ‖δ‖² on the record that a least-squares fit of the dictionary can copy; 0 where δ = 0."""
+        """Return the share of ‖δ‖² on the record that a least-squares fit of the dictionary can copy; 0 where δ = 0."""
         delta = self.situation.missing(self.y, self.v)
         if not np.any(delta):
             return 0.0
@@ -94,10 +78,9 @@ class Records:
         return float(np.sum(copied**2) / np.sum(delta**2))
 
     def projected(self, measure: str) -> Float[np.ndarray, " n_term"]:
-        """What δ adds to θ when it is projected on the dictionary: H⁻¹⟨Φ, δ⟩.
+        """Return the addition of δ to θ when δ is projected on the dictionary: H⁻¹⟨Φ, δ⟩, by a measure.
 
-        Args:
-            measure: "empirical", the states of the record, or "box", uniform on their bounding box.
+        That is "empirical", the states of the record, or "box", uniform on their bounding box.
         """
         y, v = self.y, self.v
         if measure == "box":
@@ -107,21 +90,15 @@ class Records:
         return np.linalg.lstsq(self._Phi(y, v), self.situation.missing(y, v), rcond=None)[0]
 
     def _Phi(self, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.column_stack([TERMS[name](y, v) for name in self.situation.theta])
+        return np.column_stack([TERM_VALUES[name](y, v) for name in self.situation.theta])
 
 
 def records(situation: Situation, replicates: int, seed: int) -> Records:
-    """Replicates of one situation; the first of many are the same as those of few.
-
-    Args:
-        situation: The situation.
-        replicates: How many.
-        seed: Seed of the noise.
-    """
-    t = np.linspace(0.0, DURATION, ROWS)
+    """Measure replicates of one situation; the first of many are the same as those of few."""
+    t = np.linspace(0.0, DURATION, RECORD_ROWS)
     y, v = _integrated(situation, t)
     learned = _rate(situation, y, v)
-    noise = NOISE * float(np.sqrt(np.mean(learned**2)))
+    noise = RATE_NOISE * float(np.sqrt(np.mean(learned**2)))
     rng = np.random.default_rng([seed, SITUATIONS.index(situation)])
     measured = learned + _force(t) + noise * rng.standard_normal((replicates, len(t)))
     return Records(situation, t, y, v, _force(t), measured, noise)
@@ -133,11 +110,11 @@ def _force(t: np.ndarray) -> np.ndarray:
 
 
 def _rate(situation: Situation, y: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return sum((value * TERMS[name](y, v) for name, value in situation.theta.items()), situation.missing(y, v))
+    return sum((value * TERM_VALUES[name](y, v) for name, value in situation.theta.items()), situation.missing(y, v))
 
 
 def _integrated(situation: Situation, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Runge–Kutta of order four from rest at y = 1."""
+    """Integrate by Runge–Kutta of order four from rest at y = 1."""
 
     def rate(time: float, x: np.ndarray) -> np.ndarray:
         y, v = x[:1], x[1:]

@@ -5,7 +5,7 @@ import json
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -15,7 +15,7 @@ from bayes_greybox.running.errors import InputError
 from .systems.hidden import CATALOGUE, OFF_CATALOGUE
 from .systems.hosts import HOSTS, Host
 
-FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
+HIDDEN_FAMILIES = ("catalogue", "null", "mis-calibrated", "off-catalogue", "two effects")
 """Kinds of cases."""
 
 NOISE = (0.01, 0.05, 0.2)
@@ -49,9 +49,9 @@ ROOM: Mapping[str, tuple[str, ...]] = {
     "population": ("rivals", "culture", "prey", "visited"),
     "electrical": ("rc", "series-rlc", "rl", "parallel-rlc"),
 }
-"""Hosts that effects of a domain are hidden in, two at a time, unless `PLACES` says where."""
+"""Hosts that effects of a domain are hidden in, two at a time, unless `HOSTS_OF` says where."""
 
-PLACES: Mapping[str, Mapping[str, tuple[str, str]]] = {
+HOSTS_OF: Mapping[str, Mapping[str, tuple[str, str]]] = {
     "mechanical": {
         "linear-stiffness": ("free-hard-spring", "forced-hard-spring"),
         "viscous-damping": ("free-drag-oscillator", "forced-drag-oscillator"),
@@ -117,35 +117,17 @@ PAIRS = (
 """Pairs of effects hidden at once, each twice."""
 
 
-class InFamily(Protocol):
-    """What `subset` looks at."""
-
-    @property
-    def family(self) -> str:
-        """Name of the family."""
-        ...
-
-    @property
-    def noise(self) -> float:
-        """Noise over the RMS of the rate."""
-        ...
-
-
-Chosen = TypeVar("Chosen", bound=InFamily)
-"""Cases of one kind, or of several."""
-
-
 @dataclass(frozen=True)
-class Case:
+class HiddenCase:
     """One case; the same case gives the same data.
 
     Attributes:
-        family: One of `FAMILIES`.
+        family: One of `HIDDEN_FAMILIES`.
         host: Name of the host, a key of `HOSTS`.
-        effects: What is hidden: slugs, or one shape that is in no catalogue.
+        effects: Slugs of the hidden effects, or one shape that is in no catalogue.
         ratios: Wanted RMS of each effect over that of the noise.
         noise: Standard deviation of the noise over the RMS of the true derivative.
-        seed: Of everything random in the data.
+        seed: Seed of everything random in the data.
     """
 
     family: str
@@ -156,8 +138,8 @@ class Case:
     seed: int
 
     def __post_init__(self) -> None:
-        if self.family not in FAMILIES:
-            raise InputError(f"There is no family {self.family!r} of cases; there are {', '.join(FAMILIES)}.")
+        if self.family not in HIDDEN_FAMILIES:
+            raise InputError(f"There is no family {self.family!r} of cases; there are {', '.join(HIDDEN_FAMILIES)}.")
         if self.host not in HOSTS:
             raise InputError(f"There is no host {self.host!r}; there are {', '.join(HOSTS)}.")
         if len(self.effects) != len(self.ratios):
@@ -175,11 +157,11 @@ class Case:
         return "/".join((self.family, self.host, "+".join(self.effects) or "-", f"{self.noise:g}", digest[:8]))
 
 
-def all_cases(seed: int = 0, crossed: bool = False) -> tuple[Case, ...]:
-    """The benchmark's cases.
+def all_cases(seed: int = 0, crossed: bool = False) -> tuple[HiddenCase, ...]:
+    """Return the benchmark's cases.
 
     Args:
-        seed: Of ratios, coefficients, starts, excitation and noise.
+        seed: Seed of ratios, coefficients, starts, excitation and noise.
         crossed: Hide every effect of the catalogue in both its hosts at every noise level, six cases each; by
             default four, in which it meets both hosts and every level.
     """
@@ -198,14 +180,8 @@ def all_cases(seed: int = 0, crossed: bool = False) -> tuple[Case, ...]:
     return tuple(numbered)
 
 
-def subset(cases: Sequence[Chosen], count: int = 30, seed: int = 0) -> tuple[Chosen, ...]:
-    """A few cases with the same mix: every family by its share, at least one of each, spread over its hosts.
-
-    Args:
-        cases: The cases to choose from.
-        count: How many.
-        seed: Of the choice.
-    """
+def subset(cases: Sequence[Any], count: int = 30, seed: int = 0) -> tuple[Any, ...]:
+    """Choose so many cases with the same mix: each family by its share, at least one of each, spread over its hosts."""
     if count >= len(cases):
         return tuple(cases)
     rng = np.random.default_rng(seed)
@@ -221,7 +197,7 @@ def subset(cases: Sequence[Chosen], count: int = 30, seed: int = 0) -> tuple[Cho
 
 
 def ratio_density(noise: float, log_ratio: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Density of the logarithm of the ratio in the family "catalogue", at a noise level.
+    """Return the density of the logarithm of the ratio in the family "catalogue", at a noise level.
 
     Args:
         noise: One of `NOISE`; for other levels the ratio is taken as log-uniform over the whole range.
@@ -234,23 +210,23 @@ def ratio_density(noise: float, log_ratio: Float[np.ndarray, " n"]) -> Float[np.
     return np.where(inside, (shares / np.diff(edges))[piece], 0.0)
 
 
-def _catalogue(crossed: bool) -> Iterator[Case]:
+def _catalogue(crossed: bool) -> Iterator[HiddenCase]:
     turn = 0
     for domain, effects in CATALOGUE.items():
         rooms = ROOM[domain]
         for i, effect in enumerate(effects.values()):
             usual = (rooms[2 * i % len(rooms)], rooms[(2 * i + 1) % len(rooms)])
-            first, second = PLACES[domain].get(effect.slug, usual)
+            first, second = HOSTS_OF[domain].get(effect.slug, usual)
             visits = [(first, NOISE[0]), (second, NOISE[1]), (first, NOISE[2]), (second, NOISE[turn % 3])]
             if turn % 3 == 1:
                 visits[-1] = (first, NOISE[1])
             turn += 1
             if crossed:
                 visits = [(host, noise) for host in (first, second) for noise in NOISE]
-            yield from (Case("catalogue", host, (effect.slug,), (0.0,), noise, 0) for host, noise in visits)
+            yield from (HiddenCase("catalogue", host, (effect.slug,), (0.0,), noise, 0) for host, noise in visits)
 
 
-def _off_catalogue() -> Iterator[Case]:
+def _off_catalogue() -> Iterator[HiddenCase]:
     places = []
     for domain, shapes in OFF_CATALOGUE.items():
         for name, shape in shapes.items():
@@ -259,26 +235,26 @@ def _off_catalogue() -> Iterator[Case]:
     for i in range(OFF):
         name, hosts = places[i % len(places)]
         host = hosts[(3 * (i // len(places)) + i) % len(hosts)]
-        yield Case("off-catalogue", host.name, (name,), (0.0,), NOISE[(i + i // len(places)) % 3], 0)
+        yield HiddenCase("off-catalogue", host.name, (name,), (0.0,), NOISE[(i + i // len(places)) % 3], 0)
 
 
-def _spread(family: str, count: int) -> Iterator[Case]:
+def _spread(family: str, count: int) -> Iterator[HiddenCase]:
     """Cases without a hidden effect, over all hosts and noise levels."""
     hosts = list(HOSTS)
     for i in range(count):
-        yield Case(family, hosts[i % len(hosts)], (), (), NOISE[(i + i // len(hosts)) % 3], 0)
+        yield HiddenCase(family, hosts[i % len(hosts)], (), (), NOISE[(i + i // len(hosts)) % 3], 0)
 
 
-def _pairs(rng: np.random.Generator) -> Iterator[Case]:
+def _pairs(rng: np.random.Generator) -> Iterator[HiddenCase]:
     for i, (host, *effects) in enumerate(PAIRS * 2):
         noise = NOISE[(i + i // len(PAIRS)) % 3]
         highest = min(RATIO_EDGES[-1], LARGEST_SHARE / np.sqrt(len(effects)) / noise)
         ratios = np.exp(rng.uniform(np.log(LEAST_IN_PAIRS), np.log(highest), len(effects)))
-        yield Case("two effects", host, tuple(effects), tuple(float(r) for r in ratios), noise, 0)
+        yield HiddenCase("two effects", host, tuple(effects), tuple(float(r) for r in ratios), noise, 0)
 
 
-def _with_ratios(cases: list[Case], rng: np.random.Generator) -> list[Case]:
-    """Ratios for cases of one effect, stratified: at each noise level they fill their distribution evenly."""
+def _with_ratios(cases: list[HiddenCase], rng: np.random.Generator) -> list[HiddenCase]:
+    """Draw ratios for cases of one effect, stratified: at each noise level they fill their distribution evenly."""
     given = list(cases)
     edges = np.log(RATIO_EDGES)
     for noise in NOISE:

@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
 from .assumptions.case import AssumptionCase
-from .cases import RATIO_EDGES, Case
+from .cases import RATIO_EDGES, HiddenCase
 from .systems.hidden import find
 from .systems.hosts import HOSTS, SPREAD, Host, formula, term_value
 from .systems.ode import HostODE, LostError
@@ -38,7 +38,7 @@ class Truth:
         slug: Its slug, or the name of a shape that is in no catalogue.
         coefficient: Its coefficient.
         inner: Its inner parameter; NaN without one.
-        ratio: RMS of what it adds to the training data over the noise's standard deviation, as it came out.
+        ratio: RMS of its addition to the training data over the noise's standard deviation, as it came out.
         wanted: The ratio that the case asks for; larger than `ratio` only where the host could not take it.
     """
 
@@ -51,7 +51,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class CaseData:
-    """What a case gives a solver, and what it hides from it.
+    """Data of a case for a solver, and the truth behind them.
 
     States and inputs are measured exactly, and every derivative has independent normal noise, unless the case is one of
     a broken assumption.
@@ -67,11 +67,11 @@ class CaseData:
         true_rates: True coefficients of the simulation's terms, by state.
         given_rates: The coefficients that `simulation` has.
         exact: Exact quantities on the data sets "train" and "test".
-        ode: The system with what is hidden in it; None for a case of a broken assumption.
+        ode: The system with the hidden effects; None for a case of a broken assumption.
         excited: Starts and inputs of the data sets; none for a case of a broken assumption.
     """
 
-    case: Case | AssumptionCase
+    case: HiddenCase | AssumptionCase
     train: Trajectories
     test: Trajectories
     simulation: Mapping[str, str]
@@ -95,17 +95,17 @@ class CaseData:
         return self.host.equation
 
     def measured(self, part: str = "train") -> dict[str, Float[np.ndarray, " n_obs"]]:
-        """States and inputs as a solver gets them, and the time as "t"."""
+        """Return states and inputs as a solver gets them, and the time as "t"."""
         data = self.train if part == "train" else self.test
         return {"t": data.time, **data.columns}
 
     def gap(self, part: str = "train") -> Float[np.ndarray, " n_obs"]:
-        """True derivative less the given simulation, without noise, on "train" or "test"."""
+        """Return the true derivative less the given simulation, without noise, on "train" or "test"."""
         exact = self.exact[part]
         return exact.rates[self.equation] - combine(self.given_rates[self.equation], exact.columns)
 
     def residual(self, part: str = "train", true_coefficients: bool = False) -> Float[np.ndarray, " n_obs"]:
-        """Measured derivative less the simulation, as given or with its true coefficients."""
+        """Return the measured derivative less the simulation, as given or with its true coefficients."""
         data = self.train if part == "train" else self.test
         terms = (self.true_rates if true_coefficients else self.given_rates)[self.equation]
         return data.derivatives[self.equation] - combine(terms, self.measured(part))
@@ -117,7 +117,7 @@ class CaseData:
         return 1.0 - (rms(noise) / rms(self.residual("test"))) ** 2
 
 
-def generate(case: Case) -> CaseData:
+def generate(case: HiddenCase) -> CaseData:
     """Make the data of a case; the same case always gives the same.
 
     Raises:
@@ -160,7 +160,7 @@ def generate(case: Case) -> CaseData:
 
 
 def drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, float]]:
-    """The simulation with coefficients of its own; those of a plain y' = ydot stay 1."""
+    """Draw coefficients of the simulation; those of a plain y' = ydot stay 1."""
     return {
         state: {
             text: value if terms == {text: 1.0} else value * float(np.exp(rng.uniform(-SPREAD, SPREAD)))
@@ -171,9 +171,9 @@ def drawn_rates(host: Host, rng: np.random.Generator) -> dict[str, dict[str, flo
 
 
 def _followed(
-    case: Case, bare: HostODE, excited: Mapping[str, Excited], rng: np.random.Generator
+    case: HiddenCase, bare: HostODE, excited: Mapping[str, Excited], rng: np.random.Generator
 ) -> tuple[HostODE, dict[str, Runs]]:
-    """The host with its hidden effects at work; with another sign or smaller ones where it cannot take them."""
+    """Follow the host with its hidden effects; with another sign or smaller ones where it cannot take them."""
     effects = [find(bare.host.domain, slug) for slug in case.effects]
     missing = [effect.slug for effect in effects if not effect.fits(bare.host)]
     if missing:
@@ -200,7 +200,7 @@ def _followed(
 def _miscalibrated(
     host: Host, rates: Mapping[str, Mapping[str, float]], train: Runs, sigma: float, rng: np.random.Generator
 ) -> tuple[dict[str, dict[str, float]], tuple[str, float]]:
-    """The simulation with one coefficient off, of those whose error can be seen at all."""
+    """Return the simulation with one coefficient off, of those whose error can be seen at all."""
     sizes = {
         text: OFF_BY * abs(value) * rms(np.broadcast_to(term_value(text, train.columns), train.known.shape)) / sigma
         for text, value in rates[host.equation].items()
@@ -213,7 +213,7 @@ def _miscalibrated(
 
 
 def _measured(host: Host, exact: Runs, scale: Mapping[str, float], rng: np.random.Generator) -> Trajectories:
-    """The runs as data: noise on every derivative, none on states and inputs."""
+    """Return the runs as data: noise on every derivative, none on states and inputs."""
     n_run = len(exact.known) // host.samples
 
     def by_run(values: np.ndarray) -> list[np.ndarray]:

@@ -11,23 +11,18 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 from numpyro.infer import MCMC, NUTS
 
-from .reference import INTERACTION, NOISE, RATE, START
+from .run import ERROR, INTERACTION, RATE, START
 
 
 def model(time: Float[np.ndarray, " n"], pelts: Float[np.ndarray, "n 2"]) -> None:
-    """Lotka and Volterra's equations with lognormal errors.
-
-    Args:
-        time: In years.
-        pelts: Of hares and lynxes, in thousands.
-    """
+    """Draw from Lotka and Volterra's equations with lognormal errors; pelts of hares and lynxes are in thousands."""
     drawn = {
         "alpha": dist.TruncatedNormal(*RATE, low=0.0),
         "beta": dist.TruncatedNormal(*INTERACTION, low=0.0),
         "gamma": dist.TruncatedNormal(*RATE, low=0.0),
         "delta": dist.TruncatedNormal(*INTERACTION, low=0.0),
         "start": dist.LogNormal(jnp.log(START[0]), START[1]).expand([2]),
-        "sigma": dist.LogNormal(*NOISE).expand([2]),
+        "sigma": dist.LogNormal(*ERROR).expand([2]),
     }
     values = {name: jnp.asarray(numpyro.sample(name, prior)) for name, prior in drawn.items()}
     alpha, beta, gamma, delta, start, sigma = values.values()
@@ -44,23 +39,11 @@ def model(time: Float[np.ndarray, " n"], pelts: Float[np.ndarray, "n 2"]) -> Non
     numpyro.sample("y", dist.LogNormal(jnp.log(jnp.maximum(jnp.asarray(path), 1e-10)), sigma), obs=pelts)
 
 
-def sampled(
-    time: Float[np.ndarray, " n"], pelts: Float[np.ndarray, "n 2"], draws: int, chains: int, seed: int, progress: bool
-) -> dict[str, Float[np.ndarray, "n_chain n_draw"]]:
-    """Draws by NUTS with NumPyro's own settings and a dense metric, as many for warm-up as are kept.
-
-    Args:
-        time: In years.
-        pelts: Of hares and lynxes, in thousands.
-        draws: Kept of each chain.
-        chains: One after the other.
-        seed: Of everything random.
-        progress: Whether to show NumPyro's progress bar.
-    """
-    mcmc = MCMC(
-        NUTS(model, dense_mass=True), num_warmup=draws, num_samples=draws, num_chains=chains,
-        chain_method="sequential", progress_bar=progress,
-    )  # fmt: skip
+def by_hand(
+    time: Float[np.ndarray, " n"], pelts: Float[np.ndarray, "n 2"], draws: int, *, seed: int, progress: bool
+) -> dict[str, Float[np.ndarray, "1 n_draw"]]:
+    """Return one chain's draws by NUTS with NumPyro's own settings and a dense metric, after as many of warm-up."""
+    mcmc = MCMC(NUTS(model, dense_mass=True), num_warmup=draws, num_samples=draws, progress_bar=progress)
     mcmc.run(jax.random.PRNGKey(seed), time, pelts)
     found = {name: np.asarray(value) for name, value in mcmc.get_samples(group_by_chain=True).items()}
     pairs = {"start": ("u(0)", "v(0)"), "sigma": ("sigma_u", "sigma_v")}

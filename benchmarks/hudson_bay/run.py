@@ -1,81 +1,73 @@
-"""`Fit.refine` on the pelts of Hudson Bay, against the reference, and against the model written by hand."""
+"""`Fit.refine` on the pelts of Hudson Bay, against a reference, and against the model written by hand.
 
-import os
+The reference is the posterior `hudson_lynx_hare-lotka_volterra` of posteriordb (Magnusson, Bürkner and Vehtari, github
+stan-dev/posteriordb): 10,000 draws of Stan. The model is that of Carpenter (2018), du/dt = (α − β v) u,
+dv/dt = (−γ + δ u) v, hares u and lynxes v with lognormal errors.
+"""
+
 import time
 from collections.abc import Mapping
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.datasets import load_hudson_bay
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.running.plain_values import plain_rows
-from benchmarks.files import unwritable, write_tables
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
 
-from .reference import INTERACTION, NOISE, RATE, REFERENCE, START
+REFERENCE: dict[str, tuple[float, float, float, float, float]] = {
+    "alpha": (0.54686, 0.063055, 0.44822, 0.54365, 0.65504),
+    "beta": (0.027747, 0.0041547, 0.021378, 0.027502, 0.035021),
+    "gamma": (0.8001, 0.08937, 0.66422, 0.79406, 0.95768),
+    "delta": (0.024086, 0.0035281, 0.018857, 0.023825, 0.030307),
+    "u(0)": (34.035, 2.9169, 29.344, 33.944, 39.038),
+    "v(0)": (5.9359, 0.53055, 5.1149, 5.9113, 6.8339),
+    "sigma_u": (0.24806, 0.043263, 0.18781, 0.24249, 0.3278),
+    "sigma_v": (0.25102, 0.04359, 0.19107, 0.24484, 0.33129),
+}
+"""Mean, standard deviation, and quantiles at 5, 50 and 95 % by quantity."""
 
-DRAWS, CHAINS = 1000, 4
-"""Kept of each chain, and chains."""
+RATE, INTERACTION = (1.0, 0.5), (0.05, 0.05)
+"""Mean and standard deviation of the normal priors of α and γ, and of β and δ; all are positive."""
 
-BY_HAND = 500
+START, ERROR = (10.0, 1.0), (-1.0, 1.0)
+"""Median and logarithmic standard deviation of the populations in 1900; the same of both errors, by its logarithm."""
+
+DRAWS_BY_HAND = 500
 """Draws of the one chain of the model written by hand, which takes minutes, after as many of warm-up."""
 
+REFINED, BY_HAND = "fit and refine", "NumPyro and diffrax"
+"""Samplers."""
 
-def run(output: str | os.PathLike[str], *, seed: int = 1, progress: bool = True) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Sample the posterior both ways, and write the tables.
 
-    Args:
-        output: Folder for quantities.csv, samplers.csv and summary.json.
-        seed: Of both samplers.
-        progress: Whether to show progress bars.
+def cases(asked: Asked) -> list[Case]:
+    """Return both samplers."""
+    return [
+        Case(f"{name}/{asked.seed}", (name, asked.seed, asked.progress), {"sampler": name})
+        for name in (REFINED, BY_HAND)
+    ]
 
-    Returns:
-        By quantity: the reference's mean and sd; of `refine`, the error of its mean and of its quantiles at 5, 50 and
-        95 % over that sd, and its sd over that sd. By sampler: least bulk effective sample size of all quantities,
-        seconds, and the one over the other.
 
-    Raises:
-        InputError: The data are not there; a folder that cannot be written to.
-    """
-    # Imported here: it brings NumPyro and diffrax.
-    from .plain import sampled
+def sampled(name: str, seed: int, progress: bool) -> dict[str, Any]:
+    """Return the moments of a sampler's draws against the reference, and its speed."""
+    pelts, start = load_hudson_bay(), time.perf_counter()
+    if name == REFINED:
+        draws = refined(pelts, seed, progress)
+    else:
+        # Imported here: it brings NumPyro and diffrax.
+        from .plain import by_hand
 
-    pelts, folder = load_hudson_bay(), Path(output)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    years = pelts.time - pelts.time[0]
-    with threadpool_limits(1):
-        start = time.perf_counter()
-        ours = refined(pelts, seed, progress)
-        middle = time.perf_counter()
-        plain = sampled(years, pelts.matrix(("hare", "lynx")), BY_HAND, 1, seed, progress)
-        seconds = middle - start, time.perf_counter() - middle
-    quantities = compared(ours)
-    samplers = pd.DataFrame(
-        [speed(ours, seconds[0]), speed(plain, seconds[1])],
-        index=pd.Index(["fit and refine", "NumPyro and diffrax"], name="sampler"),
-    )
-    tables = {"quantities": quantities, "samplers": samplers}
-    try:
-        write_tables(folder, tables, {"seed": seed, **{name: plain_rows(table) for name, table in tables.items()}})
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return quantities, samplers
+        draws = by_hand(
+            pelts.time - pelts.time[0], pelts.matrix(("hare", "lynx")), DRAWS_BY_HAND, seed=seed, progress=progress
+        )
+    return {**speed(draws, time.perf_counter() - start), "quantities": compared(draws)}
 
 
 def refined(pelts: Trajectories, seed: int, progress: bool) -> dict[str, np.ndarray]:
-    """Draws of `Fit.refine` under the reference's priors, [n_chain, n_draw] by quantity.
+    """Return draws of `Fit.refine` under the reference's priors, [n_chain, n_draw] by quantity.
 
-    Of the logarithms of the populations the equations are linear in the coefficients, and errors are normal.
-
-    Args:
-        pelts: Hares and lynxes in thousands.
-        seed: Of everything random.
-        progress: Whether to show progress bars.
+    The equations of the populations' logarithms are linear in the coefficients, and errors are normal.
     """
     # Imported here: these bring JAX.
     from bayes_greybox.greybox import GreyBox
@@ -97,13 +89,12 @@ def refined(pelts: Trajectories, seed: int, progress: bool) -> dict[str, np.ndar
             "lynx": {"1": prior(*RATE, -1), "exp(hare)": prior(*INTERACTION, 1)},
         },
     )
-    fit = model.fit(data, draws=500, tune=300, chains=CHAINS, seed=seed, progress=progress)
-    median, spread = NOISE
+    sampling: dict[str, Any] = {"tune": 300, "chains": 4, "seed": seed, "progress": progress}
+    median, spread = ERROR
     start, error = (float(np.log(START[0])), START[1]), (float(np.exp(median)), spread)
-    exact = fit.refine(
-        draws=DRAWS, tune=300, chains=CHAINS, seed=seed, progress=progress,
-        starts={"hare": start, "lynx": start}, noise={"hare": error, "lynx": error},
-    )  # fmt: skip
+    exact = model.fit(data, draws=500, **sampling).refine(
+        draws=1000, starts={"hare": start, "lynx": start}, noise={"hare": error, "lynx": error}, **sampling
+    )
     drawn = exact.idata["posterior"].dataset
     theta, begun, sigma = (drawn[f"hare_and_lynx_{name}"].to_numpy() for name in ("theta", "start", "sensor_sigma"))
     return {
@@ -118,30 +109,54 @@ def refined(pelts: Trajectories, seed: int, progress: bool) -> dict[str, np.ndar
     }
 
 
-def compared(draws: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """Draws against the reference, by quantity; see `run`."""
+def compared(draws: Mapping[str, np.ndarray]) -> dict[str, dict[str, float]]:
+    """Compare draws with the reference.
+
+    Returns:
+        By quantity: the reference's mean and sd; the error of the draws' mean and of their quantiles at 5, 50 and 95 %
+        over that sd, and their sd over that sd.
+    """
     rows = {}
     for name, (mean, sd, *quantiles) in REFERENCE.items():
-        own = draws[name]
-        off = (np.quantile(own, [0.05, 0.5, 0.95]) - quantiles) / sd
+        off = (np.quantile(draws[name], [0.05, 0.5, 0.95]) - quantiles) / sd
         rows[name] = {
             "reference mean": mean,
             "reference sd": sd,
-            "mean": (float(own.mean()) - mean) / sd,
-            "sd": float(own.std()) / sd,
+            "mean": (float(draws[name].mean()) - mean) / sd,
+            "sd": float(draws[name].std()) / sd,
             **dict(zip(("5 %", "50 %", "95 %"), map(float, off), strict=True)),
         }
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("quantity")
+    return rows
 
 
 def speed(draws: Mapping[str, np.ndarray], seconds: float) -> dict[str, float]:
-    """Least bulk effective sample size, seconds, and effective draws a second.
-
-    Args:
-        draws: By quantity.
-        seconds: That they took, compilation included.
-    """
+    """Return the least bulk effective sample size, the seconds, compilation included, and effective draws a second."""
     from bayes_greybox.criticism.convergence import array_stats
 
     least = min(float(array_stats().ess(value, method="bulk")) for value in draws.values())
     return {"effective draws": least, "seconds": seconds, "a second": least / seconds}
+
+
+def score(records: list[Record]) -> Tables:
+    """Return the moments of `Fit.refine` by quantity, and the speed by sampler."""
+    quantities = pd.DataFrame.from_dict(records[0]["quantities"], orient="index").rename_axis("quantity")
+    columns = ["sampler", "effective draws", "seconds", "a second"]
+    return {"quantities": quantities, "samplers": pd.DataFrame(records, columns=columns).set_index("sampler")}
+
+
+def show(tables: Tables) -> dict[str, pd.DataFrame]:
+    """Return both tables."""
+    title = "Errors over the reference's standard deviations; standard deviations over its own"
+    return {title: tables["quantities"], "Samplers": tables["samplers"]}
+
+
+HUDSON_BAY = Benchmark(
+    "hudson-bay",
+    "compares the exact trajectory posterior with a reference, and with the model written by hand.",
+    {"seed": 0},
+    cases,
+    sampled,
+    score,
+    show,
+    threads=1,
+)

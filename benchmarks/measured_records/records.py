@@ -1,10 +1,10 @@
-"""The records: where each was published, what its owner would begin with, and what is right.
+"""The records: place of publication, simulation to begin with, and right answer.
 
 The files are not part of the project. Each reader says where its file was published, and reads it from a folder, by a
 name of its own: coastdown.csv, gause_f22.csv, and so on.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 from scipy.io import loadmat
 
-import bayes_greybox as bg
+from bayes_greybox.data.trajectories import Trajectories
 
-TRAJECTORIES = bg.Trajectories.from_arrays
+FROM_ARRAYS = Trajectories.from_arrays
 
 
 @dataclass(frozen=True)
@@ -24,14 +24,14 @@ class Record:
     Attributes:
         data: The samples.
         simulation: Right-hand sides to begin with.
-        equation: What is studied.
-        catalogue: Of effects.
-        roles: Roles that names cannot tell.
-        right: What a textbook, the source, or least squares say.
-        sampled: Whether the data are samples of states, without measured rates or outputs.
+        equation: Studied state or output.
+        catalogue: Domain of effects.
+        roles: Columns of roles that names cannot tell.
+        right: Right answer by a textbook, the source, or least squares.
+        sampled: True if the data are samples of states, without measured rates or outputs.
     """
 
-    data: bg.Trajectories
+    data: Trajectories
     simulation: dict[str, str]
     equation: str
     catalogue: str
@@ -44,7 +44,7 @@ def _coastdown(folder: Path) -> Record:
     """Abaiquni/Finding-Rolling-Resistance-and-Aerodynamic-Drag-Coefficients@83b5854, Data/rolling1.csv; s, km/h."""
     table = pd.read_csv(folder / "coastdown.csv", header=None).apply(pd.to_numeric, errors="coerce").dropna()
     table = table[table[0].diff().fillna(1) > 0]
-    data = TRAJECTORIES(table[0].to_numpy(), states={"v": table[1].to_numpy()})
+    data = FROM_ARRAYS(table[0].to_numpy(), states={"v": table[1].to_numpy()})
     return Record(data, {"v": "-1.438e-4*v**2"}, "v", "mechanical", "constant rolling resistance")
 
 
@@ -64,7 +64,7 @@ def _two_species(folder: Path) -> Record:
             time.append(run.Day.to_numpy(float)[lives])
             own.append(caudatum[lives])
             other.append(np.nan_to_num(aurelia[lives]))
-    data = TRAJECTORIES(time, states={"Pc": own}, inputs={"Pa": other})
+    data = FROM_ARRAYS(time, states={"Pc": own}, inputs={"Pa": other})
     right = "logistic crowding, and competition"
     return Record(data, {"Pc": "0.8*Pc"}, "Pc", "population", right, {"other": "Pa"})
 
@@ -72,7 +72,7 @@ def _two_species(folder: Path) -> Record:
 def _heater(folder: Path) -> Record:
     """jckantor/TCLab@196c74e, notebooks/step_test_data.csv: a heater's step of 50 %."""
     table = pd.read_csv(folder / "tclab_step.csv")
-    data = TRAJECTORIES(table.Time.to_numpy(), states={"T1": table.T1.to_numpy()})
+    data = FROM_ARRAYS(table.Time.to_numpy(), states={"T1": table.T1.to_numpy()})
     right = "a second thermal mass, or the sensor's lag"
     return Record(data, {"T1": "(0.84*50 - (T1 - 22.3))/160"}, "T1", "all", right)
 
@@ -80,28 +80,28 @@ def _heater(folder: Path) -> Record:
 def _ball_and_beam(folder: Path) -> Record:
     """Rafa7046/Non_Linear_Identification@e5c9b00: rad and m at 0.1 s, in closed loop."""
     table = pd.read_csv(folder / "ball_and_beam.csv")
-    data = TRAJECTORIES(0.1 * np.arange(len(table)), states={"y": table.y.to_numpy()}, inputs={"u": table.u.to_numpy()})
+    data = FROM_ARRAYS(0.1 * np.arange(len(table)), states={"y": table.y.to_numpy()}, inputs={"u": table.u.to_numpy()})
     return Record(data, {"y": "v", "v": "7.0*u"}, "v", "mechanical", "u has 4.8, not 7, beside an unmeasured push")
 
 
 def _cooling(folder: Path) -> Record:
     """vincentarelbundock/Rdatasets@1dcc2bf: a cup of water."""
     table = pd.read_csv(folder / "cooling_water.csv")
-    data = TRAJECTORIES(table.time.to_numpy(float), states={"temp": table.temp.to_numpy()})
+    data = FROM_ARRAYS(table.time.to_numpy(float), states={"temp": table.temp.to_numpy()})
     return Record(data, {"temp": "-0.0115*(temp - 24)"}, "temp", "all", "a law of temp beyond Newton's")
 
 
 def _indomethacin(folder: Path) -> Record:
     """vincentarelbundock/Rdatasets@1dcc2bf: R's Indometh, six subjects."""
     runs = [run for _, run in pd.read_csv(folder / "indometh.csv").groupby("Subject")]
-    data = TRAJECTORIES([r.time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
+    data = FROM_ARRAYS([r.time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
     return Record(data, {"conc": "-0.35*conc"}, "conc", "all", "a second compartment")
 
 
 def _theophylline(folder: Path) -> Record:
     """vincentarelbundock/Rdatasets@1dcc2bf: R's Theoph, twelve subjects."""
     runs = [run.sort_values("Time") for _, run in pd.read_csv(folder / "theoph.csv").groupby("Subject")]
-    data = TRAJECTORIES([r.Time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
+    data = FROM_ARRAYS([r.Time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
     simulation = {"gut": "-1.5*gut", "conc": "1.5*gut - 0.086*conc"}
     return Record(data, simulation, "conc", "all", "nothing is missing")
 
@@ -111,7 +111,7 @@ def _battery(folder: Path) -> Record:
     held = loadmat(folder / "battery_pulses.mat")
     time, current, voltage = (held[name].ravel().astype(float) for name in ("tpulse", "ipulse", "vpulse"))
     later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
-    data = TRAJECTORIES(time[later], states={}, inputs={"I": current[later]}, outputs={"V": voltage[later]})
+    data = FROM_ARRAYS(time[later], states={}, inputs={"I": current[later]}, outputs={"V": voltage[later]})
     simulation, right = {"V": "3.83 + 0.0215*I"}, "one or two relaxations of I"
     return Record(data, simulation, "V", "electrical", right, sampled=False)
 
@@ -119,7 +119,7 @@ def _battery(folder: Path) -> Record:
 def _tank(folder: Path) -> Record:
     """A tank that drains, 26 levels."""
     table = pd.read_csv(folder / "tank_drain.csv")
-    data = TRAJECTORIES(table.iloc[:, 0].to_numpy(float), states={"Height": table.iloc[:, 1].to_numpy()})
+    data = FROM_ARRAYS(table.iloc[:, 0].to_numpy(float), states={"Height": table.iloc[:, 1].to_numpy()})
     return Record(data, {"Height": "-0.0085*Height"}, "Height", "fluid", "Torricelli's square root, or a tie with it")
 
 
@@ -132,7 +132,7 @@ def _phone(folder: Path) -> Record:
     first, last = max(ends.reshape(-1, 2), key=lambda pair: pair[1] - pair[0])
     time, rate = time[first:last], 9.81 - reading[first:last]
     speed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))])
-    data = TRAJECTORIES(time, states={"v": speed}, derivatives={"v": rate})
+    data = FROM_ARRAYS(time, states={"v": speed}, derivatives={"v": rate})
     right = "quadratic drag; the accelerometer is late"
     return Record(data, {"v": "9.81"}, "v", "mechanical", right, sampled=False)
 
@@ -156,7 +156,7 @@ def _pendulum(number: int) -> Callable[[Path], Record]:
         period = (crossings[-1] - crossings[0]) / (len(crossings) - 1)
         frequency = 2 * np.pi / period / (1 - 2 * np.mean(swing**2) / 16)
         simulation = {"theta": "w", "w": f"-{frequency**2:.4f}*sin(theta) - 0.02*w"}
-        data = TRAJECTORIES(time, states={"theta": angle})
+        data = FROM_ARRAYS(time, states={"theta": angle})
         return Record(data, simulation, "w", "mechanical", "Coulomb friction and quadratic drag")
 
     return read
@@ -166,7 +166,7 @@ def _damper(folder: Path) -> Record:
     """labcontrol-data/mr-damper: mm, mm/s and N of a magnetorheological damper at 0.01 s, its motion imposed."""
     x, v, force = loadmat(folder / "mr_damper_a1.mat")["x_F"].T
     a, b, c = np.linalg.lstsq(np.column_stack([np.ones(len(x)), x, v]), force, rcond=None)[0]
-    data = TRAJECTORIES(0.01 * np.arange(len(x)), states={"x": x, "v": v}, outputs={"F": force})
+    data = FROM_ARRAYS(0.01 * np.arange(len(x)), states={"x": x, "v": v}, outputs={"F": force})
     simulation, roles = {"F": f"{a:.6g} + {b:.6g}*x + {c:.6g}*v"}, {"position": "x", "velocity": "v"}
     return Record(data, simulation, "F", "mechanical", "smooth dry friction", roles, sampled=False)
 
@@ -187,14 +187,3 @@ READ: dict[str, Callable[[Path], Record]] = {
     "damper": _damper,
 }
 """Reader of each record."""
-
-
-def records(folder: Path, names: list[str]) -> Iterator[tuple[str, Record]]:
-    """Yield records of a folder.
-
-    Args:
-        folder: Where the files are, by the names that `READ` reads.
-        names: Names of records; all where there are none.
-    """
-    for name in names or READ:
-        yield name, READ[name](folder)

@@ -1,4 +1,4 @@
-"""The machines: forced oscillators, what is hidden in them, and what a sensor shows; by NumPy and SciPy alone.
+"""The machines: forced oscillators, effects hidden in them, and samples of a sensor; by NumPy and SciPy alone.
 
 A mass on a spring, y″ = F − ω₀² y − 2ζω₀ y′ − β y³ + θ φ(y, y′, z), is driven by ten waves. z is what remembers, at
 rest where a run starts as the mass is; an absorber starts with a mass that moves, and moves along with it. The
@@ -20,19 +20,19 @@ from scipy.integrate import ode
 
 from bayes_greybox.data.trajectories import Trajectories
 
-LEVELS = (0.01, 0.05)
+POSITION_NOISES = (0.01, 0.05)
 """Noise of the position over its spread."""
 
 SAMPLES, A_PERIOD = 1500, 30
-"""Of a run, and of a period of the host without what is hidden."""
+"""Samples of a run, and of a period of the host without the hidden effect."""
 
-HELD_OUT = 600
+HELD_OUT_SAMPLES = 600
 """Samples of the run that is held out."""
 
 WAVES, BAND = 10, (0.3, 2.0)
 """Waves of the force, and the band of their frequencies over ω₀."""
 
-AMPLITUDE, NATURAL, DAMPED, BENT = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1, 0.5)
+AMPLITUDE, NATURAL, DAMPED, DUFFING = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1, 0.5)
 """RMS of the linear host's position; ω₀; ζ; the Duffing force over the linear one at that position."""
 
 INSET = 1.15
@@ -41,35 +41,35 @@ INSET = 1.15
 MOVING = 0.7
 """Standard deviation of the start of a mass that moves, over the RMS of the linear host's position and its speed."""
 
-TURNS, SETTLED = 20, 0.01
-"""How often a machine is integrated, at most, until its inner parameters are the shares of its own motion that were
+MOST_INTEGRATIONS, SETTLED = 20, 0.01
+"""Most integrations of a machine until its inner parameters are the shares of its own motion that were
 drawn, to this precision: strong friction changes the motion that it is scaled by."""
 
-ACCURATE = {"name": "dop853", "rtol": 1e-9, "atol": 1e-11, "nsteps": 100_000}
+DOP853 = {"name": "dop853", "rtol": 1e-9, "atol": 1e-11, "nsteps": 100_000}
 
 Rates = Callable[[float, float, float, list[float], list[float]], list[float]]
-"""Rates of what is hidden, from y, y′, F, z and the inner parameters: plain numbers, as they are asked for so often."""
+"""Rates of the hidden states, from y, y′, F, z and the inner parameters: plain numbers, for speed."""
 
 Range = tuple[str, float, float]
-"""What an inner parameter is a share of: "position", "velocity", "period" (of the position), "period of v",
-"frequency" or "number"; and its least and largest share."""
+"""Scale of an inner parameter, "position", "velocity", "period" (of the position), "period of v", "frequency" or
+"number", and its least and largest share of that."""
 
 
 @dataclass(frozen=True)
 class Hidden:
-    """What is hidden.
+    """An effect that may be hidden.
 
     Attributes:
         name: Slug in the catalogue, or a name of its own where the catalogue does not have it.
         inner: Ranges of its inner parameters.
         size: Least and largest θ over ω₀² if `stiff`, else θ itself; its logarithm is uniform.
-        stiff: Whether θ is a stiffness.
-        sign: Of θ.
-        states: Hidden states.
-        rates: Theirs.
+        stiff: True if θ is a stiffness.
+        sign: Sign of θ.
+        states: Number of hidden states.
+        rates: Rates of the hidden states.
         force: φ, of the same arguments.
-        known: Whether the catalogue has it.
-        moves: Whether the mass moves where a run starts, and what is hidden (its position, its velocity) along with it.
+        known: True if the catalogue has it.
+        moves: If true, the mass moves where a run starts, and the hidden states (a position, a velocity) along with it.
     """
 
     name: str
@@ -89,10 +89,10 @@ class Machine:
     """A kind of case.
 
     Attributes:
-        name: Of the kind.
-        hidden: What its machines hide; None: nothing.
-        noise: Over the spread of the position.
-        weight: Cases of the kind, over those of an effect of the catalogue.
+        name: Name of the kind.
+        hidden: Effect that its machines hide; None: nothing.
+        noise: Noise of the position over its spread.
+        weight: Cases of the kind over those of an effect of the catalogue.
     """
 
     name: str
@@ -106,11 +106,11 @@ class Measured:
     """A replicate.
 
     Attributes:
-        simulation: What the study is given.
+        simulation: Right-hand sides that the study is given.
         train, test: Samples to learn from and others.
-        truth: Coefficient of what is hidden, by slug; empty where the catalogue does not have it.
-        inner: Its inner parameters.
-        share: RMS of what is hidden over that of the spring's force.
+        truth: Coefficient of the hidden effect, by slug; empty where the catalogue does not have it.
+        inner: Inner parameters of the hidden effect.
+        share: RMS of the hidden effect over that of the spring's force.
     """
 
     simulation: Mapping[str, str]
@@ -122,7 +122,7 @@ class Measured:
 
 
 def hidden() -> tuple[Hidden, ...]:
-    """All that may be hidden: what the catalogue has, then what it has not."""
+    """Return all effects that may be hidden: those of the catalogue, then the others."""
 
     def pulled(y, v, F, z, _):
         return z[0]
@@ -157,11 +157,11 @@ def hidden() -> tuple[Hidden, ...]:
 
 
 def machines() -> dict[str, Machine]:
-    """All kinds of cases by name; half of those of the catalogue's effects hide nothing."""
+    """Return all kinds of cases by name; half of those of the catalogue's effects hide nothing."""
     every = hidden()
     known = [each for each in every if each.known]
     found = []
-    for noise in LEVELS:
+    for noise in POSITION_NOISES:
         found += [Machine(f"{each.name}-{noise:g}", each, noise) for each in known]
         found.append(Machine(f"nothing-{noise:g}", None, noise, float(len(known))))
         found += [Machine(f"{each.name}-{noise:g}", each, noise, 1 / 3) for each in every if not each.known]
@@ -169,16 +169,10 @@ def machines() -> dict[str, Machine]:
 
 
 def measured(machine: Machine, replicate: int, seed: int) -> Measured:
-    """Integrate a replicate and sample it.
-
-    Args:
-        machine: Of what kind it is.
-        replicate: Its number; odd ones are Duffing's.
-        seed: Of everything that is drawn.
-    """
+    """Integrate a replicate and sample it; odd ones are Duffing's."""
     rng = np.random.default_rng([seed, replicate, *machine.name.encode()])
     w0, zeta, amplitude = (_drawn(rng, *limits) for limits in (NATURAL, DAMPED, AMPLITUDE))
-    beta = _drawn(rng, *BENT) * w0**2 / amplitude**2 if replicate % 2 else 0.0
+    beta = _drawn(rng, *DUFFING) * w0**2 / amplitude**2 if replicate % 2 else 0.0
     frequency = w0 * rng.uniform(*BAND, WAVES)
     level = amplitude * np.sqrt(2) / np.linalg.norm(1 / np.abs(w0**2 - frequency**2 + 2j * zeta * w0 * frequency))
     forces = [_waves(frequency, rng.uniform(0, 2 * pi, WAVES), level) for _ in range(2)]
@@ -204,14 +198,14 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
 
         t = step * np.arange(n)
         # From sample to sample, by a compiled solver.
-        solver = ode(motion).set_integrator(**ACCURATE, first_step=step).set_initial_value(begun)
+        solver = ode(motion).set_integrator(**DOP853, first_step=step).set_initial_value(begun)
         path = np.stack([begun, *(solver.integrate(each) for each in t[1:])], axis=1)
         assert solver.successful()
         return t, path
 
     t, x = integrated(forces[0], SAMPLES)
     if own is not None:
-        for _ in range(TURNS):
+        for _ in range(MOST_INTEGRATIONS):
             before, inner = inner, shares * [_size(scale, x, step) for scale, _, _ in own.inner]
             t, x = integrated(forces[0], SAMPLES)
             if np.all(np.abs(np.log(inner / before)) < SETTLED):
@@ -222,7 +216,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
         hid = [theta * own.force(y, v, f, z, inner.tolist()) for (y, v, *z), f in zip(x.T.tolist(), F, strict=True)]
     simulation = {"y": "v", "v": f"F - {w0**2!r}*y - {2 * zeta * w0!r}*v" + (f" - {beta!r}*y**3" if beta else "")}
     parts = []
-    for force, (time, path) in zip(forces, ((t, x), integrated(forces[1], HELD_OUT)), strict=True):
+    for force, (time, path) in zip(forces, ((t, x), integrated(forces[1], HELD_OUT_SAMPLES)), strict=True):
         shown = path[0] + machine.noise * np.std(x[0]) * rng.standard_normal(len(time))
         inputs = {"F": np.array([force(each) for each in time])}
         units = {"t": "s", "y": "m", "F": "m/s^2"}
@@ -233,7 +227,7 @@ def measured(machine: Machine, replicate: int, seed: int) -> Measured:
 
 
 def _drawn(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number whose logarithm is uniform."""
+    """Draw a number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(log(low), log(high))))
 
 
@@ -243,7 +237,7 @@ def _waves(frequency: np.ndarray, phase: np.ndarray, level: float) -> Callable[[
 
 
 def _size(scale: str, x: Float[np.ndarray, "n_state n"], step: float) -> float:
-    """What the share of an inner parameter is of, by the motion itself."""
+    """Return the scale of an inner parameter by the motion itself."""
     y, v = x[0], x[1]
     if scale == "number":
         return 1.0
@@ -268,7 +262,7 @@ def _dahl(y, v, F, z, p):
 
 
 def _bending(v, z, p):
-    """Rate of LuGre's asperities, from F_c/σ₀, v_s, F_s/F_c − 1 and σ₁/σ₀."""
+    """Return the rate of LuGre's asperities, from F_c/σ₀, v_s, F_s/F_c − 1 and σ₁/σ₀."""
     presliding, stribeck, excess, _ = p
     return v - abs(v) * z / (presliding * (1 + excess * exp(-((v / stribeck) ** 2))))
 
@@ -283,5 +277,5 @@ def _held(y, v, F, z, p):
 
 
 def _pull(y, v, z, p):
-    """Of a mass on a spring and a damper, over its mass, from its frequency and its damping ratio."""
+    """Return the force of a mass on a spring and a damper, over its mass, by its frequency and damping ratio."""
     return p[0] ** 2 * (z[0] - y) + 2 * p[1] * p[0] * (z[1] - v)

@@ -1,102 +1,45 @@
-"""Studies of the machines with a memory, and what came of them: names, clean machines, coverage."""
+"""Studies of the machines with a memory: names, clean machines, coverage."""
 
-import os
-import time
-from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
-import pandas as pd
+from benchmarks.answers import Answer, studied
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
 
-from benchmarks.answers import Answer
-from benchmarks.resumed import picked, tabled
-
-from .machines import Machine, hidden, machines, measured
-
-REPLICATES = 15
-"""Of each effect of the catalogue at each noise, by default."""
+from .machines import hidden, machines, measured
 
 
-def run(
-    output: str | os.PathLike[str],
-    names: Sequence[str] | None = None,
-    *,
-    replicates: int = REPLICATES,
-    seed: int = 1,
-    progress: bool = True,
-) -> pd.DataFrame:
-    """Study every replicate, or those that are left, and write the results.
+def cases(asked: Asked) -> list[Case]:
+    """Return one case of each kind after the other, so that a run that is stopped has some of all.
 
-    Args:
-        output: Folder for results.jsonl, and for machines.csv and summary.json with a row for each kind.
-        names: Of the kinds of machines; all by default.
-        replicates: Of each effect of the catalogue; of machines that hide nothing there are as many as of all effects,
-            of what the catalogue does not have a third.
-        seed: Of the machines, of what is hidden and of the noise.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The table of `score`.
-
-    Raises:
-        InputError: A folder that cannot be written to; an unknown kind.
+    `replicates` counts those of each effect of the catalogue. There are as many machines that hide nothing as of all
+    effects, and a third as many of an effect that the catalogue does not have.
     """
-    return tabled(
-        output,
-        _cases(picked(machines(), names, "kind of machine"), replicates),
-        key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
-        measure=lambda case: study(*case, seed),
-        what="Memory effects",
-        progress=progress,
-        score=score,
-        name="machines",
-        about={"replicates": replicates, "seed": seed},
-    )
+    known, found = machines(), []
+    for name in asked.names(known, "kind of machine"):
+        count = max(1, round(known[name].weight * asked.replicates))
+        own = replicated("kind", [name], replace(asked, replicates=count))
+        found += [(case.arguments[1] / count, case) for case in own]
+    return [case for _, case in sorted(found, key=lambda pair: pair[0])]
 
 
-def _cases(chosen: Sequence[Machine], replicates: int) -> list[tuple[Machine, int]]:
-    """One of each kind after the other, so that a run that is stopped has some of all."""
-    counts = {machine.name: max(1, round(machine.weight * replicates)) for machine in chosen}
-    each = [(k / counts[machine.name], machine, k) for machine in chosen for k in range(counts[machine.name])]
-    return [(machine, k) for _, machine, k in sorted(each, key=lambda case: case[0])]
-
-
-def study(machine: Machine, replicate: int, seed: int) -> dict[str, Any]:
-    """One replicate: what the study says, and whether its interval holds the truth.
-
-    Args:
-        machine: The kind.
-        replicate: Its number.
-        seed: Of everything that is drawn.
-    """
+def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
+    """Return what the study of a replicate names, and whether its interval holds the truth."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.missing_effects import find_missing_effects
     from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 
-    data = measured(machine, replicate, seed)
-    start = time.perf_counter()
-    found = find_missing_effects(
-        GreyBox({"v": []}, simulation=dict(data.simulation), rows=TrajectoryRows()),
-        data.train,
-        test=data.test,
-        settle=False,
-        free_runs=False,
-        progress=False,
-    )
-    seconds = time.perf_counter() - start
-    answer = Answer(data.truth, found.verdict, found.effects, found.instrument)
+    data = measured(machines()[kind], replicate, seed)
+    model = GreyBox({"v": []}, simulation=dict(data.simulation), rows=TrajectoryRows())
+    found, seconds = studied(model, data.train, test=data.test, free_runs=False)
+    answer, named = Answer.of(found, data.truth), found.verdict == "named"
     remembers = {each.name for each in hidden()}
     return {
-        "kind": machine.name,
-        "replicate": replicate,
         "verdict": found.verdict,
         "against": list(found.against),
         "added": answer.added,
-        "right": found.verdict == "named" and set(data.truth) == answer.names
-        if data.truth
-        else found.verdict == "no gap",
-        "tied": bool(data.truth) and found.verdict in ("named", "one of") and set(data.truth) <= answer.tied,
+        "right": named and set(data.truth) == answer.names if data.truth else found.verdict == "no gap",
+        "tied": bool(data.truth) and (named or found.verdict == "one of") and set(data.truth) <= answer.tied,
         "unknown": found.verdict == "unknown",
         "wrong": answer.wrong,
         "memoryless": sorted(set(answer.wrong) - remembers),
@@ -113,27 +56,37 @@ def study(machine: Machine, replicate: int, seed: int) -> dict[str, Any]:
     }
 
 
-def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """One row for each kind of machine.
+def score(records: list[Record]) -> Tables:
+    """Return a row for each kind of machine.
 
-    Args:
-        rows: Of `study`.
-
-    Returns:
-        cases; right (named with this very name; where nothing is hidden: *no gap*); tied (that, or among the names that
-        the study says the data cannot tell apart); unknown; wrong (cases with a wrong name, as `Answer.wrong` says),
-        memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of coefficients that were
-        found), found (such coefficients); seconds (median).
+    Its columns are cases; right (named with this very name; where nothing is hidden: *no gap*); tied (that, or among
+    the names that the study says the data cannot tell apart); unknown; wrong (cases with a wrong name, as in
+    `Answer.wrong`), memoryless (those of them whose name remembers nothing); coverage (of 90 % intervals of
+    coefficients that were found), found (such coefficients); seconds (median).
     """
-    table = {}
-    for name in dict.fromkeys(row["kind"] for row in rows):
-        own = [row for row in rows if row["kind"] == name]
-        covered = [each for row in own for each in row["covered"].values()]
-        table[name] = {
-            "cases": len(own),
-            **{key: sum(bool(row[key]) for row in own) for key in ("right", "tied", "unknown", "wrong", "memoryless")},
-            "coverage": float(np.mean(covered)) if covered else float("nan"),
+
+    def of_group(group: list[Record]) -> Record:
+        covered = [each for record in group for each in record["covered"].values()]
+        counted = ("right", "tied", "unknown", "wrong", "memoryless")
+        return {
+            "cases": len(group),
+            **{key: sum(bool(record[key]) for record in group) for key in counted},
+            "coverage": mean(covered),
             "found": len(covered),
-            "seconds": float(np.median([row["seconds"] for row in own])),
+            "seconds": median([record["seconds"] for record in group]),
         }
-    return pd.DataFrame.from_dict(table, orient="index").rename_axis("kind")
+
+    return {"machines": by_group(records, {"kind": "kind"}, of_group)}
+
+
+TITLE = "Effects with memory found from samples of a position; counts of cases, coverage of 90 % intervals"
+
+MEMORY_EFFECTS = Benchmark(
+    "memory-effects",
+    "hides hysteresis, relaxation, lags and absorbers in oscillators whose position is sampled.",
+    {"cases": None, "only": None, "replicates": 15, "workers": 1, "seed": 0},
+    cases,
+    study,
+    score,
+    lambda tables: {TITLE: tables["machines"]},
+)

@@ -1,4 +1,4 @@
-"""Machines of which one short record is there, and what they do in an experiment; in plain NumPy and SciPy.
+"""Machines of which one short record is there, and their motion in an experiment; in plain NumPy and SciPy.
 
 Machines and effects are those of the hidden-effects benchmark. Of a case's runs the first alone is the record.
 """
@@ -13,12 +13,12 @@ from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
-from benchmarks.hidden_effects.cases import Case, all_cases
+from benchmarks.hidden_effects.cases import HiddenCase, all_cases
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.ode import HostODE, LostError
 from benchmarks.hidden_effects.systems.trajectories import Excited, Runs, follow
 
-LEVELS = (0.05, 0.2)
+SMALL_GAP_NOISES = (0.05, 0.2)
 """Standard deviation of the rate's noise over the rate's RMS."""
 
 RATIOS = (0.5, 4.0)
@@ -27,13 +27,13 @@ RATIOS = (0.5, 4.0)
 
 @dataclass(frozen=True)
 class Driven:
-    """What sets a machine going.
+    """An experiment: what sets a machine going.
 
     Attributes:
         start: State at the start, by name.
         inputs: Input as a function of time, by name.
         stop: Length of the run.
-        rows: Samples of it, evenly spread.
+        rows: Number of samples, evenly spread.
     """
 
     start: Mapping[str, float]
@@ -42,14 +42,10 @@ class Driven:
     rows: int
 
 
-def small_gaps(seed: int = 0) -> tuple[Case, ...]:
-    """Each effect of the catalogue in both its hosts at each level of noise, with a small ratio; in mixed order.
-
-    Args:
-        seed: Of ratios (log-uniform in `RATIOS`), order, coefficients, starts, excitation and noise.
-    """
+def small_gaps(seed: int = 0) -> tuple[HiddenCase, ...]:
+    """Return each effect of the catalogue in both its hosts at each level of noise, small and in mixed order."""
     rng = np.random.default_rng(seed)
-    known = [c for c in all_cases(seed, crossed=True) if c.family == "catalogue" and c.noise in LEVELS]
+    known = [c for c in all_cases(seed, crossed=True) if c.family == "catalogue" and c.noise in SMALL_GAP_NOISES]
     # One ratio from each of as many equal parts of the range.
     parts = (rng.permutation(len(known)) + rng.uniform(size=len(known))) / len(known)
     ratios = np.exp(np.interp(parts, [0, 1], np.log(RATIOS)))
@@ -61,7 +57,7 @@ def small_gaps(seed: int = 0) -> tuple[Case, ...]:
 
 
 def again(data: CaseData) -> Driven:
-    """What the record was driven by: its start and its input once more."""
+    """Return the experiment of the record: its start and its input once more."""
     excited, host = data.excited["train"], data.host
     signal = excited.signal
     inputs: dict[str, Callable[[Any], Any]] = {}
@@ -73,12 +69,7 @@ def again(data: CaseData) -> Driven:
 
 
 def exact(data: CaseData, driven: Driven) -> Runs | None:
-    """What the machine does, without noise; None where it cannot be followed: it leaves its bounds or sticks.
-
-    Args:
-        data: The case, with the truth.
-        driven: What sets it going.
-    """
+    """Follow the machine without noise; None where that cannot be done: it leaves its bounds or sticks."""
     if data.ode is None:
         raise InputError("The case has no system that could be run again.")
     host = replace(data.host, stop=driven.stop, samples=driven.rows)
@@ -94,13 +85,7 @@ def exact(data: CaseData, driven: Driven) -> Runs | None:
 
 
 def joined(data: CaseData, runs: Sequence[Runs], noise: Mapping[str, Sequence[np.ndarray]]) -> Trajectories:
-    """The record, and runs after it as they are measured.
-
-    Args:
-        data: The case.
-        runs: Exact quantities of the runs.
-        noise: Of the rate of each state, for each run.
-    """
+    """Return the record, and runs after it as they are measured."""
     host, record = data.host, record_of(data)
     return Trajectories.from_arrays(
         [record.time, *(r.columns["t"] for r in runs)],
@@ -119,17 +104,12 @@ def joined(data: CaseData, runs: Sequence[Runs], noise: Mapping[str, Sequence[np
 
 
 def record_of(data: CaseData) -> Trajectories:
-    """The first of the runs that the case would train on."""
+    """Return the first of the runs that the case would train on."""
     return data.train.take(0)
 
 
 def noise_of(data: CaseData, rows: int) -> dict[str, Float[np.ndarray, " n_row"]]:
-    """Noise of a further run of a case, the same whatever is done in it: what is compared shares it.
-
-    Args:
-        data: The case.
-        rows: Samples of the run.
-    """
+    """Draw the noise of a further run of a case, the same whatever is done in it: compared runs share it."""
     rng = np.random.default_rng([data.case.seed, 1])
     exact = data.exact["train"].rates
     return {

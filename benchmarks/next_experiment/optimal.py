@@ -21,10 +21,10 @@ from bayes_greybox.physics.terms import Term
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.hosts import term_value
 
-STEPS = 8
+STEPS_A_SAMPLE = 8
 """Steps between two samples."""
 
-LOST = 1e3
+LOST_AT = 1e3
 """A run has failed once a state is so many times its largest value in the record."""
 
 SAME = 1e-6
@@ -36,7 +36,7 @@ class Encompassing(NamedTuple):
 
     Attributes:
         terms: Each once.
-        mean: Of their coefficients; a term counts as zero where an explanation is without it.
+        mean: Means of their coefficients; a term counts as zero where an explanation is without it.
     """
 
     terms: tuple[Term, ...]
@@ -44,11 +44,7 @@ class Encompassing(NamedTuple):
 
 
 def encompassing(explanations: Sequence[Explained]) -> Encompassing:
-    """The model with the terms of all explanations; of a term with an inner parameter, its likeliest value of each.
-
-    Args:
-        explanations: Those that predict something; what has no name has no terms either.
-    """
+    """Return the model with the terms of all explanations, at the likeliest value of an inner parameter of each."""
     known = [e for e in explanations if e.components and (e.slugs or e.name in PREDICTING)]
     total = sum(e.probability for e in known)
     terms: dict[str, Term] = {}
@@ -66,13 +62,9 @@ def encompassing(explanations: Sequence[Explained]) -> Encompassing:
 def log_determinants(
     data: CaseData, record: Trajectories, explanations: Sequence[Explained], candidates: Sequence[Candidate]
 ) -> Float[np.ndarray, " n_candidate"]:
-    """Logarithm of the determinant of the information after each candidate, up to a constant; −∞ where its run fails.
+    """Return the log determinant of the information after each candidate, up to a constant; −∞ where its run fails.
 
-    Args:
-        data: The case; of it only what a user gives: the simulation and what the columns are.
-        record: What was measured.
-        explanations: Of the study.
-        candidates: What could be done.
+    Of the case only the simulation and the columns' meanings are used, which a user gives.
     """
     model = encompassing(explanations)
     measured = _columns(model.terms, {"t": record.time, **record.columns})
@@ -101,15 +93,15 @@ def _columns(terms: Sequence[Term], columns: Mapping[str, Any]) -> Float[np.ndar
 def _paths(
     data: CaseData, record: Trajectories, model: Encompassing, candidates: Sequence[Candidate]
 ) -> list[dict[str, np.ndarray] | None]:
-    """Columns of each candidate's run; None of one that fails."""
+    """Return columns of each candidate's run; None of one that fails."""
     names, inputs = data.host.states, data.host.inputs
-    limit = np.array([LOST * (float(np.max(np.abs(record.states[name]))) or 1.0) for name in names])
+    limit = np.array([LOST_AT * (float(np.max(np.abs(record.states[name]))) or 1.0) for name in names])
     rate, found = _rate(data, record, model), {}
     # Side by side where they are sampled at the same times.
     for length in {(each.duration, each.rows) for each in candidates}:
         places = [i for i, each in enumerate(candidates) if (each.duration, each.rows) == length]
         times = candidates[places[0]].times
-        stages = stage_times(times, STEPS)
+        stages = stage_times(times, STEPS_A_SAMPLE)
         u = np.zeros((len(places), len(stages), len(inputs)))
         for k, i in enumerate(places):
             for j, name in enumerate(inputs):

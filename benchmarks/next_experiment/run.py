@@ -1,76 +1,41 @@
-"""From small gaps to tied studies, and from these to what each way of choosing the next experiment makes of them."""
+"""From small gaps to tied studies, and from these to an experiment by each way of choosing it."""
 
-import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
-from bayes_greybox.discovery.next_experiment.ranked import FAILS, usual_sensors
-from bayes_greybox.greybox import GreyBox
-from bayes_greybox.missing_effects import Study, find_missing_effects
-from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.running.errors import InputError
-from benchmarks.answers import Answer
-from benchmarks.files import unwritable, write_tables
-from benchmarks.hidden_effects.cases import Case
+from benchmarks.answers import Answer, studied
+from benchmarks.hidden_effects.cases import HiddenCase
 from benchmarks.hidden_effects.generate import CaseData, generate
 from benchmarks.hidden_effects.solvers.study import all_roles
 from benchmarks.hidden_effects.systems.trajectories import Runs
-from benchmarks.resumed import resumed
+from benchmarks.runner import Asked, Benchmark, Case
 
 from .machines import Driven, again, exact, joined, noise_of, record_of, small_gaps
-from .optimal import encompassing, log_determinants
-from .scores import LEAST, differences, score
+from .scores import LEAST_PROBABILITY, score, show
+
+if TYPE_CHECKING:
+    from bayes_greybox.missing_effects import Study
+    from bayes_greybox.physics.candidate import Candidate
 
 TIED = ("one of", "unknown")
 """Verdicts of a tie, where at least two explanations say what a further run would show."""
 
 
-def run(
-    output: str | os.PathLike[str], cases: int | None = None, *, seed: int = 0, progress: bool = True
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Study every case, or those that are left, have the ties told apart in each way, and write the results.
-
-    Args:
-        output: Folder for results.jsonl, ways.csv and differences.csv, and summary.json.
-        cases: How many of `small_gaps`; all by default.
-        seed: Of the cases, of their noise, and of the candidates that are chosen at random.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The tables of `scores.score` and `scores.differences`.
-
-    Raises:
-        InputError: A folder that cannot be written to.
-    """
-    folder, chosen = Path(output), small_gaps(seed)[:cases]
-    try:
-        with threadpool_limits(1):
-            rows = resumed(
-                folder, chosen, key=lambda case: case.key, measure=measure, what="Next experiments", progress=progress
-            )
-        tables = score(rows), differences(rows)
-        about = {"seed": seed, "cases": len(rows), "ties": sum(bool(row["ways"]) for row in rows)}
-        write_tables(folder, {"ways": tables[0], "differences": tables[1]}, about)
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return tables
+def cases(asked: Asked) -> list[Case]:
+    """Return the first of the small gaps."""
+    return [Case(case.key, (case,)) for case in small_gaps(asked.seed)[: asked.cases]]
 
 
-def measure(case: Case) -> dict[str, Any]:
-    """One case: its study, and where that is a tie, what became of it by each way of choosing an experiment.
+def measure(case: HiddenCase) -> dict[str, Any]:
+    """Return the study of a case, and where that is a tie, what became of it by each way of choosing an experiment."""
+    from .optimal import encompassing
 
-    Args:
-        case: The case.
-    """
     start = time.perf_counter()
     row: dict[str, Any] = {
         "host": case.host, "effect": case.effects[0], "noise": case.noise, "ratio": case.ratios[0], "verdict": None,
@@ -83,23 +48,19 @@ def measure(case: Case) -> dict[str, Any]:
         return row
     study = _studied(data, record_of(data))
     row |= {"verdict": study.verdict, "before": _answer(study, data)}
-    known = [e for e in study.explanations[data.equation] if e.components]
+    explanations = study.explanations[data.equation]
+    known = [e for e in explanations if e.components]
     if study.verdict in TIED and len(known) > 1 and encompassing(known).terms:
-        row |= {
-            "likely": {e.name: e.probability for e in study.explanations[data.equation]},
-            **_told_apart(data, study),
-        }
+        row |= {"likely": {e.name: e.probability for e in explanations}, **_told_apart(data, study)}
     return {**row, "seconds": time.perf_counter() - start}
 
 
-def orders(data: CaseData, study: Study, candidates: Sequence[Candidate]) -> dict[str, list[int]]:
-    """Candidates in the order in which each way prefers them; what may fail by the study's word comes last in each.
+def orders(data: CaseData, study: "Study", candidates: "Sequence[Candidate]") -> dict[str, list[int]]:
+    """Return candidates in the order in which each way prefers them; those that may fail come last in each."""
+    from bayes_greybox.discovery.next_experiment.ranked import FAILS
 
-    Args:
-        data: The case.
-        study: Of its record.
-        candidates: What could be done, with names that tell them apart.
-    """
+    from .optimal import log_determinants
+
     places = {each.name: i for i, each in enumerate(candidates)}
     table = study.next_experiment(candidates, threshold=0.0).table
     fails = {places[name]: share > FAILS for name, share in zip(table["candidate"], table["fails"], strict=True)}
@@ -112,15 +73,11 @@ def orders(data: CaseData, study: Study, candidates: Sequence[Candidate]) -> dic
     return {way: sorted(order, key=lambda place: fails[place]) for way, order in preferred.items()}
 
 
-def possible(study: Study, data: CaseData) -> tuple[Candidate, ...]:
-    """What could be done: the usual candidates of the record, each also in half the time.
+def possible(study: "Study", data: CaseData) -> "tuple[Candidate, ...]":
+    """Return the usual candidates of the record, each also in half the time, with as many rows as the record."""
+    from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
+    from bayes_greybox.discovery.next_experiment.ranked import usual_sensors
 
-    All have as many rows as the record.
-
-    Args:
-        study: Of the record.
-        data: The case.
-    """
     rows, sensors, found = data.host.samples, usual_sensors(study), []
     for factor in (0.5, 1.0):
         usual = usual_candidates(study.train, sensors, duration=factor * data.host.stop, rows=rows)
@@ -128,7 +85,7 @@ def possible(study: Study, data: CaseData) -> tuple[Candidate, ...]:
     return tuple(found)
 
 
-def _told_apart(data: CaseData, study: Study) -> dict[str, Any]:
+def _told_apart(data: CaseData, study: "Study") -> dict[str, Any]:
     candidates = possible(study, data)
     done: dict[int, Runs | None] = {}
 
@@ -140,43 +97,38 @@ def _told_apart(data: CaseData, study: Study) -> dict[str, Any]:
         return done[place]
 
     ways: dict[str, Any] = {}
-    studied: dict[int, dict[str, Any]] = {}
+    answers: dict[int, dict[str, Any]] = {}
     for way, order in orders(data, study, candidates).items():
         # What the machine cannot do is passed over, whoever asks for it.
         place = next((i for i in order if of(i) is not None), None)
         if place is None:
             return {"ways": {}}
-        if place not in studied:
-            studied[place] = _after(data, done[place])
-        ways[way] = {"candidate": candidates[place].name, "passed over": order.index(place), **studied[place]}
+        if place not in answers:
+            answers[place] = _after(data, done[place])
+        ways[way] = {"candidate": candidates[place].name, "passed over": order.index(place), **answers[place]}
     ways["the same again"] = {"candidate": "the same again", "passed over": 0, **_after(data, exact(data, again(data)))}
     return {"ways": ways, "candidates": len(candidates)}
 
 
 def _after(data: CaseData, runs: Runs | None) -> dict[str, Any]:
-    """What a study says of the record and a further run."""
+    """Return the answer to the record and a further run."""
     assert runs is not None
     noise = {name: [values] for name, values in noise_of(data, len(runs.known)).items()}
     return _answer(_studied(data, joined(data, [runs], noise)), data)
 
 
-def _studied(data: CaseData, measured: Trajectories) -> Study:
-    return find_missing_effects(
-        GreyBox(simulation=dict(data.simulation), dictionary={data.equation: []}),
-        measured,
-        test=data.test,
-        catalogue=data.host.domain,
-        roles=all_roles(data),
-        settle=False,
-        free_runs=False,
-        progress=False,
-    )
+def _studied(data: CaseData, measured: Trajectories) -> "Study":
+    from bayes_greybox.greybox import GreyBox
+
+    model = GreyBox(simulation=dict(data.simulation), dictionary={data.equation: []})
+    about: dict[str, Any] = {"test": data.test, "catalogue": data.host.domain, "roles": all_roles(data)}
+    return studied(model, measured, free_runs=False, **about)[0]
 
 
-def _answer(study: Study, data: CaseData) -> dict[str, Any]:
-    """Whether it names what is hidden and nothing else, and how probable it says that this is."""
+def _answer(study: "Study", data: CaseData) -> dict[str, Any]:
+    """Return whether the study names the hidden effect and nothing else, and its probability for that."""
     truth = {each.slug: each.coefficient for each in data.effects}
-    answer = Answer(truth, study.verdict, study.effects, study.instrument)
+    answer = Answer.of(study, truth)
     table: Mapping[Any, Any] = study.hypotheses.loc[data.equation]["probability"].to_dict()
     probability = float(table.get(" + ".join(sorted(truth)), 0.0))
     return {
@@ -185,5 +137,17 @@ def _answer(study: Study, data: CaseData) -> dict[str, Any]:
         "right": study.verdict == "named" and answer.names == set(truth),
         "wrong": answer.wrong,
         "probability": probability,
-        "log": float(np.log(max(probability, LEAST))),
+        "log": float(np.log(max(probability, LEAST_PROBABILITY))),
     }
+
+
+NEXT_EXPERIMENT = Benchmark(
+    "next-experiment",
+    "has ties told apart by the experiment that the study asks for, by the D-optimal one and by one at random.",
+    {"cases": None, "workers": 1, "seed": 0},
+    cases,
+    measure,
+    score,
+    show,
+    threads=1,
+)

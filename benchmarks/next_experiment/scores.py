@@ -1,4 +1,4 @@
-"""What each way of choosing an experiment came to, and how sure the differences are."""
+"""Scores of each way of choosing an experiment, and how sure the differences are."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -7,7 +7,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-LEAST = 1e-3
+from benchmarks.runner import Record, Tables, mean
+
+LEAST_PROBABILITY = 1e-3
 """A truth less probable than this scores as if it were so probable: the logarithm has no end."""
 
 OURS = "information"
@@ -17,44 +19,37 @@ RESAMPLED = 10_000
 """Bootstrap samples."""
 
 
-def score(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-    """One row for each way, "before" first.
+def score(records: list[Record]) -> Tables:
+    """Return the scores of the ways, and the differences between them."""
+    return {"ways": ways(records), "differences": differences(records)}
 
-    Args:
-        rows: Of `run.measure`; those without a tie are left out.
 
-    Returns:
-        ties; right (share *named* with what is hidden and nothing else); probability (of it, mean); log (mean of its
-        logarithm); wrong (ties with a wrong name, as `Answer.wrong` says).
+def ways(records: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """Return one row for each way, "before" first; cases without a tie are left out.
+
+    Its columns are ties; right (share *named* with the hidden effect and nothing else); probability (of it, mean); log
+    (mean of its logarithm); wrong (ties with a wrong name, as in `Answer.wrong`).
     """
-    tied = [row for row in rows if row["ways"]]
-    ways = list(tied[0]["ways"]) if tied else []
+    tied = [record for record in records if record["ways"]]
     table = {}
-    for way in ["before", *ways]:
-        own = [row["before"] if way == "before" else row["ways"][way] for row in tied]
+    for way in ["before", *(tied[0]["ways"] if tied else [])]:
+        answers = [record["before"] if way == "before" else record["ways"][way] for record in tied]
         table[way] = {
-            "ties": len(own),
-            "right": _mean([answer["right"] for answer in own]),
-            "probability": _mean([answer["probability"] for answer in own]),
-            "log": _mean([answer["log"] for answer in own]),
-            "wrong": sum(bool(answer["wrong"]) for answer in own),
+            "ties": len(answers),
+            **{key: mean([answer[key] for answer in answers]) for key in ("right", "probability", "log")},
+            "wrong": sum(bool(answer["wrong"]) for answer in answers),
         }
     return pd.DataFrame.from_dict(table, orient="index").rename_axis("way")
 
 
-def differences(rows: Sequence[Mapping[str, Any]], level: float = 0.95, seed: int = 0) -> pd.DataFrame:
-    """How much better the information is than each other way, in the same ties with the same noise.
-
-    Args:
-        rows: Of `run.measure`.
-        level: Of the intervals, by the bootstrap of ties.
-        seed: Of the bootstrap.
+def differences(records: Sequence[Mapping[str, Any]], level: float = 0.95, seed: int = 0) -> pd.DataFrame:
+    """Compare the information with each other way, in the same ties with the same noise.
 
     Returns:
         By other way and score (right, probability, log): difference, lower, upper; of right also the ties in which the
         one alone and the other alone is right, and the exact two-sided p of McNemar's test (1947).
     """
-    tied = [row["ways"] for row in rows if row["ways"]]
+    tied = [record["ways"] for record in records if record["ways"]]
     columns = ["difference", "lower", "upper", "ours alone", "other alone", "p"]
     table = {}
     for way in [name for name in (tied[0] if tied else {}) if name != OURS]:
@@ -73,5 +68,10 @@ def differences(rows: Sequence[Mapping[str, Any]], level: float = 0.95, seed: in
     return pd.DataFrame(list(table.values()), index=index, columns=columns)
 
 
-def _mean(values: Sequence[float]) -> float:
-    return float(np.mean(values)) if values else float("nan")
+def show(tables: Tables) -> dict[str, pd.DataFrame]:
+    """Return the score of each way, then by how much the information is better."""
+    shown = tables["differences"].reset_index("score").rename(columns={"ours alone": "ours", "other alone": "other"})
+    return {
+        "Ties after one more run: share of right names, probability of the truth": tables["ways"],
+        "By how much the expected information is better; 95 % intervals": shown,
+    }

@@ -17,14 +17,14 @@ from scipy.integrate import solve_ivp
 
 from bayes_greybox.data.trajectories import Trajectories
 
-MOST = 100.0
+LARGEST_PARAMETER = 100.0
 """Parameters lie between zero and this, as for all published methods."""
 
-DRAWS = 100_000
+EFFICIENT_DRAWS = 100_000
 """Draws behind the median of an efficient estimator."""
 
-STEP = 1e-5
-"""Of differences of samples by parameters."""
+SENSITIVITY_STEP = 1e-5
+"""Step of differences of samples by parameters."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Problem:
     """A system whose parameters are sought.
 
     Attributes:
-        name: Of the system.
+        name: Name of the system.
         parameters: The true ones by name.
         starts: The true ones by state.
-        time: Of the samples.
+        time: Sampling times.
         rates: Rates of the states from states and parameters, for the integrator that makes the samples.
         dictionary: Terms by learned state.
         coefficients: Coefficients of the terms, in order, from the parameters.
@@ -62,7 +62,7 @@ class Problem:
         return self.states(self.truth, np.array(list(self.starts.values())))
 
     def states(self, parameters: np.ndarray, starts: np.ndarray) -> Float[np.ndarray, "n_state n_time"]:
-        """States at the times of the samples, to nine digits."""
+        """Integrate the states to the sampling times, to nine digits."""
         return solve_ivp(
             lambda t, x: self.rates(x, parameters), (self.time[0], self.time[-1]), starts, method="DOP853",
             t_eval=self.time, rtol=1e-10, atol=1e-10,
@@ -75,7 +75,7 @@ class OdeCell:
 
     Attributes:
         problem: The problem.
-        variance: Of the noise of each sample.
+        variance: Variance of the noise of each sample.
         published: Median error by method.
     """
 
@@ -85,7 +85,7 @@ class OdeCell:
 
     @property
     def key(self) -> str:
-        """What results call it."""
+        """Name of the cell in results."""
         return f"{self.problem.name}, variance {self.variance:g}"
 
     @property
@@ -94,12 +94,7 @@ class OdeCell:
         return min(self.published.values())
 
     def samples(self, draw: int, seed: int = 0) -> Trajectories:
-        """Samples with a draw of the noise; the same numbers give the same draw.
-
-        Args:
-            draw: Number of the draw.
-            seed: Seed of all draws.
-        """
+        """Sample the states with a draw of the noise; the same numbers give the same draw."""
         problem, exact = self.problem, self.problem.exact
         noise = np.random.default_rng((seed, draw)).standard_normal(exact.shape)
         return Trajectories.from_arrays(
@@ -107,7 +102,7 @@ class OdeCell:
         )
 
     def error(self, parameters: Float[np.ndarray, " n_parameter"]) -> float:
-        """Relative error ‖p̂ − p‖/‖p‖."""
+        """Return the relative error ‖p̂ − p‖/‖p‖."""
         truth = self.problem.truth
         return float(np.linalg.norm(parameters - truth) / np.linalg.norm(truth))
 
@@ -116,15 +111,15 @@ class OdeCell:
         """Median error of p̂ ~ N(p, C), C the bound of Cramér and Rao with unknown starts: the least without a bias."""
         truth, starts = self.problem.truth, np.array(list(self.problem.starts.values()))
         both, n = np.concatenate([truth, starts]), len(truth)
-        columns = [
-            (
-                self.problem.states(*np.split(both + step, [n])) - self.problem.states(*np.split(both - step, [n]))
-            ).ravel()
-            for step in STEP * np.eye(len(both))
-        ]
-        J = np.column_stack(columns) / (2 * STEP)
+
+        def sampled(at: np.ndarray) -> np.ndarray:
+            return self.problem.states(*np.split(at, [n])).ravel()
+
+        J = np.column_stack([sampled(both + h) - sampled(both - h) for h in SENSITIVITY_STEP * np.eye(len(both))]) / (
+            2 * SENSITIVITY_STEP
+        )
         C = self.variance * np.linalg.inv(J.T @ J)[:n, :n]
-        drawn = np.random.default_rng(0).multivariate_normal(truth, C, DRAWS)
+        drawn = np.random.default_rng(0).multivariate_normal(truth, C, EFFICIENT_DRAWS)
         return float(np.median(np.linalg.norm(drawn - truth, axis=1)) / np.linalg.norm(truth))
 
 

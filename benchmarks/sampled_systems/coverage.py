@@ -1,4 +1,4 @@
-"""How often 90 % intervals of coefficients hold the truth: fits on samples of a position, and on rates made from them.
+"""Coverage of 90 % intervals of coefficients: fits on samples of a position, and on rates made from them.
 
 Three oscillators of `systems`, whose sensor has white or correlated noise, or which random pushes shake. All three
 coefficients of the acceleration are learned. Rows of samples are fitted with the noise that the cell has, and refined
@@ -6,87 +6,43 @@ on the exact trajectory posterior, which knows no random pushes; rows of rates o
 package's differentiator. The efficient estimate on the same samples is beside them.
 """
 
-import os
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from scipy.stats import norm
 
-from bayes_greybox.running.errors import InputError
-from benchmarks.resumed import tabled
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, median
 
 from .efficient import efficient_estimate
 from .samples import sampled
 from .systems import systems
 
-REPEATS = 200
-"""Of each cell, by default."""
+NOISE_MODELS = {"white": {}, "correlated": {"correlation": "fit"}, "shaken": {"force": "fit"}}
+"""Noise model of rows of samples, by the oscillator's name."""
 
-NOISES = {"white": {}, "correlated": {"correlation": "fit"}, "shaken": {"force": "fit"}}
-"""What the noise of rows of samples may be, by the oscillator's name."""
-
-ROWS = ("samples", "refined", "rates", "efficient")
-"""Of the package, and the efficient estimate, which says how lucky the draws of the noise are."""
+ROW_KINDS = ("samples", "refined", "rates", "efficient")
+"""Kinds of rows of the package, and the efficient estimate, which says how lucky the draws of the noise are."""
 
 TRUTH = {"y": -2.0, "v": -0.15, "y**3": -0.3}
 """Coefficients of the acceleration, beside the force."""
-
-NORMAL = float(norm.ppf(0.95))
-"""Half a 90 % interval, in standard deviations."""
 
 SAMPLING = {"tune": 300, "draws": 500, "chains": 1, "progress": False}
 """The posterior has few dimensions: one chain's quantiles are good to a percent of probability."""
 
 
-def run(
-    output: str | os.PathLike[str], *, repeats: int = REPEATS, seed: int = 1, progress: bool = True
-) -> pd.DataFrame:
-    """Fit every repeat, or those that are left, and write the table.
-
-    Args:
-        output: Folder for results.jsonl, and for coverage.csv and summary.json.
-        repeats: Of each cell.
-        seed: Of the noise.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The table of `score`.
-
-    Raises:
-        InputError: A folder that cannot be written to.
-    """
-    return tabled(
-        output,
-        _cells(repeats),
-        key=lambda cell: f"{cell[0]}/{cell[1]}/{seed}/{cell[2]}",
-        measure=lambda cell: fitted(*cell, seed),
-        what="Coverage",
-        progress=progress,
-        score=score,
-        name="coverage",
-        about={"repeats": repeats, "seed": seed},
-        threads=1,
-    )
-
-
-def _cells(repeats: int) -> list[tuple[str, str, int]]:
-    """Noise, rows and repeat; nothing is refined where pushes move the path."""
-    pairs = [(noise, kind) for noise in NOISES for kind in ROWS if (noise, kind) != ("shaken", "refined")]
-    return [(*pair, k) for k in range(repeats) for pair in pairs]
+def cases(asked: Asked) -> list[Case]:
+    """Return noise, kind of rows and repeat; nothing is refined where pushes move the path."""
+    pairs = [(noise, kind) for noise in NOISE_MODELS for kind in ROW_KINDS if (noise, kind) != ("shaken", "refined")]
+    return [
+        Case(f"{noise}/{kind}/{asked.seed}/{k}", (noise, kind, k, asked.seed), {"noise": noise, "rows": kind})
+        for k in range(asked.replicates)
+        for noise, kind in pairs
+    ]
 
 
 def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
-    """One repeat: which intervals hold the truth, and how wide they are.
-
-    Args:
-        noise: One of `NOISES`.
-        kind: One of `ROWS`.
-        repeat: Of the noise.
-        seed: Of all noise.
-    """
+    """Return which intervals of one repeat hold the truth, and how wide they are."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.greybox import GreyBox
     from bayes_greybox.model.noise.asked import Noise
@@ -96,29 +52,23 @@ def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
     data, _ = sampled(systems()[name], repeat, seed)
     if kind == "efficient":
         error, sd = efficient_estimate(name, TRUTH, data.states["y"])
+        half = float(norm.ppf(0.95)) * sd
         return {
-            "noise": noise,
-            "rows": kind,
-            "holds": {k: bool(abs(e) <= NORMAL * s) for k, e, s in zip(TRUTH, error, sd, strict=True)},
+            "holds": {k: bool(abs(e) <= h) for k, e, h in zip(TRUTH, error, half, strict=True)},
             "error": dict(zip(TRUTH, map(float, error), strict=True)),
             "sd": dict(zip(TRUTH, map(float, sd), strict=True)),
             "seconds": 0.0,
         }
-    given: dict[str, Any] = {"rows": TrajectoryRows(), "noise": Noise(**NOISES[noise])}
+    settings: dict[str, Any] = {"rows": TrajectoryRows(), "noise": Noise(**NOISE_MODELS[noise])}
     if kind == "rates":
-        data, given = data.differentiate(rates={"y": "v"}), {}
-    model = GreyBox({"v": list(TRUTH)}, simulation={"y": "v", "v": "F"}, discrepancy=None, **given)
+        data, settings = data.differentiate(rates={"y": "v"}), {}
+    model = GreyBox({"v": list(TRUTH)}, simulation={"y": "v", "v": "F"}, discrepancy=None, **settings)
     start = time.perf_counter()
-    try:
-        fit = model.fit(data, **SAMPLING, seed=repeat)
-        if kind == "refined":
-            fit = fit.refine(**SAMPLING, seed=repeat)
-        table = fit.summary().loc["v"]
-    except InputError as error:
-        return {"noise": noise, "rows": kind, "refused": str(error)}
+    fit = model.fit(data, **SAMPLING, seed=repeat)
+    if kind == "refined":
+        fit = fit.refine(**SAMPLING, seed=repeat)
+    table = fit.summary().loc["v"]
     return {
-        "noise": noise,
-        "rows": kind,
         "holds": {k: bool(table.loc[k, "lower"] <= b <= table.loc[k, "upper"]) for k, b in TRUTH.items()},
         "error": {k: float(table.loc[k, "mean"] - b) for k, b in TRUTH.items()},
         "sd": {k: float(table.loc[k, "sd"]) for k in TRUTH},
@@ -126,34 +76,45 @@ def fitted(noise: str, kind: str, repeat: int, seed: int) -> dict[str, Any]:
     }
 
 
-def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """One row for each noise and kind of rows.
+def score(records: list[Record]) -> Tables:
+    """Return a row for each noise and kind of rows.
 
-    Args:
-        rows: Of `fitted`.
-
-    Returns:
-        repeats; refused (fits without an answer); coverage of each coefficient; bias (the largest mean error of a
-        coefficient over its mean standard deviation); sd (of the last coefficient, median); seconds (median).
+    Its columns are repeats; refused (fits without an answer); coverage of each coefficient; bias (the largest mean
+    error of a coefficient over its mean standard deviation); sd (of the last coefficient, median); seconds (median).
     """
-    table = {}
-    for noise in dict.fromkeys(row["noise"] for row in rows):
-        for kind in dict.fromkeys(row["rows"] for row in rows):
-            own = [row for row in rows if (row["noise"], row["rows"]) == (noise, kind)]
-            if not own:
-                continue
-            found = [row for row in own if "refused" not in row]
-            table[noise, kind] = {"repeats": len(own), "refused": len(own) - len(found), **_measured(found)}
-    return pd.DataFrame.from_dict(table, orient="index").rename_axis(["noise", "rows"])
+
+    def of_group(group: list[Record]) -> Record:
+        found = [record for record in group if "refused" not in record]
+        counts = {"repeats": len(group), "refused": len(group) - len(found)}
+        if not found:
+            return counts
+        error, sd, holds = (
+            np.array([[record[key][k] for k in TRUTH] for record in found]) for key in ("error", "sd", "holds")
+        )
+        return {
+            **counts,
+            **dict(zip(TRUTH, map(float, holds.mean(axis=0)), strict=True)),
+            "bias": float(np.max(np.abs(error.mean(axis=0) / sd.mean(axis=0)))),
+            "sd": median(sd[:, -1]),
+            "seconds": median([record["seconds"] for record in found]),
+        }
+
+    # Rows of one noise stand together.
+    order = list(NOISE_MODELS)
+    ordered = sorted(records, key=lambda record: order.index(record["noise"]))
+    return {"coverage": by_group(ordered, {"noise": "noise", "rows": "rows"}, of_group)}
 
 
-def _measured(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    if not rows:
-        return {}
-    error, sd, holds = (np.array([[row[key][k] for k in TRUTH] for row in rows]) for key in ("error", "sd", "holds"))
-    return {
-        **dict(zip(TRUTH, map(float, holds.mean(axis=0)), strict=True)),
-        "bias": float(np.max(np.abs(error.mean(axis=0) / sd.mean(axis=0)))),
-        "sd": float(np.median(sd[:, -1])),
-        "seconds": float(np.median([row["seconds"] for row in rows])),
-    }
+TITLE = "Share of 90 % intervals that hold the truth, of each coefficient; bias in SDs; SD of the last"
+
+SAMPLED_COVERAGE = Benchmark(
+    "sampled-coverage",
+    "counts how often intervals of coefficients hold the truth in samples.",
+    {"replicates": 200, "workers": 1, "seed": 0},
+    cases,
+    fitted,
+    score,
+    lambda tables: {TITLE: tables["coverage"]},
+    threads=1,
+    refusals=True,
+)

@@ -13,16 +13,13 @@ from jaxtyping import Float
 from scipy.integrate import solve_ivp
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 
-from .samples import CORRELATION, SHAKEN, System
+from .samples import CORRELATION, KICKS, SHAKEN, System
 from .systems import systems
 
-STEP = 1e-5
-"""Of central differences over coefficients and starts."""
+SLOPE_STEP = 1e-5
+"""Step of central differences over coefficients and starts."""
 
-KICKS = 10
-"""Random pushes between two samples, as `samples` has them."""
-
-ACCURATE = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
+TIGHT_DOP853 = {"rtol": 1e-9, "atol": 1e-11, "method": "DOP853"}
 
 SHAPES = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
 """φ by name."""
@@ -31,12 +28,9 @@ SHAPES = {"y": lambda y, v: y, "v": lambda y, v: v, "y**3": lambda y, v: y**3}
 def efficient_estimate(
     name: str, terms: Mapping[str, float], shown: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, " n_term"]]:
-    """Errors of the estimate, and its standard deviations.
+    """Return errors of the estimate, and its standard deviations.
 
-    Args:
-        name: An oscillator of `systems`, y″ = F(t) + Σ θ_k φ_k(y, v).
-        terms: θ_k by φ_k, those of `SHAPES`; the true ones.
-        shown: What the sensor showed of the first run.
+    The oscillator of `systems` is y″ = F(t) + Σ θ_k φ_k(y, v), with true θ_k by φ_k, those of `SHAPES`.
     """
     path, weights, covariance = _known(name, tuple(terms.items()))
     return (weights @ (shown - path))[: len(terms)], np.sqrt(np.diag(covariance))[: len(terms)]
@@ -44,16 +38,16 @@ def efficient_estimate(
 
 @cache
 def _known(name: str, terms: tuple[tuple[str, float], ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The path, the matrix from residuals to estimates, and their covariance."""
+    """Return the path, the matrix from residuals to estimates, and their covariance."""
     system = systems()[name]
     t, truth = system.step * np.arange(system.samples), np.array([*(b for _, b in terms), *system.start[0]])
 
     def path(at: np.ndarray) -> np.ndarray:
         rates = _oscillator(system, terms, at)
-        return solve_ivp(rates, (t[0], t[-1]), at[len(terms) :], t_eval=t, **ACCURATE).y[0]
+        return solve_ivp(rates, (t[0], t[-1]), at[len(terms) :], t_eval=t, **TIGHT_DOP853).y[0]
 
     y = path(truth)
-    J = np.array([(path(truth + d) - path(truth - d)) / (2 * STEP) for d in STEP * np.eye(len(truth))]).T
+    J = np.array([(path(truth + d) - path(truth - d)) / (2 * SLOPE_STEP) for d in SLOPE_STEP * np.eye(len(truth))]).T
     lag = CORRELATION ** np.arange(len(t)) if system.sensor == "correlated" else np.eye(1, len(t))[0]
     C = (system.noise * np.std(y)) ** 2 * toeplitz(lag)
     if system.shaken:
@@ -73,17 +67,20 @@ def _oscillator(system: System, terms: tuple[tuple[str, float], ...], at: np.nda
 def _answers(
     system: System, terms: tuple[tuple[str, float], ...], truth: np.ndarray, t: np.ndarray
 ) -> Float[np.ndarray, "n n_push"]:
-    """What a unit push of the speed at each moment adds to the position at each sample, to first order."""
+    """Return the change of the position at each sample by a unit push of the speed at each moment, to first order."""
     rates, n = _oscillator(system, terms, truth), len(terms)
     moments = np.linspace(t[0], t[-1], KICKS * (len(t) - 1) + 1)
 
     def motion(time: float, x: np.ndarray) -> np.ndarray:
         state, change = x[:2], x[2:].reshape(2, 2)
-        tangent = [(np.array(rates(time, state + d)) - rates(time, state - d)) / (2 * STEP) for d in STEP * np.eye(2)]
+        tangent = [
+            (np.array(rates(time, state + d)) - rates(time, state - d)) / (2 * SLOPE_STEP)
+            for d in SLOPE_STEP * np.eye(2)
+        ]
         return np.concatenate([rates(time, state), (np.array(tangent).T @ change).ravel()])
 
     start = [*truth[n:], 1.0, 0.0, 0.0, 1.0]
-    change = solve_ivp(motion, (t[0], t[-1]), start, t_eval=moments, **ACCURATE).y[2:].T.reshape(-1, 2, 2)
+    change = solve_ivp(motion, (t[0], t[-1]), start, t_eval=moments, **TIGHT_DOP853).y[2:].T.reshape(-1, 2, 2)
     # Φ(t) Φ(τ)⁻¹ takes a push at τ to t; the path knows nothing of later ones.
     answers = change[::KICKS, 0] @ np.linalg.inv(change)[:, :, 1].T
     answers[np.arange(len(moments)) > KICKS * np.arange(len(t))[:, None]] = 0.0

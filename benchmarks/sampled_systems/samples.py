@@ -13,10 +13,11 @@ Force = Callable[[float], float]
 """Input by time."""
 
 CORRELATION = 0.9
-"""Of neighbouring samples under correlated noise."""
+"""Correlation of neighbouring samples under correlated noise."""
 
-SHAKEN = 0.03
-"""RMS of the velocity that random pushes give within a unit of time, of the oscillator that is shaken."""
+SHAKEN, KICKS = 0.03, 10
+"""RMS of the velocity that random pushes give within a unit of time, and pushes between two samples, of the shaken
+oscillator."""
 
 
 @dataclass(frozen=True)
@@ -24,26 +25,26 @@ class System:
     """A system, what its simulation lacks, and how one of its states is sampled.
 
     Attributes:
-        name: Of the system.
-        simulation: What the study is given.
+        name: Name of the system.
+        simulation: Right-hand sides that the study is given.
         equation: The state whose equation lacks something.
-        truth: Coefficients of what it lacks, by the catalogue's slug.
-        rates: Of all states, from the states and the input.
+        truth: Coefficients of the effects that it lacks, by the catalogue's slug.
+        rates: Rates of all states, from the states and the input.
         measured: The state that has a sensor; the others are hidden.
-        step: Between samples.
+        step: Time between samples.
         samples: Number of samples.
-        noise: Of the sensor, over the spread of the measured state.
+        noise: Noise of the sensor over the spread of the measured state.
         start: States at the start of the training run and of the test run.
         force: Input of both; None where nothing drives the system.
-        input: Its name.
-        units: Of columns.
+        input: Name of the input.
+        units: Units of columns.
         catalogue: Domain of the effects that are weighed.
-        roles: What columns are to the catalogue, where their names do not say it.
+        roles: Columns by role of the catalogue, where their names do not say it.
         sensor: "white" or "correlated".
-        shaken: Whether random pushes act on the last state, besides.
-        same: Errors of the instrument that are the same as what is hidden, by slug: an input's offset is a constant
+        shaken: If true, random pushes act on the last state besides.
+        same: Errors of the instrument that are the same as a hidden effect, by slug: an input's offset is a constant
             force.
-        tolerance: Of the integrator.
+        tolerance: Relative tolerance of the integrator.
     """
 
     name: str
@@ -68,13 +69,7 @@ class System:
 
 
 def sampled(system: System, replicate: int, seed: int = 1) -> tuple[Trajectories, Trajectories]:
-    """Training and test samples.
-
-    Args:
-        system: The system.
-        replicate: Of its noise.
-        seed: Of all noise.
-    """
+    """Sample a training and a test run with the noise of a replicate."""
     rng = np.random.default_rng([seed, replicate])
     train, test = (_run(system, part, rng) for part in (0, 1))
     return train, test
@@ -83,13 +78,13 @@ def sampled(system: System, replicate: int, seed: int = 1) -> tuple[Trajectories
 def _run(system: System, part: int, rng: np.random.Generator) -> Trajectories:
     t = system.step * np.arange(system.samples)
     x = _path(system, part, t, rng)
-    shown = x + system.noise * np.std(x) * _noise(system.sensor, len(t), rng)
+    shown = x + system.noise * np.std(x) * sensor_noise(system.sensor, len(t), rng)
     inputs = {} if system.force is None else {system.input: np.array([system.force[part](time) for time in t])}
     return Trajectories.from_arrays(t, states={system.measured: shown}, inputs=inputs, units=dict(system.units))
 
 
 def _path(system: System, part: int, t: Float[np.ndarray, " n"], rng: np.random.Generator) -> np.ndarray:
-    """The measured state."""
+    """Integrate the measured state."""
     drive = (lambda time: 0.0) if system.force is None else system.force[part]
     measured = list(system.simulation).index(system.measured)
 
@@ -102,16 +97,17 @@ def _path(system: System, part: int, t: Float[np.ndarray, " n"], rng: np.random.
         whole = solve_ivp(motion, (0, t[-1]), system.start[part], t_eval=t, max_step=system.step, **accurate)
         return whole.y[measured]
     # Random pushes: a kick of the speed ten times between samples.
-    x, found, h = np.array(system.start[part]), [system.start[part][measured]], system.step / 10
+    x, found, h = np.array(system.start[part]), [system.start[part][measured]], system.step / KICKS
     for time in t[:-1]:
-        for k in range(10):
+        for k in range(KICKS):
             x = solve_ivp(motion, (time + k * h, time + (k + 1) * h), x, rtol=1e-7, atol=1e-9).y[:, -1]
             x[-1] += SHAKEN * np.sqrt(h) * rng.standard_normal()
         found.append(x[measured])
     return np.array(found)
 
 
-def _noise(sensor: str, n: int, rng: np.random.Generator) -> np.ndarray:
+def sensor_noise(sensor: str, n: int, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
+    """Draw noise of unit spread, "white" or "correlated"."""
     e = rng.standard_normal(n)
     if sensor == "correlated":
         for i in range(1, n):

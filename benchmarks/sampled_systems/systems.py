@@ -1,6 +1,6 @@
-"""The systems: what each does, what its simulation lacks, and what a sensor shows of it.
+"""The systems: their motion, the effects that their simulations lack, and their sensors.
 
-What the simulation lacks, a test run with another start or another force lacks as well. Coulomb friction is tanh(v/v₀)
+A test run with another start or another force lacks the same effects. Coulomb friction is tanh(v/v₀)
 with v₀ far below anything that the sensor resolves.
 """
 
@@ -11,14 +11,14 @@ from .samples import System
 METRES = {"t": "s", "y": "m"}
 """Units of a position."""
 
-LEVELS = (0.01, 0.05)
+HIDDEN_STATE_NOISES = (0.01, 0.05)
 """Noise of the systems with hidden states, over the spread of the one that is measured."""
 
 
 def systems() -> dict[str, System]:
-    """All systems by name."""
+    """Return all systems by name."""
     every = [_pendulum(), _axis(), _beam(), *_oscillators()]
-    for noise in LEVELS:
+    for noise in HIDDEN_STATE_NOISES:
         every += [_two_masses(noise), _twin_tanks(noise), _predators(noise)]
     return {system.name: system for system in every}
 
@@ -98,7 +98,7 @@ def _oscillators() -> list[System]:
 
 
 def _two_masses(noise: float) -> System:
-    """Of two masses one is seen, and the spring between it and the wall hardens."""
+    """Two masses of which one is seen, and the spring between it and the wall hardens."""
 
     def rates(x, F):
         between = 1.2 * (x[0] - x[2])
@@ -122,7 +122,7 @@ def _two_masses(noise: float) -> System:
 
 
 def _twin_tanks(noise: float) -> System:
-    """Of two tanks the lower level is seen, and its outlet is not as the simulation has it."""
+    """Two tanks of which the lower level is seen, and its outlet is not as the simulation has it."""
 
     def rates(h, u):
         upper, lower = np.sqrt(np.maximum(h, 0.0))
@@ -150,7 +150,7 @@ def _twin_tanks(noise: float) -> System:
 
 
 def _predators(noise: float) -> System:
-    """Of predators and prey the prey is counted, which crowds itself."""
+    """Predators and prey, of which the prey is counted and crowds itself."""
     return System(
         f"predator-prey-{noise:g}",
         {"x": "1.5*x - x*y", "y": "x*y - 3*y"},
@@ -171,7 +171,7 @@ def _waves(t: float, phase: float) -> float:
 
 
 def _controlled(t: float, phase: float) -> float:
-    """What a controller asks for: friction along a reference of two waves made up for but for a part, and some more."""
+    """Force of a controller: friction along a reference of two waves made up for but for a part, and some more."""
     speed = 0.5 * np.cos(3.1 * t + phase) + 0.3 * np.cos(7.3 * t)
     change = -0.5 * 3.1 * np.sin(3.1 * t + phase) - 0.3 * 7.3 * np.sin(7.3 * t)
     return change + 1.5 * speed + 0.4 * np.tanh(speed / 0.05) - 0.12

@@ -1,6 +1,7 @@
-"""What a trap is, and what its data are made with: drives, paths by SciPy and noise. Nothing knows how studies work."""
+"""Traps, and the means to make their data: drives, paths by SciPy and noise. Nothing here knows how studies work."""
 
 from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, Literal
@@ -15,10 +16,10 @@ Signal = Callable[[Any], Any]
 """Values by time, of one time or of many."""
 
 Rates = Callable[[float, Float[np.ndarray, " n_state"], float], Sequence[float]]
-"""Of all states, from time, states and what drives them."""
+"""Rates of all states from time, states and drive."""
 
 STREAM = 20240
-"""The draws of traps are nobody else's."""
+"""Entry of the seeds that keeps the draws of traps apart from those of other benchmarks."""
 
 
 @dataclass(frozen=True)
@@ -26,56 +27,70 @@ class Trap:
     """Samples that tempt to a wrong name, or, of a control, samples whose answer is clear.
 
     Attributes:
-        name: Of the trap.
-        why: What tempts.
-        simulation: What the study is given.
-        equation: The state whose equation may lack something.
-        data: Samples by the seed of their draws.
+        name: Name of the trap.
+        why: Reason why a study is tempted.
+        simulation: Right-hand sides that the study is given.
+        data: Function from the seed of the draws to the samples.
+        equation: State whose equation may lack something.
         learned: Terms of that equation whose coefficients are learned anyway.
-        hold: What inputs do between samples, as the engineer says.
+        hold: Course of inputs between samples, by the engineer's word.
         catalogue: Domain of the effects that are weighed.
-        control: Whether the answer is clear, so that *unknown* is a failure.
         allowed: Slugs that it would be right or excusable to name.
-        wanted: Of a control, slugs of which one must be named.
-        answer: Of a control, the verdict that is right without a name; None where a name must be found.
+        wanted: Slugs of which one must be named, of a control.
+        answer: Verdict that is right without a name, of a control; None where a name must be found.
         rates: States whose rate is another one, where a filter computes rates; samples are followed where it is empty.
     """
 
     name: str
     why: str
     simulation: Mapping[str, str]
-    equation: str
     data: Callable[[int], Trajectories]
+    equation: str = "v"
     learned: tuple[str, ...] = ()
     hold: Literal["linear", "held"] = "linear"
     catalogue: str = "mechanical"
-    control: bool = False
-    allowed: frozenset[str] = frozenset()
-    wanted: frozenset[str] = frozenset()
+    allowed: AbstractSet[str] = frozenset()
+    wanted: AbstractSet[str] = frozenset()
     answer: str | None = None
     rates: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def control(self) -> bool:
+        """True if the answer is clear, so that *unknown* is a failure."""
+        return bool(self.wanted or self.answer)
 
-def generator(seed: int, number: int) -> np.random.Generator:
-    """The draws of one trap.
+
+def trap(
+    number: int, simulation: Mapping[str, str], **more: Any
+) -> Callable[[Callable[[np.random.Generator], Trajectories]], Trap]:
+    """Make a trap of the function that draws its samples, by its name and its docstring.
 
     Args:
-        seed: Of all traps.
-        number: Of the trap.
+        number: Number that keeps its draws apart from those of other traps.
+        simulation: Right-hand sides that the study is given.
+        **more: Further attributes of `Trap`.
     """
+
+    def made(drawn: Callable[[np.random.Generator], Trajectories]) -> Trap:
+        name, why = drawn.__name__.strip("_").replace("_", "-"), " ".join((drawn.__doc__ or "").split())
+        return Trap(name, why, simulation, lambda seed: drawn(generator(seed, number)), **more)
+
+    return made
+
+
+def generator(seed: int, number: int) -> np.random.Generator:
+    """Return the generator of the draws of a trap."""
     return np.random.default_rng([STREAM, number, seed])
 
 
-def multisine(rng: np.random.Generator, low: float, high: float, lines: int, rms: float) -> Signal:
-    """A smooth random signal.
+def recorded(t: Any, x: Any, u: Any = None) -> Trajectories:
+    """Return samples of a state x, or of several by name, and of an input u."""
+    states = x if isinstance(x, Mapping) else {"x": x}
+    return Trajectories.from_arrays(t, states=states, inputs=None if u is None else {"u": u})
 
-    Args:
-        rng: Of its lines.
-        low: Frequency of the first line, about.
-        high: Frequency of the last one.
-        lines: Number of sines.
-        rms: Of their sum.
-    """
+
+def multisine(rng: np.random.Generator, low: float, high: float, lines: int, rms: float) -> Signal:
+    """Draw a smooth random signal: sines from about the low to the high frequency, their sum of this RMS."""
     w = np.linspace(low, high, lines) * (1 + 0.01 * rng.standard_normal(lines))
     phase = rng.uniform(0, 2 * np.pi, lines)
     a = rng.uniform(0.6, 1.4, lines)
@@ -84,14 +99,7 @@ def multisine(rng: np.random.Generator, low: float, high: float, lines: int, rms
 
 
 def staircase(rng: np.random.Generator, end: float, step: float, sd: float) -> tuple[Signal, np.ndarray]:
-    """Random levels, each held for a while, and the times at which they change; there the next one holds already.
-
-    Args:
-        rng: Of the levels.
-        end: Time up to which there are levels.
-        step: Time for which each is held.
-        sd: Of the levels.
-    """
+    """Draw levels, each held for a step; return the times at which they change, where the next one holds already."""
     levels = sd * rng.standard_normal(int(np.ceil(end / step)) + 1)
 
     def value(t: Any) -> Any:
@@ -109,15 +117,15 @@ def path(
     breaks: Sequence[float] | np.ndarray = (),
     begin: float | None = None,
 ) -> Float[np.ndarray, "n_state n"]:
-    """States at the times.
+    """Integrate the states.
 
     Args:
-        rates: Of the states.
+        rates: Rates of the states.
         start: States at the beginning.
         t: Times, ascending.
-        drive: What drives the states; None where nothing does.
+        drive: Signal that drives the states; None where nothing does.
         breaks: Times between which the drive is held; none where it is smooth.
-        begin: The time at which the path begins; that of the first sample by default.
+        begin: Time at which the path begins; that of the first sample by default.
     """
     drive = drive or (lambda _: 0.0)
 
@@ -131,8 +139,8 @@ def path(
     x, found = np.array(start, float), []
     for low, high in pairwise(edges):
         # The end of one piece is the start of the next.
-        own = [*t[(t >= low) & (t < high)], high]
-        piece = solve_ivp(motion, (low, high), x, t_eval=own, args=((low + high) / 2,), **accurate).y
+        times = [*t[(t >= low) & (t < high)], high]
+        piece = solve_ivp(motion, (low, high), x, t_eval=times, args=((low + high) / 2,), **accurate).y
         x = piece[:, -1]
         found.append(piece[:, :-1])
     return np.column_stack([*found, x])
@@ -141,12 +149,5 @@ def path(
 def noisy(
     rng: np.random.Generator, x: Float[np.ndarray, " n"], share: float, clean: Float[np.ndarray, " n"] | None = None
 ) -> Float[np.ndarray, " n"]:
-    """Samples with white noise.
-
-    Args:
-        rng: Of the noise.
-        x: Samples without it.
-        share: Standard deviation of the noise over the spread of the signal.
-        clean: The signal; the samples by default.
-    """
+    """Add white noise, whose standard deviation is a share of the spread of the clean signal, by default x itself."""
     return x + share * np.std(x if clean is None else clean) * rng.standard_normal(len(x))

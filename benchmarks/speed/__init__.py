@@ -1,1 +1,1 @@
-"""How fast posteriors are drawn, beside others that draw the same; and how far that is from what the machine can do."""
+"""Speed of drawing posteriors, beside others that draw the same, and beside the machine's own routines."""

@@ -5,26 +5,23 @@
 is what the process runs; the folder has the task, and gets the draws.
 """
 
-import json
 import math
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from benchmarks.account import account
 
 from .contenders.listed import CONTENDERS
 from .drawn import Drawn, Settings
-from .problems import Data, Problem
+from .problems import Data
 
-TASK, DATA, DRAWN = "task.json", "data.npz", "drawn.npz"
+TASK, DRAWN = "task.pickle", "drawn.pickle"
 """Files of the folder."""
 
 STARTING = ("imports", "tracing", "compiling", "kept programs")
@@ -35,24 +32,14 @@ GRACE = 15.0
 
 
 def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tuple[Drawn | None, dict[str, Any]]:
-    """Draws of a contender, and what they cost.
-
-    Args:
-        folder: An empty one, for this alone.
-        contender: Of `CONTENDERS`.
-        data: Data.
-        settings: Settings.
+    """Return draws of a contender, and their costs.
 
     Returns:
         The draws, None where it was ended; and `seconds` since its process started, `cpu` seconds of all cores,
         `starting` seconds (the interpreter, imports, tracing, compiling), `memory` in MB at its peak, `capped`, and
-        `failed`, the end of what it said where it failed.
+        `failed`, its last line where it failed.
     """
-    problem = data.problem
-    task = {"contender": contender, "problem": asdict(problem), "settings": asdict(settings)}
-    names = list(data.columns)
-    (folder / TASK).write_text(json.dumps({**task, "names": names, "equation": data.equation}), encoding="utf-8")
-    np.savez(folder / DATA, states=np.column_stack([*data.columns.values()]), rate=data.rate, time=data.time)
+    (folder / TASK).write_bytes(pickle.dumps((contender, data, settings)))
     kept = folder / "compiled"
     environment = {
         **{name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"},
@@ -77,30 +64,18 @@ def contest(folder: Path, contender: str, data: Data, settings: Settings) -> tup
         last = (folder / "said.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
         failed = "".join(last) or f"ended with {process.returncode}"
         return None, {"seconds": time.time() - start, "capped": False, "failed": failed}
-    with np.load(folder / DRAWN) as found:
-        looks = tuple((float(seconds), int(n)) for seconds, n in found["looks"])
-        numbers = json.loads(str(found["numbers"]))
-        drawn = Drawn(found["theta"], found["eta"], looks, numbers.pop("gradients"), numbers.pop("divergences"))
-    return drawn, {**numbers, "capped": looks[-1][1] < settings.draws, "failed": ""}
+    drawn, numbers = pickle.loads((folder / DRAWN).read_bytes())
+    return drawn, {**numbers, "capped": drawn.looks[-1][1] < settings.draws, "failed": ""}
 
 
 def work(folder: Path, started: float) -> int:
-    """Do what the folder says, in this process.
-
-    Args:
-        folder: With the task.
-        started: `time.time()` when the process was asked for.
-    """
+    """Do the task of the folder in this process, which was asked for at a `time.time()`."""
     entered = time.time() - started
-    task = json.loads((folder / TASK).read_text(encoding="utf-8"))
-    settings = Settings(**task["settings"])
-    with np.load(folder / DATA) as found:
-        columns = dict(zip(task["names"], np.ascontiguousarray(found["states"].T), strict=True))
-        data = Data(Problem(**task["problem"]), columns, task["equation"], found["rate"], found["time"])
+    contender, data, settings = pickle.loads((folder / TASK).read_bytes())
     found, costs = [], {}
 
     def draw() -> int:
-        found.append(CONTENDERS[task["contender"]].draw(data, settings, lambda: time.time() - started))
+        found.append(CONTENDERS[contender].draw(data, settings, lambda: time.time() - started))
         costs.update(_costs())
         return 0
 
@@ -110,15 +85,13 @@ def work(folder: Path, started: float) -> int:
         **costs,
         "seconds": drawn.looks[-1][0],
         "starting": entered + drawn.compiling + math.fsum(seconds.get(kind, 0.0) for kind in STARTING),
-        "gradients": drawn.gradients,
-        "divergences": drawn.divergences,
     }
-    np.savez(folder / DRAWN, theta=drawn.theta, eta=drawn.eta, looks=np.array(drawn.looks), numbers=json.dumps(numbers))
+    (folder / DRAWN).write_bytes(pickle.dumps((drawn, numbers)))
     return 0
 
 
 def _costs() -> dict[str, float]:
-    """CPU seconds and peak memory of this process."""
+    """Return CPU seconds and peak memory of this process."""
     import resource  # there is none on Windows
 
     used = resource.getrusage(resource.RUSAGE_SELF)

@@ -1,15 +1,15 @@
-"""What every contender is asked for, and what it gives."""
+"""Settings that every contender is given, and the draws that it returns."""
 
 import math
-from dataclasses import asdict, dataclass
-from typing import Protocol, runtime_checkable
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from .problems import Data
 
-FLOOR = 1e-4
+LEAST_NOISE = 1e-4
 """Least noise, over the RMS of the rate, of every contender."""
 
 BOUNDARY = 2.0
@@ -18,20 +18,19 @@ BOUNDARY = 2.0
 FEATURES = {1: 20, 2: 10, 3: 8, 4: 6}
 """Features along each variable, by their number, of this package. Its defaults, named so that no fit is repeated."""
 
-
 CAP = 600.0
 """Seconds of a contender on a problem, by default."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Of a run.
+    """Settings of a run.
 
     Attributes:
-        draws: Kept of each chain.
-        tune: Of warm-up.
-        chains: Chains.
-        seed: Of the sampler.
+        draws: Draws kept of each chain.
+        tune: Iterations of warm-up.
+        chains: Number of chains.
+        seed: Seed of the sampler.
         target_accept: Target acceptance probability of NUTS.
         cap: Seconds from the start of the process after which no more is drawn.
     """
@@ -43,22 +42,17 @@ class Settings:
     target_accept: float = 0.9
     cap: float = CAP
 
-    @property
-    def heading(self) -> dict[str, float]:
-        """What belongs beside a table of runs with these settings."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Draws, and what they cost.
+    """Draws, and their costs.
 
     Attributes:
         theta: Coefficients, scaled units.
         eta: Hyperparameters.
         looks: Seconds since the process started at which so many draws of each chain were there, in their order.
-        gradients: Evaluated for the draws, warm-up left out; NaN where that is not known.
-        divergences: Among the draws.
+        gradients: Gradients evaluated for the draws, warm-up left out; NaN where that is not known.
+        divergences: Divergences among the draws.
         compiling: Seconds of compilers other than JAX's.
     """
 
@@ -70,26 +64,15 @@ class Drawn:
     compiling: float = 0.0
 
 
-@runtime_checkable
-class Clock(Protocol):
-    """Seconds since the process started."""
+Clock = Callable[[], float]
+"""Seconds since the process started."""
 
-    def __call__(self) -> float:
-        """Now."""
-        ...
-
-
-@runtime_checkable
-class Draw(Protocol):
-    """A contender at work."""
-
-    def __call__(self, data: Data, settings: Settings, clock: Clock) -> Drawn:
-        """Draw from the posterior."""
-        ...
+Draw = Callable[[Data, Settings, Clock], Drawn]
+"""A contender at work."""
 
 
 def tensor_features(n_var: int) -> int:
-    """Features along each variable for those who take whole products: the least that are no fewer in all than here."""
+    """Return features along each variable for whole products: the least that are no fewer in all than here."""
     m = FEATURES[n_var]
     # Here products end at total order m from three variables on: Σ_d j_d < m.
     return m if n_var < 3 else math.ceil(math.comb(m - 1 + n_var, n_var) ** (1 / n_var) - 1e-9)

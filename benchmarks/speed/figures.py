@@ -1,4 +1,4 @@
-"""What draws are worth: effective sample sizes, R̂, and whether θ agrees with that of another sampler."""
+"""The worth of draws: effective sample sizes, R̂, and whether θ agrees with that of another sampler."""
 
 import math
 from collections.abc import Mapping
@@ -9,15 +9,12 @@ from jaxtyping import Float
 
 from .drawn import Drawn
 
-LEAST = 8
+LEAST_DRAWS = 8
 """Draws of each chain below which nothing is said of them."""
 
 
 def figures(drawn: Drawn) -> dict[str, Any]:
-    """Figures of a run.
-
-    Args:
-        drawn: Its draws.
+    """Return the figures of a run.
 
     Returns:
         `draws` of each chain; `ess_theta` and `ess_eta`, the smallest bulk effective sample sizes; `r_hat_theta` and
@@ -27,7 +24,7 @@ def figures(drawn: Drawn) -> dict[str, Any]:
     """
     theta, eta = drawn.theta, drawn.eta
     found = {"draws": theta.shape[1], "divergences": drawn.divergences}
-    if theta.shape[1] < LEAST:
+    if theta.shape[1] < LEAST_DRAWS:
         return found
     of_theta, of_eta = _mixing(theta), _mixing(eta)
     least = min(of_theta["ess"], of_eta["ess"])
@@ -46,16 +43,12 @@ def figures(drawn: Drawn) -> dict[str, Any]:
 
 
 def first_answer(drawn: Drawn) -> float:
-    """Seconds to the first look at which the draws so far had converged; NaN where they never had.
-
-    Args:
-        drawn: The draws.
-    """
+    """Return seconds to the first look at which the draws so far had converged; NaN where they never had."""
     from bayes_greybox.criticism.convergence import MAX_R_HAT, MIN_ESS
 
     both = np.concatenate([drawn.theta, drawn.eta], axis=2)
     for seconds, n in drawn.looks:
-        if n >= LEAST and n * len(both) >= MIN_ESS:
+        if n >= LEAST_DRAWS and n * len(both) >= MIN_ESS:
             found = _mixing(both[:, :n])
             if found["r_hat"] <= MAX_R_HAT and found["ess"] >= MIN_ESS:
                 return seconds
@@ -63,11 +56,7 @@ def first_answer(drawn: Drawn) -> float:
 
 
 def apart(row: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[float, float]:
-    """How far the posterior means of θ are from those of another sampler, at most.
-
-    Args:
-        row: Of `figures`.
-        other: Of the other.
+    """Return how far the posterior means of θ are from those of another sampler, at most.
 
     Returns:
         In standard deviations of the other's posterior, and in standard errors of the difference of both means. NaN
@@ -80,7 +69,7 @@ def apart(row: Mapping[str, Any], other: Mapping[str, Any]) -> tuple[float, floa
 
 
 def _mixing(draws: Float[np.ndarray, "n_chain n_draw n"]) -> dict[str, float]:
-    """Smallest bulk effective sample size and largest R̂; of chains that stand still the worst there is."""
+    """Return the smallest bulk effective sample size and largest R̂; of chains that stand still the worst there is."""
     from bayes_greybox.criticism.convergence import array_stats
 
     stats = array_stats()
@@ -95,7 +84,7 @@ def _mixing(draws: Float[np.ndarray, "n_chain n_draw n"]) -> dict[str, float]:
 
 
 def _errors(theta: Float[np.ndarray, "n_chain n_draw n_term"]) -> Float[np.ndarray, " n_term"]:
-    """Standard errors of the posterior means."""
+    """Return standard errors of the posterior means."""
     from bayes_greybox.criticism.convergence import array_stats
 
     stats = array_stats()

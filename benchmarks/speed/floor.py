@@ -1,4 +1,4 @@
-"""How near the machine's own speed we are: a gradient beside LAPACK's share of it, a pass over rows beside a product.
+"""The package beside the machine itself: a gradient beside LAPACK's share of it, a pass over rows beside a product.
 
 A gradient of the sampler, with M features, factorises A = I + diag(s) G diag(s), solves with it for K + 1 columns on
 its way there and again on its way back, and needs diag(A⁻¹), for which LAPACK inverts the triangle: dpotrf, twice
@@ -9,75 +9,34 @@ many.
 
 import time
 from collections.abc import Callable
-from pathlib import Path
+from functools import partial
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import scipy.linalg
-from threadpoolctl import threadpool_limits
-
-from bayes_greybox.running.whole_files import write_text
-from benchmarks.files import unwritable
-from benchmarks.progress import shown
 
 from .contenders.here import asked_of
 from .drawn import FEATURES
 from .problems import BOX, Data, Problem, measured
 
-VARIABLES = (1, 2, 4)
-"""Of f, with as many features along each as contenders have."""
-
 LARGE = 20
 """Features along each of two variables, of the largest basis that a fit is given without being asked."""
 
-ROWS, COLUMNS = 2**20, 107
-"""Of the pass: K + M + 1 of the oscillator."""
+PASS_ROWS, PASS_COLUMNS = 2**20, 107
+"""Shape of the pass: K + M + 1 columns of the oscillator."""
 
-REPEATS, GRADIENTS = 15, 100
-"""Of which the least counts; gradients in each."""
+LEAST_OF, GRADIENTS = 15, 100
+"""Repeats of which the least counts; gradients in each."""
 
 
-def floor(folder: Path, *, progress: bool = True) -> pd.DataFrame:
-    """Measure both, and write the table.
-
-    Args:
-        folder: For floor.csv.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        By what was measured: `here` and `machine`, seconds, and `times`, the one over the other.
-
-    Raises:
-        InputError: A folder that cannot be written to.
-    """
-    asked: dict[str, Callable[[], tuple[float, float]]] = {}
-    for n_var, along in (*((n, FEATURES[n]) for n in VARIABLES), (2, LARGE)):
-        name = f"a gradient, {n_var} variables, {along} features each"
-        asked[name] = lambda n_var=n_var, along=along: gradient(n_var, along)
-    asked[f"a pass over {ROWS} rows of {COLUMNS} columns"] = lambda: row_pass(ROWS, COLUMNS)
-    table = {}
-    with threadpool_limits(1):
-        for name in shown(list(asked), "Floor", progress):
-            here, machine = asked[name]()
-            table[name] = {"here": here, "machine": machine, "times": here / machine}
-    found = pd.DataFrame.from_dict(table, orient="index").rename_axis("what")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_text(folder / "floor.csv", found.reset_index().to_csv(index=False))
-    except OSError as error:
-        raise unwritable(folder, error) from error
-    return found
+def floor(name: str) -> dict[str, float]:
+    """Measure `here` and `machine`, seconds, and `times`, the one over the other, of an entry of `FLOORS`."""
+    here, machine = FLOORS[name]()
+    return {"here": here, "machine": machine, "times": here / machine}
 
 
 def gradient(n_var: int, along: int, n_term: int = 6) -> tuple[float, float]:
-    """Seconds of a gradient of the log density that NUTS sees, and of LAPACK alone.
-
-    Args:
-        n_var: Variables of f.
-        along: Features along each.
-        n_term: Terms.
-    """
+    """Return seconds of a gradient of the log density that NUTS sees, and of LAPACK alone."""
     import jax
 
     from bayes_greybox.running.compiling import compiled
@@ -99,12 +58,7 @@ def gradient(n_var: int, along: int, n_term: int = 6) -> tuple[float, float]:
 
 
 def lapack(n_basis: int, n_column: int) -> float:
-    """Seconds of dpotrf, twice dpotrs and dtrtri.
-
-    Args:
-        n_basis: Order M of the matrix.
-        n_column: Right-hand sides, K + 1.
-    """
+    """Return seconds of dpotrf, twice dpotrs and dtrtri, of order M and with K + 1 right-hand sides."""
     generator = np.random.default_rng(0)
     root = generator.standard_normal((n_basis, n_basis))
     A = np.asfortranarray(np.eye(n_basis) + root @ root.T / n_basis)
@@ -122,12 +76,7 @@ def lapack(n_basis: int, n_column: int) -> float:
 
 
 def row_pass(n_row: int, n_column: int) -> tuple[float, float]:
-    """Seconds of the triangular factor of rows, and of a product of matrices of the same shapes.
-
-    Args:
-        n_row: Rows.
-        n_column: Columns.
-    """
+    """Return seconds of the triangular factor of rows, and of a product of matrices of the same shapes."""
     from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
 
     left, right = np.random.default_rng(0).standard_normal((2, CHUNK, n_column))
@@ -142,13 +91,9 @@ def row_pass(n_row: int, n_column: int) -> tuple[float, float]:
 
 
 def least(once: Callable[[], object]) -> float:
-    """Least processor seconds of several calls.
-
-    Args:
-        once: What to call.
-    """
+    """Return the least processor seconds of several calls."""
     times = []
-    for _ in range(REPEATS):
+    for _ in range(LEAST_OF):
         start = time.process_time()
         once()
         times.append(time.process_time() - start)
@@ -156,7 +101,7 @@ def least(once: Callable[[], object]) -> float:
 
 
 def _density(data: Data, along: int) -> tuple[Callable[[Any], Callable], Any, Any]:
-    """The negative log density by design, where to begin, and the designs."""
+    """Return the negative log density by design, where to begin, and the designs."""
     import jax
     from numpyro.infer.util import initialize_model
 
@@ -165,3 +110,13 @@ def _density(data: Data, along: int) -> tuple[Callable[[Any], Callable], Any, An
     program: Any = model.bare.numpyro_model
     found = initialize_model(jax.random.PRNGKey(0), program, model_args=(designs,), dynamic_args=True)
     return found.potential_fn, found.param_info.z, designs
+
+
+FLOORS: dict[str, Callable[[], tuple[float, float]]] = {
+    **{
+        f"a gradient, {n_var} variables, {along} features each": partial(gradient, n_var, along)
+        for n_var, along in (*((n, FEATURES[n]) for n in (1, 2, 4)), (2, LARGE))
+    },
+    f"a pass over {PASS_ROWS} rows of {PASS_COLUMNS} columns": partial(row_pass, PASS_ROWS, PASS_COLUMNS),
+}
+"""Comparisons by name."""

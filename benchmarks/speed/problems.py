@@ -1,30 +1,31 @@
 """Data that all contenders are given: rates of one state, and terms for them in scaled units. Knows no sampler."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import count, product
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-NOISE = 0.02
+SPEED_NOISE = 0.02
 """Standard deviation of the noise, as a share of that of the rate."""
 
 INTEGRATED = 20_000
 """Rows up to which the oscillator is integrated to each; more lie on splines through as many."""
 
-OSCILLATOR = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3))
+OSCILLATOR_POWERS = ((1, 0), (0, 1), (2, 0), (0, 2), (3, 0), (0, 3))
 """Powers of y and ydot: the terms of the oscillator."""
 
 MISSING = (3, 0)
 """The term that an incomplete dictionary lacks."""
 
-SHARES = (-1.0, -0.5, 0.3)
+BOX_COEFFICIENTS = (-1.0, -0.5, 0.3)
 """Coefficients of the first, the middle and the last term in the box."""
 
-VARIABLES = ("a", "b", "c", "d")
+BOX_STATES = ("a", "b", "c", "d")
 """Names of the states in the box."""
 
 COMPLETE, PARTIAL, BOX = "complete", "partial", "box"
@@ -33,7 +34,7 @@ COMPLETE, PARTIAL, BOX = "complete", "partial", "box"
 
 @dataclass(frozen=True)
 class Problem:
-    """What is to be fitted.
+    """A problem.
 
     Attributes:
         kind: `COMPLETE`, `PARTIAL` or `BOX`.
@@ -44,17 +45,17 @@ class Problem:
 
     kind: str
     n_obs: int
-    n_term: int = len(OSCILLATOR)
+    n_term: int = len(OSCILLATOR_POWERS)
     n_var: int = 2
 
     @property
     def name(self) -> str:
-        """What tells it from others."""
+        """Name that tells it from others."""
         return f"{self.kind} N={self.n_obs} K={self.n_term} d={self.n_var}"
 
 
 class Scaled(NamedTuple):
-    """What a sampler sees, in scaled units: columns of Φ and y have unit RMS, x lies in [−1, 1]^d."""
+    """Rows in scaled units: columns of Φ and y have unit RMS, x lies in [−1, 1]^d."""
 
     Phi: Float[np.ndarray, "n_obs n_term"]
     x: Float[np.ndarray, "n_obs n_var"]
@@ -66,10 +67,10 @@ class Data:
     """Rates of one state at all states.
 
     Attributes:
-        problem: What they are of.
+        problem: Problem that they belong to.
         columns: States by name.
         equation: The state whose rate was measured.
-        rate: Measured.
+        rate: Measured rate.
         time: Time stamps.
     """
 
@@ -85,7 +86,7 @@ class Data:
         return [_formula(powers, tuple(self.columns), self.problem.kind == BOX) for powers in degrees(self.problem)]
 
     def scaled(self) -> Scaled:
-        """The same numbers for those who have no formulas."""
+        """Return the same numbers for samplers that have no formulas."""
         states = np.column_stack([*self.columns.values()])
         low, high = states.min(axis=0), states.max(axis=0)
         Phi = terms(self.problem, states)
@@ -95,10 +96,10 @@ class Data:
 
 
 def problems() -> list[Problem]:
-    """All of the table, those at a thousand rows first; then by rows, by terms, by variables."""
+    """Return all problems of the table, those at a thousand rows first; then by rows, by terms, by variables."""
     return [
         Problem(COMPLETE, 1000),
-        Problem(PARTIAL, 1000, len(OSCILLATOR) - 1),
+        Problem(PARTIAL, 1000, len(OSCILLATOR_POWERS) - 1),
         *(Problem(COMPLETE, 10**power) for power in (2, 4, 5, 6, 7)),
         *(Problem(BOX, 1000, n_term) for n_term in (6, 20, 50)),
         *(Problem(BOX, 1000, 6, n_var) for n_var in (1, 3, 4)),
@@ -106,47 +107,45 @@ def problems() -> list[Problem]:
 
 
 def measured(problem: Problem, seed: int) -> Data:
-    """The data of a problem.
-
-    Args:
-        problem: Problem.
-        seed: Of states in the box, and of the noise.
-    """
+    """Return the data of a problem; the seed is that of states in the box, and of the noise."""
     if problem.kind != BOX:
         # Imported here: it brings JAX.
         from bayes_greybox.physics.systems import oscillator
 
         system, time = oscillator(), np.linspace(0.0, 100.0, problem.n_obs)
         if problem.n_obs <= INTEGRATED:
-            seen = system.simulate(t=time, noise=NOISE, seed=seed)
+            seen = system.simulate(t=time, noise=SPEED_NOISE, seed=seed)
             return Data(problem, seen.states, "ydot", seen.derivatives["ydot"], seen.time)
         path = system.simulate(t=np.linspace(0.0, 100.0, INTEGRATED))
         spline = CubicSpline(path.time, path.matrix(path.state_names))
         columns = dict(zip(path.state_names, np.ascontiguousarray(spline(time).T), strict=True))
         rate = np.array(system.rate(columns)[:, path.state_names.index("ydot")])
-        rate += NOISE * rate.std() * np.random.default_rng(seed).standard_normal(problem.n_obs)
+        rate += SPEED_NOISE * rate.std() * np.random.default_rng(seed).standard_normal(problem.n_obs)
         return Data(problem, columns, "ydot", rate, time)
     generator = np.random.default_rng(seed)
     states = generator.uniform(-1.0, 1.0, (problem.n_obs, problem.n_var))
     theta = np.zeros(problem.n_term)
-    theta[[0, problem.n_term // 2, -1]] = SHARES
+    theta[[0, problem.n_term // 2, -1]] = BOX_COEFFICIENTS
     rate = terms(problem, states) @ theta
-    rate += NOISE * rate.std() * generator.standard_normal(problem.n_obs)
-    names = VARIABLES[: problem.n_var]
+    rate += SPEED_NOISE * rate.std() * generator.standard_normal(problem.n_obs)
+    names = BOX_STATES[: problem.n_var]
     return Data(problem, dict(zip(names, states.T, strict=True)), "a", rate, np.arange(problem.n_obs) * 1e-3)
 
 
 def degrees(problem: Problem) -> list[tuple[int, ...]]:
-    """Degrees of each term in each variable; in the box the lowest ones in all, without the constant."""
+    """Return degrees of each term in each variable; in the box the lowest ones in all, without the constant."""
     if problem.kind != BOX:
-        return [powers for powers in OSCILLATOR if problem.kind == COMPLETE or powers != MISSING]
-    return sorted((each for each in _low(problem) if sum(each)), key=lambda each: (sum(each), each))[: problem.n_term]
+        return [powers for powers in OSCILLATOR_POWERS if problem.kind == COMPLETE or powers != MISSING]
+    # All of the least total degree that has enough.
+    most = next(m for m in count(1) if math.comb(m + problem.n_var, problem.n_var) > problem.n_term)
+    low = [each for each in product(range(most + 1), repeat=problem.n_var) if 0 < sum(each) <= most]
+    return sorted(low, key=lambda each: (sum(each), each))[: problem.n_term]
 
 
 def terms(problem: Problem, states: Float[np.ndarray, "n_obs n_var"]) -> Float[np.ndarray, "n_obs n_term"]:
-    """Φ in the units of the data: powers of the oscillator's states; in the box products of Legendre's polynomials.
+    """Return Φ in the units of the data: powers of the oscillator's states, or products of polynomials in the box.
 
-    These are orthogonal over the box, which spares samplers of θ the correlations that they are slow with.
+    Legendre's are orthogonal over the box, which spares samplers of θ the correlations that they are slow with.
     """
     wanted = degrees(problem)
     most = max(max(each) for each in wanted)
@@ -156,16 +155,6 @@ def terms(problem: Problem, states: Float[np.ndarray, "n_obs n_var"]) -> Float[n
     else:
         powers = states[..., None] ** np.arange(most + 1)
     return np.column_stack([np.prod([powers[:, d, k] for d, k in enumerate(each)], axis=0) for each in wanted])
-
-
-def _low(problem: Problem) -> list[tuple[int, ...]]:
-    """All of the least total degree that has enough."""
-    most = 1
-    while True:
-        found = [each for each in product(range(most + 1), repeat=problem.n_var) if sum(each) <= most]
-        if len(found) > problem.n_term:
-            return found
-        most += 1
 
 
 def _formula(powers: tuple[int, ...], names: tuple[str, ...], legendre: bool) -> str:

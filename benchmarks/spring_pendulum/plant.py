@@ -42,9 +42,6 @@ DESCRIPTION = """<?xml version="1.0" encoding="UTF-8"?>
 def plant(folder: Path) -> Path:
     """Compile the FMU into a folder.
 
-    Args:
-        folder: Where it is written.
-
     Raises:
         InputError: FMPy is not installed; there is no C compiler.
     """

@@ -1,8 +1,7 @@
-"""Studies of the pendulum on a spring, and what came of them: names, and free runs from two starts."""
+"""Studies of the pendulum on a spring: names, and free runs from two starts."""
 
-import os
+import functools
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,39 +11,35 @@ import numpy as np
 import pandas as pd
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.running.errors import InputError
-from benchmarks.answers import Answer
-from benchmarks.resumed import picked, tabled
+from benchmarks.answers import Answer, studied
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
 
 from .plant import NAMES, plant
-from .truth import STEP, path, truth, without_friction
+from .truth import PENDULUM_STEP, path, truth, without_friction
 
 TRAIN, UNSEEN = ((0.5, 0.0), 5.0), ((1.0, -1.5), 4.0)
 """Start and last time of the record that is learned from and of the other one, of the demonstration's two examples."""
 
-FINE = 5
+FREE_RUN_STEPS = 5
 """Steps of a free run between two samples."""
-
-REPLICATES = 3
-"""Of each case, by default."""
 
 LIKELY = 0.05
 """Probability from which an effect that was not added is written down."""
 
 DEFAULT, ALL = 3, 4
-"""Effects that a study adds at most by default, and as many as the simulation lacks."""
+"""Most effects that a study adds by default, and as many as the simulation lacks."""
 
 
 @dataclass(frozen=True)
-class Case:
+class Pendulum:
     """A study.
 
     Attributes:
-        name: Of the case.
-        noise: Of the position, in m.
-        effects: Effects that are added at most.
-        lacks: Whether the simulation lacks anything: of a control, the data are its own.
-        placed: Whether the simulation is told where the wall is, so that it lacks friction alone.
+        name: Name of the study.
+        noise: Noise of the position, in m.
+        effects: Most effects that are added.
+        lacks: True if the simulation lacks anything; of a control, the data are its own.
+        placed: True if the simulation knows where the wall is, so that it lacks friction alone.
     """
 
     name: str
@@ -54,114 +49,73 @@ class Case:
     placed: bool = False
 
     def path(self, start: tuple[float, float], end: float) -> tuple[np.ndarray, np.ndarray]:
-        """Times, and positions and speeds; as of `truth.path`."""
+        """Return times, and positions and speeds, as `truth.path` does."""
         return (path if self.lacks else without_friction)(start, end)
 
     @property
     def truth(self) -> dict[str, float]:
-        """Coefficients of what is lacking."""
+        """Coefficients of the effects that the simulation lacks."""
         known = {"constant-force"} if self.placed else set()
         return {slug: value for slug, value in truth().items() if slug not in known} if self.lacks else {}
 
 
-def cases() -> dict[str, Case]:
-    """All cases by name."""
+def pendulums() -> dict[str, Pendulum]:
+    """Return all studies by name."""
     every = []
     for noise in (1e-3, 5e-3):
         level = f"{1000 * noise:g}-mm"
-        every += [Case(f"{level}-{effects}-effects", noise, effects) for effects in (ALL, DEFAULT)]
-        every.append(Case(f"{level}-wall-known", noise, DEFAULT, placed=True))
-        every.append(Case(f"{level}-nothing", noise, DEFAULT, lacks=False))
-    return {case.name: case for case in every}
+        every += [Pendulum(f"{level}-{effects}-effects", noise, effects) for effects in (ALL, DEFAULT)]
+        every.append(Pendulum(f"{level}-wall-known", noise, DEFAULT, placed=True))
+        every.append(Pendulum(f"{level}-nothing", noise, DEFAULT, lacks=False))
+    return {each.name: each for each in every}
 
 
-def run(
-    output: str | os.PathLike[str],
-    names: Sequence[str] | None = None,
-    *,
-    replicates: int = REPLICATES,
-    seed: int = 1,
-    progress: bool = True,
-) -> pd.DataFrame:
-    """Study every replicate, or those that are left, and write the results.
-
-    Args:
-        output: Folder for results.jsonl, and for cases.csv and summary.json.
-        names: Of the cases; all by default.
-        replicates: Of each case.
-        seed: Of the noise.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The table of `score`.
+def cases(asked: Asked) -> list[Case]:
+    """Return the replicates of the chosen studies.
 
     Raises:
-        InputError: A folder that cannot be written to; an unknown case; FMPy or a C compiler that is not there.
+        InputError: FMPy or a C compiler is missing.
     """
-    chosen = picked(cases(), names, "case")
-    with tempfile.TemporaryDirectory() as folder:
-        file = plant(Path(folder))
-        return tabled(
-            output,
-            [(case, replicate) for replicate in range(replicates) for case in chosen],
-            key=lambda case: f"{case[0].name}/{seed}/{case[1]}",
-            measure=lambda case: _answer(file, *case, seed),
-            what="Spring pendulum",
-            progress=progress,
-            score=score,
-            name="cases",
-            about={"replicates": replicates, "seed": seed},
-        )
+    names = asked.names(pendulums(), "case")
+    _plant()
+    # A stopped run has some of all.
+    return sorted(replicated("case", names, asked), key=lambda case: case.arguments[1])
 
 
-def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
-    """One replicate: what the study says, and how far its free runs are off.
-
-    Args:
-        file: The FMU.
-        case: The case.
-        replicate: Of its noise.
-        seed: Of all noise.
-    """
+def study(name: str, replicate: int, seed: int) -> dict[str, Any]:
+    """Return the answer of the study of a replicate, and how far its free runs are off."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.missing_effects import find_missing_effects
     from bayes_greybox.physics.simulation.fmu.given import FMU
 
-    simulation = FMU(file, {"fixed.s0": 0.0} if case.placed else {}, NAMES)
-    start = time.perf_counter()
-    found = find_missing_effects(
+    case = pendulums()[name]
+    simulation = FMU(_plant()[1], {"fixed.s0": 0.0} if case.placed else {}, NAMES)
+    found, seconds = studied(
         GreyBox(simulation=simulation),
         sampled(case, TRAIN, (seed, replicate, 0)),
         test=sampled(case, UNSEEN, (seed, replicate, 1)),
         effects_at_most=case.effects,
-        settle=False,
         free_runs=False,
-        progress=False,
     )
-    seconds = time.perf_counter() - start
     probabilities = dict(zip(found.effects["slug"], map(float, found.effects["probability"]), strict=True))
     laws: dict[Any, float] = found.quantities["probability"].to_dict()
-    answer = Answer(case.truth, found.verdict, found.effects, found.instrument)
-    amended = found.to_callable()
-    places = [amended.states.index(name) for name in NAMES]
+    answer, extended = Answer.of(found, case.truth), found.to_callable()
+    places = [extended.states.index(name) for name in NAMES]
 
     def rates(x: np.ndarray) -> np.ndarray:
-        return amended(0.0, x[np.argsort(places)])[places]
+        return extended(0.0, x[np.argsort(places)])[places]
 
     def lacking(x: np.ndarray) -> np.ndarray:
         return found.model.simulator(found.train).rates(np.zeros(()), x[np.argsort(places)], np.zeros(0))[places]
 
     return {
-        "case": case.name,
-        "replicate": replicate,
         "verdict": found.verdict,
         "sentence": found.sentence,
         "against": list(found.against),
         "added": answer.added,
         "likely": {slug: p for slug, p in probabilities.items() if p >= LIKELY and slug not in answer.names},
         "tied": sorted(answer.tied - answer.names),
-        "laws": {name: p for (_, name), p in laws.items() if p >= LIKELY},
+        "laws": {quantity: p for (_, quantity), p in laws.items() if p >= LIKELY},
         "missed": sorted(set(case.truth) - answer.names),
         "wrong": answer.wrong,
         "right": found.verdict == ("named" if case.lacks else "no gap") and answer.names == set(case.truth),
@@ -173,32 +127,19 @@ def study(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
     }
 
 
-def sampled(case: Case, record: tuple[tuple[float, float], float], seed: Sequence[int]) -> Trajectories:
-    """Positions with noise.
-
-    Args:
-        case: Says how much, and of what.
-        record: Start and last time.
-        seed: Of the noise.
-    """
+def sampled(case: Pendulum, record: tuple[tuple[float, float], float], seed: Sequence[int]) -> Trajectories:
+    """Sample positions with noise, from a start to a last time."""
     t, x = case.path(*record)
     shown = x[0] + case.noise * np.random.default_rng(seed).standard_normal(len(t))
     return Trajectories.from_arrays(t, states={"s": shown}, units={"t": "s", "s": "m"})
 
 
-def off(rates: Callable[[np.ndarray], np.ndarray], case: Case, start: tuple[float, float], end: float) -> float:
-    """Root mean square error of the position of a run from the true start, in m, by Runge and Kutta's method.
-
-    Args:
-        rates: Of position and speed.
-        case: Whose path is the true one.
-        start: Both at time 0.
-        end: Last time.
-    """
+def off(rates: Callable[[np.ndarray], np.ndarray], case: Pendulum, start: tuple[float, float], end: float) -> float:
+    """Return the RMS error of the position of a free run from the true start, in m, by Runge and Kutta's method."""
     t, true = case.path(start, end)
-    x, found, h = np.array(start), [start[0]], STEP / FINE
+    x, found, h = np.array(start), [start[0]], PENDULUM_STEP / FREE_RUN_STEPS
     for _ in t[1:]:
-        for _ in range(FINE):
+        for _ in range(FREE_RUN_STEPS):
             a = rates(x)
             b = rates(x + h / 2 * a)
             c = rates(x + h / 2 * b)
@@ -207,51 +148,67 @@ def off(rates: Callable[[np.ndarray], np.ndarray], case: Case, start: tuple[floa
     return float(np.sqrt(np.mean((np.array(found) - true[0]) ** 2)))
 
 
-def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """One row a replicate.
+def score(records: list[Record]) -> Tables:
+    """Return a row for each replicate.
 
-    Args:
-        rows: Of `study`, or of what it refused.
-
-    Returns:
-        verdict ("refused" where there was none), names (slugs with their probabilities), likely (of those that were
-        not added and have one of `LIKELY`), laws (quantities that a law is missing of, with probabilities; that of
-        nothing is a constant), missed, wrong (as `Answer.wrong` says), covered (90 % intervals that hold their
-        coefficient, of those of right names), train and unseen (errors of the position in free runs, mm), before (of
-        the simulation alone, on both), seconds.
+    Its columns are verdict ("refused" where there was none), names (slugs with their probabilities), likely (of those
+    that were not added and have one of `LIKELY`), laws (quantities that a law is missing of, with probabilities; that
+    of nothing is a constant), missed, wrong (as in `Answer.wrong`), covered (90 % intervals that hold their
+    coefficient, of those of right names), train and unseen (errors of the position in free runs, mm), before (of the
+    simulation alone, on both), seconds.
     """
-    table = []
-    for row in rows:
-        one: dict[str, Any] = {
-            "case": row["case"],
-            "replicate": row["replicate"],
-            "verdict": row.get("verdict", "refused"),
-        }
-        if "refused" not in row:
-            held = row["covered"].values()
-            one |= {
-                "names": _listed(row["added"]),
-                "likely": _listed(row["likely"]),
-                "laws": _listed({f"of {name or 'nothing'}": p for name, p in row["laws"].items()}),
-                "missed": ", ".join(row["missed"]),
-                "wrong": ", ".join(row["wrong"]),
-                "covered": f"{sum(held)} of {len(held)}",
-                "train": 1000 * row["rmse"][0],
-                "unseen": 1000 * row["rmse"][1],
-                "before": ", ".join(f"{1000 * each:.0f}" for each in row["rmse_before"]),
-                "seconds": row["seconds"],
-            }
-        table.append(one)
-    return pd.DataFrame(table).set_index("case")
+    return {"cases": pd.DataFrame([_row(record) for record in records]).set_index("case")}
+
+
+def _row(record: Record) -> Record:
+    about = {"case": record["case"], "replicate": record["replicate"], "verdict": record.get("verdict", "refused")}
+    if "refused" in record:
+        return about
+    held = record["covered"].values()
+    return {
+        **about,
+        "names": _listed(record["added"]),
+        "likely": _listed(record["likely"]),
+        "laws": _listed({f"of {name or 'nothing'}": p for name, p in record["laws"].items()}),
+        "missed": ", ".join(record["missed"]),
+        "wrong": ", ".join(record["wrong"]),
+        "covered": f"{sum(held)} of {len(held)}",
+        "train": 1000 * record["rmse"][0],
+        "unseen": 1000 * record["rmse"][1],
+        "before": ", ".join(f"{1000 * each:.0f}" for each in record["rmse_before"]),
+        "seconds": record["seconds"],
+    }
+
+
+def show(tables: Tables) -> dict[str, pd.DataFrame]:
+    """Return the verdict on each record and free runs from two starts, then the names."""
+    table, title = tables["cases"], "Errors of the position in free runs, mm: of the record, of another start, of the "
+    return {
+        f"{title}simulation alone": table.reindex(
+            columns=["verdict", "train", "unseen", "before", "covered", "seconds"]
+        ),
+        "Effects that are added, with their probabilities": table.reindex(columns=["names", "wrong"]),
+    }
+
+
+@functools.cache
+def _plant() -> tuple[Any, Path]:
+    """Compile the FMU, once in each process, into a folder that lasts as long as the process."""
+    folder = tempfile.TemporaryDirectory()
+    return folder, plant(Path(folder.name))
 
 
 def _listed(probabilities: dict[str, float]) -> str:
     return ", ".join(f"{slug} {p:.3f}" for slug, p in probabilities.items())
 
 
-def _answer(file: Path, case: Case, replicate: int, seed: int) -> dict[str, Any]:
-    try:
-        return study(file, case, replicate, seed)
-    except InputError as error:
-        # No answer is an answer, and not a right one.
-        return {"case": case.name, "replicate": replicate, "refused": str(error)}
+SPRING_PENDULUM = Benchmark(
+    "spring-pendulum",
+    "studies the public demonstration of neural FMUs (extra [fmu], a C compiler): friction that an FMU lacks.",
+    {"cases": None, "only": None, "replicates": 3, "workers": 1, "seed": 0},
+    cases,
+    study,
+    score,
+    show,
+    refusals=True,
+)

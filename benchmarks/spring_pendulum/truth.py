@@ -15,28 +15,28 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-STIFFNESS, LENGTH, MASS = 10.0, 1.0, 1.0
-"""Of the spring in N/m, its length at rest in m, the mass in kg."""
+SPRING_RATE, REST_LENGTH, MASS = 10.0, 1.0, 1.0
+"""Stiffness of the spring in N/m, its length at rest in m, the mass in kg."""
 
 PROPORTIONAL, COULOMB, STRIBECK, DECAY = 0.05, 0.25, 0.5, 2.0
 """F_prop in N s/m, F_Coulomb and F_Stribeck in N, fexp in s/m: those of FMIZoo's fricScale = 20."""
 
 MISPLACED = 0.1
-"""Where the simulation has the wall, in m; it is at 0."""
+"""Place of the wall in the simulation, in m; it is at 0."""
 
-STEP = 0.01
-"""Between two samples, in s."""
+PENDULUM_STEP = 0.01
+"""Time between two samples, in s."""
 
-ACCURATE = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+TIGHTEST_DOP853 = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
 
 LEGS = 1000
-"""Ways from one stop to the next, at most."""
+"""Most ways from one stop to the next."""
 
 
 def truth() -> dict[str, float]:
-    """Coefficients of what the simulation lacks, over the mass, by slug of the catalogue."""
+    """Return coefficients of the effects that the simulation lacks, over the mass, by slug of the catalogue."""
     return {
-        "constant-force": -STIFFNESS * MISPLACED / MASS,
+        "constant-force": -SPRING_RATE * MISPLACED / MASS,
         "viscous-damping": -PROPORTIONAL / MASS,
         "coulomb-friction": -COULOMB / MASS,
         "exponential-stribeck-friction": -STRIBECK / MASS,
@@ -44,31 +44,21 @@ def truth() -> dict[str, float]:
 
 
 def without_friction(start: tuple[float, float], end: float) -> tuple[np.ndarray, np.ndarray]:
-    """What the simulation has, as of `path`.
-
-    Args:
-        start: Position in m and speed in m/s at time 0.
-        end: Last time, in s.
-    """
-    t = STEP * np.arange(round(end / STEP) + 1)
-    w, rest = np.sqrt(STIFFNESS / MASS), LENGTH + MISPLACED
+    """Return the path of the simulation, as `path` does."""
+    t = PENDULUM_STEP * np.arange(round(end / PENDULUM_STEP) + 1)
+    w, rest = np.sqrt(SPRING_RATE / MASS), REST_LENGTH + MISPLACED
     swing, push = start[0] - rest, start[1] / w
     s = rest + swing * np.cos(w * t) + push * np.sin(w * t)
     return t, np.array([s, w * (push * np.cos(w * t) - swing * np.sin(w * t))])
 
 
 def path(start: tuple[float, float], end: float) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "2 n"]]:
-    """Times, and positions and speeds of the pendulum at them, every `STEP`.
-
-    Args:
-        start: Position in m and speed in m/s at time 0.
-        end: Last time, in s.
-    """
-    t = STEP * np.arange(round(end / STEP) + 1)
+    """Return times, and positions and speeds of the pendulum at them, every `PENDULUM_STEP`."""
+    t = PENDULUM_STEP * np.arange(round(end / PENDULUM_STEP) + 1)
     found = np.empty((2, len(t)))
     now, state = 0.0, np.array(start, float)
     for _ in range(LEGS):
-        pull = STIFFNESS * (LENGTH - state[0])
+        pull = SPRING_RATE * (REST_LENGTH - state[0])
         side = np.sign(state[1])
         if not side and abs(pull) <= COULOMB + STRIBECK:
             # It sticks: nothing moves it any more.
@@ -84,16 +74,16 @@ def path(start: tuple[float, float], end: float) -> tuple[Float[np.ndarray, " n"
 
 
 def _leg(now: float, state: np.ndarray, side: float, end: float) -> Any:
-    """The motion in one direction, to its stop or to the end."""
+    """Integrate the motion in one direction, to its stop or to the end."""
 
     def motion(_: float, x: np.ndarray) -> tuple[float, float]:
         v = x[1]
         friction = PROPORTIONAL * v + side * (COULOMB + STRIBECK * np.exp(-DECAY * abs(v)))
-        return v, (STIFFNESS * (LENGTH - x[0]) - friction) / MASS
+        return v, (SPRING_RATE * (REST_LENGTH - x[0]) - friction) / MASS
 
     def stopped(_: float, x: np.ndarray) -> float:
         return x[1]
 
     # A leg begins at a stop; only the next one, on the way down, ends it.
     stopped.terminal, stopped.direction = True, -side  # pyright: ignore[reportFunctionMemberAccess]
-    return solve_ivp(motion, (now, end), state, events=stopped, dense_output=True, max_step=0.1, **ACCURATE)
+    return solve_ivp(motion, (now, end), state, events=stopped, dense_output=True, max_step=0.1, **TIGHTEST_DOP853)

@@ -1,4 +1,4 @@
-"""The maps: what each measures, what its simulation knows and lacks; by NumPy alone, which knows nothing of the study.
+"""The maps: columns, simulation and what it lacks; by NumPy alone, which knows nothing of the study.
 
 A rig moves a part back and forth at several amplitudes and frequencies, a run each, and measures the force that this
 takes; or a pump drives a flow through a valve at several pressures. All runs are sampled at one rate. How large what is
@@ -7,20 +7,19 @@ hidden is, and where it bends, differs from replicate to replicate.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
+from benchmarks.sampled_systems.samples import sensor_noise
 
-NOISE = 0.05
-"""Of the output, over its spread."""
+NOISE_OF_OUTPUT = 0.05
+"""Standard deviation of the output's noise over the output's spread."""
 
-CORRELATION = 0.9
-"""Of neighbouring rows under correlated noise."""
-
-SAMPLES, STEP = 100, {"F": 0.04, "q": 0.4}
-"""Of a run, and time from sample to sample by output."""
+SWEEP_SAMPLES, STEP_OF = 100, {"F": 0.04, "q": 0.4}
+"""Samples of a run, and time from sample to sample by output."""
 
 HIDDEN = (0.02, 0.4)
 """RMS of what is hidden over that of what the simulation knows, least and most; its logarithm is uniform."""
@@ -29,10 +28,10 @@ CREEP = (0.05, 0.3)
 """Speed over which friction builds up, over the largest speed, least and most."""
 
 STIFFNESS, DAMPING, LEAK = 2000.0, 50.0, 0.3
-"""Of the force and of the flow that simulations know."""
+"""Coefficients of the force and of the flow that simulations know."""
 
 Columns = Mapping[str, Float[np.ndarray, " n"]]
-"""What a run measures beside the output."""
+"""Columns of a run beside the output."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,14 @@ class StaticMap:
     """A map and what its simulation lacks.
 
     Attributes:
-        name: Of the map.
-        output: What is measured.
-        simulation: What the study is given.
-        hidden: Slug of what it lacks; None where it lacks nothing.
+        name: Name of the map.
+        output: Name of the measured output.
+        simulation: Formula that the study is given.
+        hidden: Slug of the effect that it lacks; None where it lacks nothing.
         sensor: "white" or "correlated".
         catalogue: Domain of the effects that are weighed.
-        roles: What columns are to the catalogue, where their units do not say it.
-        units: Of columns.
+        roles: Columns by role of the catalogue, where their units do not say it.
+        units: Units of columns.
     """
 
     name: str
@@ -66,7 +65,7 @@ class Measured:
 
     Attributes:
         train, test: Rows to learn from and others.
-        truth: Coefficient of what is hidden, by slug.
+        truth: Coefficient of the hidden effect, by slug.
         noise: Standard deviation of the noise.
     """
 
@@ -77,7 +76,7 @@ class Measured:
 
 
 def maps() -> dict[str, StaticMap]:
-    """All maps by name."""
+    """Return all maps by name."""
     every = []
     for sensor in ("white", "correlated"):
         for name, hidden in (("friction", "smooth-friction"), ("drag", "quadratic-drag"), ("force-control", None)):
@@ -95,13 +94,7 @@ def maps() -> dict[str, StaticMap]:
 
 
 def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
-    """Training and test rows of a replicate.
-
-    Args:
-        each: The map.
-        replicate: Of the hidden part and of the noise.
-        seed: Of all of them.
-    """
+    """Measure training and test rows of a replicate."""
     # Maps share no noise: what is unlucky for one is not so for all.
     rng = np.random.default_rng([seed, replicate, *each.name.encode()])
     sweep = _rig if each.output == "F" else _pump
@@ -117,13 +110,13 @@ def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
         return known(each, columns) + (size * _shape(each.hidden, columns, creep) if each.hidden else 0.0)
 
     # One sensor: its noise is as large on test rows as on training rows.
-    noise = NOISE * float(np.std(np.concatenate([run_of(columns) for columns in parts[0]])))
+    noise = NOISE_OF_OUTPUT * float(np.std(np.concatenate([run_of(columns) for columns in parts[0]])))
     tables = []
     for part in parts:
-        outputs = [run_of(columns) + noise * _noise(each.sensor, SAMPLES, rng) for columns in part]
+        outputs = [run_of(columns) + noise * sensor_noise(each.sensor, SWEEP_SAMPLES, rng) for columns in part]
         rest = {name: [columns[name] for columns in part] for name in part[0]}
         states, inputs = (rest, None) if each.output == "F" else (None, rest)
-        stamps = [STEP[each.output] * np.arange(SAMPLES)] * len(part)
+        stamps = [STEP_OF[each.output] * np.arange(SWEEP_SAMPLES)] * len(part)
         tables.append(
             Trajectories.from_arrays(
                 stamps, states=states, inputs=inputs, outputs={each.output: outputs}, units=dict(each.units)
@@ -133,49 +126,37 @@ def measured(each: StaticMap, replicate: int, seed: int = 1) -> Measured:
 
 
 def known(each: StaticMap, columns: Columns) -> Float[np.ndarray, " n"]:
-    """What the simulation says.
-
-    Args:
-        each: The map.
-        columns: Of a run, or of several.
-    """
+    """Evaluate the simulation at columns of one run or of several."""
     return LEAK * columns["p"] if each.output == "q" else STIFFNESS * columns["x"] + DAMPING * columns["v"]
 
 
 def rms(values: Float[np.ndarray, " n"]) -> float:
-    """Root of the mean square.
-
-    Args:
-        values: Any.
-    """
+    """Return the root of the mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 
 def _rig(part: int, rng: np.random.Generator) -> list[Columns]:
-    """Position and speed of each run."""
+    """Return position and speed of each run."""
     amplitudes, frequencies = (((0.02, 0.05, 0.1), (0.5, 2.0)), ((0.035, 0.08), (0.8, 1.6)))[part]
     runs = []
-    for amplitude in amplitudes:
-        for frequency in frequencies:
-            angle = 2 * np.pi * frequency * STEP["F"] * np.arange(SAMPLES) + rng.uniform(0, 2 * np.pi)
-            x, v = amplitude * np.sin(angle), 2 * np.pi * frequency * amplitude * np.cos(angle)
-            runs.append({"x": x, "v": v})
+    for amplitude, frequency in product(amplitudes, frequencies):
+        angle = 2 * np.pi * frequency * STEP_OF["F"] * np.arange(SWEEP_SAMPLES) + rng.uniform(0, 2 * np.pi)
+        runs.append({"x": amplitude * np.sin(angle), "v": 2 * np.pi * frequency * amplitude * np.cos(angle)})
     return runs
 
 
 def _pump(part: int, rng: np.random.Generator) -> list[Columns]:
-    """Pressure difference of each run."""
+    """Return the pressure difference of each run."""
     pressures, frequencies = (((0.5, 2.0, 4.0), (0.05, 0.2)), ((1.0, 3.0), (0.08, 0.15)))[part]
     runs = []
-    for pressure in pressures:
-        for frequency in frequencies:
-            angle = 2 * np.pi * frequency * STEP["q"] * np.arange(SAMPLES) + rng.uniform(0, 2 * np.pi)
-            runs.append({"p": pressure * (1 + 0.95 * np.sin(angle)) / 2})
+    for pressure, frequency in product(pressures, frequencies):
+        angle = 2 * np.pi * frequency * STEP_OF["q"] * np.arange(SWEEP_SAMPLES) + rng.uniform(0, 2 * np.pi)
+        runs.append({"p": pressure * (1 + 0.95 * np.sin(angle)) / 2})
     return runs
 
 
 def _shape(hidden: str, columns: Columns, creep: float) -> Float[np.ndarray, " n"]:
-    """What is hidden, per unit of its coefficient."""
+    """Return the hidden effect per unit of its coefficient."""
     if hidden == "smooth-friction":
         return np.tanh(columns["v"] / creep)
     return columns["v"] * np.abs(columns["v"]) if hidden == "quadratic-drag" else np.sqrt(columns["p"])
@@ -183,11 +164,3 @@ def _shape(hidden: str, columns: Columns, creep: float) -> Float[np.ndarray, " n
 
 def _joined(part: Sequence[Columns]) -> Columns:
     return {name: np.concatenate([columns[name] for columns in part]) for name in part[0]}
-
-
-def _noise(sensor: str, n: int, rng: np.random.Generator) -> Float[np.ndarray, " n"]:
-    e = rng.standard_normal(n)
-    if sensor == "correlated":
-        for i in range(1, n):
-            e[i] = CORRELATION * e[i - 1] + np.sqrt(1 - CORRELATION**2) * e[i]
-    return e

@@ -1,114 +1,68 @@
-"""All draws of all systems at all noise levels, and one table.
+"""All draws of all systems at all noise levels.
 
-What is measured is the model that weak rows are taken near (see `model.estimate.likeliest`): the likeliest set of terms
-of all equations together, with the posterior of its coefficients in closed form, σ integrated out. Nothing is sampled.
+The model that weak rows are taken near is judged (see `model.estimate.likeliest`): the likeliest set of terms of all
+equations together, with the posterior of its coefficients in closed form, σ integrated out. Nothing is sampled.
 """
 
-import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from scipy.stats import norm
 
-from bayes_greybox.running.errors import InputError
-from benchmarks.resumed import picked, tabled
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median
 
-from .systems import NOISES, WeakSystem, weak_systems
+from .systems import NOISES, weak_systems
 
-REPLICATES = 20
-"""Draws of the noise of each system at each level."""
-
-COVERED, REPEATS = ("lotka-volterra",), 200
-"""System whose intervals are counted in more draws of 10 % noise, and how many."""
-
-NORMAL = float(norm.ppf(0.95))
+HALF_INTERVAL = float(norm.ppf(0.95))
 """Half a 90 % interval, in standard deviations."""
 
 
-def run(
-    output: str | os.PathLike[str],
-    names: Sequence[str] | None = None,
-    *,
-    noises: Sequence[float] = NOISES,
-    replicates: int = REPLICATES,
-    seed: int = 1,
-    progress: bool = True,
-) -> pd.DataFrame:
-    """Run the benchmark, or what is left of it, and write its table.
-
-    Args:
-        output: Folder for results.jsonl, and for systems.csv and summary.json.
-        names: Of the systems; all by default.
-        noises: Levels of the noise, over the RMS of all states.
-        replicates: Draws of each.
-        seed: Of the noise.
-        progress: Whether to show a progress bar.
-
-    Returns:
-        The table of `score`.
-
-    Raises:
-        InputError: A folder that cannot be written to; an unknown system.
-    """
-    chosen = picked(weak_systems(), names, "system")
-    return tabled(
-        output,
-        [(each, noise, k) for each in chosen for noise in noises for k in range(replicates)],
-        key=lambda case: f"{case[0].name}/{case[1]:g}/{seed}/{case[2]}",
-        measure=lambda case: identified(*case, seed),
-        what="Weak ODEs",
-        progress=progress,
-        score=score,
-        name="systems",
-        about={"replicates": replicates, "seed": seed},
-        threads=1,
-    )
+def cases(asked: Asked, names: Iterable[str] | None = None, noises: Sequence[float] = NOISES) -> list[Case]:
+    """Return every draw of the chosen systems at each level of the noise."""
+    return [
+        Case(
+            f"{name}/{noise:g}/{asked.seed}/{k}",
+            (name, noise, k, asked.seed),
+            {"system": name, "noise": noise, "replicate": k},
+        )
+        for name in names or asked.names(weak_systems(), "system")
+        for noise in noises
+        for k in range(asked.replicates)
+    ]
 
 
-def identified(each: WeakSystem, noise: float, replicate: int, seed: int) -> dict[str, Any]:
-    """One draw: terms, coefficients, and whether their intervals hold the truth.
-
-    Args:
-        each: The system; of its equations nothing is used but to score.
-        noise: Level of the noise.
-        replicate: Number of the draw.
-        seed: Of all draws.
-    """
+def identified(name: str, noise: float, replicate: int, seed: int) -> dict[str, Any]:
+    """Return terms and coefficients of one draw, and which of their intervals hold the truth."""
     # Imported here: these bring JAX, which the module that makes the data does without.
     from bayes_greybox.model.estimate.likeliest import likeliest
     from bayes_greybox.model.program import Program
     from bayes_greybox.model.rows.weak_rows import WeakRows
 
-    data = each.sampled(noise, replicate, seed)
-    about = {"system": each.name, "noise": noise, "replicate": replicate}
+    system = weak_systems()[name]
+    data = system.sampled(noise, replicate, seed)
     start = time.perf_counter()
-    try:
-        model = Program({name: each.candidates for name in each.states}, rows=WeakRows(), discrepancy=None)
-        model, data = model.near(data)
-        (equation,) = model.assemble(data).values()
-        found = likeliest(equation)
-    except InputError as error:
-        return {**about, "refused": str(error)}
+    model = Program({state: system.candidates for state in system.states}, rows=WeakRows(), discrepancy=None)
+    model, data = model.near(data)
+    (equation,) = model.assemble(data).values()
+    found = likeliest(equation)
     seconds = time.perf_counter() - start
     # The package writes terms in a way of its own.
-    said = dict(
-        zip((t.text for t in equation.frame.dictionary.terms), each.candidates * len(each.states), strict=False)
-    )
-    coefficients: dict[str, dict[str, float]] = {name: {} for name in each.states}
+    terms, written = equation.frame.dictionary.terms, system.candidates * len(system.states)
+    texts = {term.text: text for term, text in zip(terms, written, strict=False)}
+    coefficients: dict[str, dict[str, float]] = {state: {} for state in system.states}
     holds = []
     for (term, value), sd, state in zip(found.terms, found.sd, found.acts_on, strict=True):
-        text = said[term.text]
+        text = texts[term.text]
         coefficients[state][text] = value
-        if text in each.truth[state]:
-            holds.append(bool(abs(value - each.truth[state][text]) <= NORMAL * sd))
+        if text in system.truth[state]:
+            holds.append(bool(abs(value - system.truth[state][text]) <= HALF_INTERVAL * sd))
     return {
-        **about,
         "coefficients": coefficients,
-        "error": each.error(coefficients),
-        "tpr": each.true_positives(coefficients),
+        "error": system.error(coefficients),
+        "tpr": system.true_positives(coefficients),
         "holds": holds,
         "probability": next(iter(found.weighed.values())),
         "rows": equation.rows.n_white,
@@ -116,35 +70,61 @@ def identified(each: WeakSystem, noise: float, replicate: int, seed: int) -> dic
     }
 
 
-def score(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """One row for each system and level of noise.
+def score(records: list[Record]) -> Tables:
+    """Return a row for each system and level of noise.
 
-    Args:
-        rows: Of `identified`.
-
-    Returns:
-        draws; refused (without an answer); exact (share with all true terms and no other); TPR (mean); error (median
-        ‖ŵ − w*‖/‖w*‖ of all that were not refused), largest; published (of one draw, at 10 % noise); efficient (median
-        of an efficient estimate that knows the terms); coverage (of 90 % intervals of true terms in exact draws), and
-        intervals (how many); seconds (median).
+    Its columns are draws; refused (without an answer); exact (share with all true terms and no other); TPR (mean);
+    error (median ‖ŵ − w*‖/‖w*‖ of all that were not refused), largest; published (of one draw, at 10 % noise);
+    efficient (median of an efficient estimate that knows the terms); coverage (of 90 % intervals of true terms in exact
+    draws), and intervals (how many); seconds (median).
     """
-    known, table = weak_systems(), {}
-    for name, noise in dict.fromkeys((row["system"], row["noise"]) for row in rows):
-        own = [row for row in rows if (row["system"], row["noise"]) == (name, noise)]
-        found = [row for row in own if "refused" not in row]
-        exact = [row for row in found if row["tpr"] == 1.0]
-        holds = [each for row in exact for each in row["holds"]]
-        table[name, noise] = {
-            "draws": len(own),
-            "refused": len(own) - len(found),
-            "exact": len(exact) / len(own),
-            "TPR": float(np.mean([row["tpr"] for row in found])) if found else float("nan"),
-            "error": float(np.median([row["error"] for row in found])) if found else float("nan"),
-            "largest": float(np.max([row["error"] for row in found])) if found else float("nan"),
-            "published": known[name].published if noise == NOISES[0] else float("nan"),
-            "efficient": known[name].efficient(noise),
-            "coverage": float(np.mean(holds)) if holds else float("nan"),
+    known = weak_systems()
+
+    def of_group(group: list[Record]) -> Record:
+        found = [record for record in group if "refused" not in record]
+        exact = [record for record in found if record["tpr"] == 1.0]
+        holds = [each for record in exact for each in record["holds"]]
+        errors, system, noise = [record["error"] for record in found], known[group[0]["system"]], group[0]["noise"]
+        return {
+            "draws": len(group),
+            "refused": len(group) - len(found),
+            "exact": len(exact) / len(group),
+            "TPR": mean([record["tpr"] for record in found]),
+            "error": median(errors),
+            "largest": max(errors, default=float("nan")),
+            "published": system.published if noise == NOISES[0] else float("nan"),
+            "efficient": system.efficient(noise),
+            "coverage": mean(holds),
             "intervals": len(holds),
-            "seconds": float(np.median([row["seconds"] for row in found])) if found else float("nan"),
+            "seconds": median([record["seconds"] for record in found]),
         }
-    return pd.DataFrame.from_dict(table, orient="index").rename_axis(["system", "noise"])
+
+    return {"systems": by_group(records, {"system": "system", "noise": "noise"}, of_group)}
+
+
+def show(tables: Tables) -> dict[str, pd.DataFrame]:
+    """Return terms, errors and coverage of each system at each level of noise."""
+    title = "Terms from samples of all states; relative error of the coefficients; coverage of 90 % intervals"
+    columns = ["noise", "exact", "TPR", "error", "published", "efficient", "coverage"]
+    return {title: tables["systems"].reset_index(level="noise").loc[:, columns]}
+
+
+WEAK_ODES = Benchmark(
+    "weak-odes",
+    "finds the terms of differential equations from noisy samples of all states.",
+    {"cases": None, "only": None, "replicates": 20, "workers": 1, "seed": 0},
+    cases,
+    identified,
+    score,
+    show,
+    threads=1,
+    refusals=True,
+)
+
+WEAK_COVERAGE = replace(
+    WEAK_ODES,
+    name="weak-coverage",
+    about="counts how often the intervals of one system's coefficients hold the truth at 10 % noise.",
+    options={"replicates": 200, "workers": 1, "seed": 0},
+    cases=lambda asked: cases(asked, ["lotka-volterra"], NOISES[:1]),
+)

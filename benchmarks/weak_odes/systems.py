@@ -11,25 +11,23 @@ each, found with the threshold ¼ min |w*|, which knows the smallest true coeffi
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
 from bayes_greybox.data.trajectories import Trajectories
+from benchmarks.published_odes.problems import EFFICIENT_DRAWS
 
 DEGREE = 5
-"""Of the monomials."""
+"""Largest total degree of the monomials."""
 
 NOISES = (0.1, 0.2, 0.4)
-"""ν."""
-
-DRAWS = 100_000
-"""Draws behind the median of an efficient estimator."""
+"""Levels ν of the noise."""
 
 CHANGE = 1e-6
-"""Of differences of samples by coefficients and starts, over one and their size."""
+"""Step of differences of samples by coefficients and starts, over one and their size."""
 
 Coefficients = Mapping[str, Mapping[str, float]]
 """By equation and term."""
@@ -40,14 +38,14 @@ class WeakSystem:
     """A system of differential equations.
 
     Attributes:
-        name: Of the system.
-        starts: By state.
-        step: Between samples.
-        samples: How many.
+        name: Name of the system.
+        starts: Initial values by state.
+        step: Time between samples.
+        samples: Number of samples.
         columns: Values of the true terms of each equation at a point, in the order of `truth`.
         truth: Coefficients of the true terms.
         published: ‖ŵ − w*‖/‖w*‖ at 10 % noise.
-        trigonometric: Whether sines and cosines are candidates.
+        trigonometric: True if sines and cosines are candidates.
     """
 
     name: str
@@ -61,12 +59,12 @@ class WeakSystem:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Their names."""
+        """Names of the states."""
         return tuple(self.starts)
 
     @property
     def time(self) -> Float[np.ndarray, " n"]:
-        """Of the samples."""
+        """Times of the samples."""
         return self.step * np.arange(self.samples)
 
     @property
@@ -84,13 +82,7 @@ class WeakSystem:
         return self._solved(np.array([*self._values, *self.starts.values()]))
 
     def sampled(self, noise: float, replicate: int, seed: int) -> Trajectories:
-        """Samples with a draw of the noise.
-
-        Args:
-            noise: ν.
-            replicate: Number of the draw.
-            seed: Of all draws.
-        """
+        """Sample the states with a draw of the noise at a level ν."""
         # Systems share no noise: what is unlucky for one is not so for all.
         rng = np.random.default_rng([seed, replicate, round(1000 * noise), *self.name.encode()])
         sd = noise * np.sqrt(np.mean(self.exact**2))
@@ -98,7 +90,7 @@ class WeakSystem:
         return Trajectories.from_arrays(self.time, states=dict(zip(self.states, noisy.T, strict=True)))
 
     def error(self, found: Coefficients) -> float:
-        """‖ŵ − w*‖/‖w*‖ over all coefficients of all equations (Eq. 3.2)."""
+        """Return ‖ŵ − w*‖/‖w*‖ over all coefficients of all equations (Eq. 3.2)."""
         apart, size = 0.0, sum(b**2 for own in self.truth.values() for b in own.values())
         for name, own in self.truth.items():
             terms = {*own, *found.get(name, {})}
@@ -106,24 +98,20 @@ class WeakSystem:
         return float(np.sqrt(apart / size))
 
     def true_positives(self, found: Coefficients) -> float:
-        """TP/(TP + FN + FP), terms of all equations counted (Eq. A.1)."""
+        """Return TP/(TP + FN + FP), terms of all equations counted (Eq. A.1)."""
         true = {(name, term) for name, own in self.truth.items() for term in own}
         said = {(name, term) for name, own in found.items() for term in own}
         return len(true & said) / len(true | said)
 
     def efficient(self, noise: float) -> float:
-        """Median error of ŵ ~ N(w, C), C the bound of Cramér and Rao for known terms and unknown starts.
-
-        Args:
-            noise: ν.
-        """
+        """Return the median error of ŵ ~ N(w, C), C Cramér and Rao's bound for known terms and unknown starts."""
         values, starts = self._values, np.array(list(self.starts.values()))
         both = np.concatenate([values, starts])
         steps = CHANGE * np.diag(np.maximum(1.0, np.abs(both)))
         J = np.column_stack([(self._solved(both + h) - self._solved(both - h)).ravel() / (2 * h.max()) for h in steps])
         variance = noise**2 * np.mean(self.exact**2)
         C = variance * np.linalg.inv(J.T @ J)[: len(values), : len(values)]
-        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(values)), C, DRAWS)
+        drawn = np.random.default_rng(0).multivariate_normal(np.zeros(len(values)), C, EFFICIENT_DRAWS)
         return float(np.median(np.linalg.norm(drawn, axis=1)) / np.linalg.norm(values))
 
     @property
@@ -142,8 +130,9 @@ class WeakSystem:
         ).y.T
 
 
+@cache
 def weak_systems() -> dict[str, WeakSystem]:
-    """All systems by name."""
+    """Return all systems by name."""
     every = (
         WeakSystem(
             "duffing", {"x": 0.0, "y": 2.0}, 0.01, 3001,

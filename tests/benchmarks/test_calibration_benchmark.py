@@ -63,7 +63,7 @@ def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, t
     assert main([*words, "2"]) == 0
     assert len(counted) == 2
     files = {
-        "spike-and-slab_projected.json",
+        "results.jsonl",
         "spike-and-slab_projected.csv",
         "calibration.csv",
         "summary.json",
@@ -72,9 +72,9 @@ def test_the_shell_writes_tables_and_figures_and_goes_on_where_it_was(counted, t
     assert files <= set(os.listdir(tmp_path))
     assert len(os.listdir(tmp_path / "figures")) == 2
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert [row["passed"] for row in summary["variants"]] == [True, False]
-    assert summary["variants"][1]["worst"] == "x_sigma"
-    assert summary["variants"][0]["coverage_data"] == 0.9
+    assert [row["passed"] for row in summary["calibration"]] == [True, False]
+    assert summary["calibration"][1]["worst"] == "x_sigma"
+    assert summary["calibration"][0]["coverage_data"] == 0.9
     out = capsys.readouterr().out
     assert "spike-and-slab_projected" in out and "x_sigma" in out
     assert main([*words, "3"]) == 0

@@ -1,6 +1,7 @@
 """The confounding study: data with a known answer, a cell that finds it, tables and their resumption."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,9 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.report.plots import plot_confounding
 from bayes_greybox.running.errors import InputError
 from benchmarks.confounding.cells import KERNELS, Cell, _compressed, measure_cell
-from benchmarks.confounding.run import all_cells, run
-from benchmarks.confounding.score import score
-from benchmarks.confounding.situations import NOISE, SITUATIONS, records
+from benchmarks.confounding.run import CONFOUNDING, cases, score
+from benchmarks.confounding.situations import RATE_NOISE, SITUATIONS, records
+from benchmarks.runner import Asked, perform
 
 
 def fabricated_row(situation, variant, measure, replicates=4):
@@ -48,7 +49,7 @@ def test_situations_are_what_they_say():
         # relative error of a standard deviation of 30,000 values: 0.4 %, at four standard errors
         assert abs(spread / data.noise - 1) < 4 * 0.0041
         learned = clean - data.force
-        assert data.noise == pytest.approx(NOISE * np.sqrt(np.mean(learned**2)), rel=0.01)
+        assert data.noise == pytest.approx(RATE_NOISE * np.sqrt(np.mean(learned**2)), rel=0.01)
         # dv/dt of the path is the rate: a centred difference errs by h²/6 times the third derivative
         slope = (data.v[2:] - data.v[:-2]) / (data.t[2] - data.t[0])
         assert np.sqrt(np.mean((slope - clean[1:-1]) ** 2)) < 0.05 * clean.std()
@@ -88,46 +89,49 @@ def test_scores_of_known_results():
     scores = score(
         [fabricated_row("overlapping", "projected", "box"), fabricated_row("overlapping", "none", "empirical")]
     )
-    first = scores.terms.loc[("overlapping", "projected", "box", "y")]
+    first = scores["terms"].loc[("overlapping", "projected", "box", "y")]
     assert first["bias"] == pytest.approx(0.2) and first["sd"] == pytest.approx(0.1)
     # lower ends 0.2 + offset − 0.15 ≤ 0 for two of four offsets; projections 0.5 lie above all
     assert first["coverage"] == 0.25 and first["coverage_projection"] == 0.0
-    cell = scores.cells.loc[("overlapping", "projected", "box")]
+    cell = scores["cells"].loc[("overlapping", "projected", "box")]
     assert cell["bias"] == pytest.approx(2.0) and cell["converged"] == 0.75 and cell["ess_per_second"] == 250.0
-    assert ("overlapping", "none", "–") in scores.cells.index
-    figure = plot_confounding(scores.terms)
+    assert ("overlapping", "none", "–") in scores["cells"].index
+    figure = plot_confounding(scores["terms"])
     figure.canvas.draw()
     assert len(figure.axes) == 2 and len(figure.axes[0].get_yticklabels()) == 4
 
 
-def test_a_stopped_run_goes_on_and_tables_are_written(tmp_path, monkeypatch):
+def test_a_stopped_run_goes_on_and_tables_are_written(tmp_path):
     ran = []
 
     def measured(cell):
         ran.append(cell)
-        return {"key": cell.key, **fabricated_row(cell.situation, cell.variant, cell.measure, cell.replicates)}
+        return fabricated_row(cell.situation, cell.variant, cell.measure, cell.replicates)
 
-    monkeypatch.setattr("benchmarks.confounding.run.measure_cell", measured)
-    cells = all_cells(4)
+    def run(chosen):
+        return perform(replace(CONFOUNDING, run=measured), chosen, asked)
+
+    asked = Asked(tmp_path, replicates=4, progress=False)
+    cells = cases(asked)
     assert len(cells) == len(SITUATIONS) * len(KERNELS)
-    run(tmp_path, cells[:2], progress=False)
+    run(cells[:2])
     with (tmp_path / "results.jsonl").open("a", encoding="utf-8") as file:
         file.write('{"cut')
-    scores = run(tmp_path, cells, progress=False)
-    assert ran == list(cells)
-    assert run(tmp_path, cells, progress=False).cells.equals(scores.cells) and len(ran) == len(cells)
+    scores = run(cells)
+    assert ran == [cell for case in cells for cell in case.arguments]
+    assert run(cells)["cells"].equals(scores["cells"]) and len(ran) == len(cells)
     assert len(json.loads((tmp_path / "summary.json").read_text())["cells"]) == len(cells)
-    with pytest.raises(InputError, match="at least one cell"):
-        run(tmp_path, [], progress=False)
+    with pytest.raises(InputError, match="at least one case"):
+        run([])
 
 
 @pytest.mark.slow
 def test_orthogonality_gives_precision_and_takes_the_physical_coefficient():
     """Six replicates: where what is missing overlaps the dictionary, θ is the projection and not the coefficient."""
     scores = score([measure_cell(Cell("overlapping", "projected", "empirical", 6, 200, 200, 0))])
-    row = scores.terms.loc[("overlapping", "projected", "empirical", "y")]
+    row = scores["terms"].loc[("overlapping", "projected", "empirical", "y")]
     assert row["coverage"] == 0.0
     # 90 % intervals that hold at most two of six have probability 1e-3
     assert row["coverage_projection"] > 2 / 6
     assert abs(row["bias"] - row["projection"]) < 6 * row["sd"] / np.sqrt(6)
-    assert scores.cells["correlation"].iloc[0] < 1e-6
+    assert scores["cells"]["correlation"].iloc[0] < 1e-6

@@ -1,14 +1,16 @@
 """Machines with a memory: their data, and what a replicate records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.running.errors import InputError
 from benchmarks.memory_effects import machines as making
-from benchmarks.memory_effects import run as module
-from benchmarks.memory_effects.machines import LEVELS, SAMPLES, hidden, machines, measured
-from benchmarks.memory_effects.run import run, score
+from benchmarks.memory_effects.machines import POSITION_NOISES, SAMPLES, hidden, machines, measured
+from benchmarks.memory_effects.run import MEMORY_EFFECTS, cases, score, study
+from benchmarks.runner import Asked, perform
 
 ENTRIES = {effect.slug: effect for effect in load_catalogue("mechanical")}
 
@@ -24,7 +26,7 @@ def test_what_the_catalogue_has_is_hidden_within_its_ranges():
     assert not {each.name for each in hidden() if not each.known} & set(ENTRIES)
 
 
-@pytest.mark.parametrize("noise", LEVELS)
+@pytest.mark.parametrize("noise", POSITION_NOISES)
 def test_half_of_the_cases_hide_nothing(noise):
     of_noise = [machine for machine in machines().values() if machine.noise == noise]
     known = [machine.weight for machine in of_noise if machine.hidden is not None and machine.hidden.known]
@@ -37,7 +39,7 @@ def test_half_of_the_cases_hide_nothing(noise):
 def test_a_replicate_is_of_a_position_and_a_force(name, monkeypatch):
     machine, samples = machines()[name], SAMPLES if name.startswith("nothing") else 300
     monkeypatch.setattr(making, "SAMPLES", samples)
-    monkeypatch.setattr(making, "HELD_OUT", 150)
+    monkeypatch.setattr(making, "HELD_OUT_SAMPLES", 150)
     made, other = (measured(machine, k, seed=0) for k in (0, 1))
     for part in (made.train, made.test):
         assert part.state_names == ("y",) and part.input_names == ("F",) and not part.derivative_names
@@ -56,7 +58,7 @@ def test_the_noise_is_that_of_the_level_and_the_same_again():
 
 def test_a_kind_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(InputError, match="There is no kind of machine 'clock'"):
-        run(tmp_path, ["clock"])
+        cases(Asked(tmp_path, only=["clock"]))
 
 
 def row(**changed):
@@ -66,23 +68,24 @@ def row(**changed):
 
 def test_scores_count_names_wrong_names_and_coverage():
     wrong = row(right=False, tied=False, wrong=["q", "bouc-wen"], memoryless=["q"], covered={}, seconds=4.0)
-    table = score([row(), row(covered={"x": False}), wrong])
+    table = score([row(), row(covered={"x": False}), wrong])["machines"]
     assert table.loc["a"].to_dict() == {
         "cases": 3, "right": 2, "tied": 2, "unknown": 0, "wrong": 1, "memoryless": 1, "coverage": 0.5, "found": 2,
         "seconds": 2.0,
     }  # fmt: skip
 
 
-def test_a_run_goes_on(tmp_path, monkeypatch):
+def test_a_run_goes_on(tmp_path):
     studied = []
 
-    def study(machine, replicate, seed):
-        studied.append((machine.name, replicate, seed))
-        return row(kind=machine.name)
+    def study(kind, replicate, seed):
+        studied.append((kind, replicate, seed))
+        return row(kind=kind)
 
-    monkeypatch.setattr(module, "study", study)
     for replicates in (1, 2):
-        table = run(tmp_path, ["bouc-wen-0.01", "bouc-wen-3-0.01"], replicates=replicates, seed=3, progress=False)
+        kinds = ["bouc-wen-0.01", "bouc-wen-3-0.01"]
+        asked = Asked(tmp_path, only=kinds, replicates=replicates, seed=3, progress=False)
+        table = perform(replace(MEMORY_EFFECTS, run=study), cases(asked), asked)["machines"]
     assert sorted(studied) == [("bouc-wen-0.01", 0, 3), ("bouc-wen-0.01", 1, 3), ("bouc-wen-3-0.01", 0, 3)]
     assert table.loc["bouc-wen-0.01", "cases"] == 2 and (tmp_path / "machines.csv").exists()
 
@@ -90,5 +93,5 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
 @pytest.mark.slow
 @pytest.mark.parametrize("slug", ["actuator-lag", "absorber", "lugre-friction"])
 def test_a_replicate_is_studied(slug):
-    found = module.study(machines()[f"{slug}-0.01"], 0, 0)
+    found = study(f"{slug}-0.01", 0, 0)
     assert found["right"] and found["wrong"] == [] and set(found["covered"]) == {slug}

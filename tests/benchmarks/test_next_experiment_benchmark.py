@@ -14,8 +14,8 @@ from benchmarks.hidden_effects.generate import generate
 from benchmarks.hidden_effects.systems.hidden import CATALOGUE
 from benchmarks.next_experiment import run as module
 from benchmarks.next_experiment.machines import (
-    LEVELS,
     RATIOS,
+    SMALL_GAP_NOISES,
     Driven,
     again,
     exact,
@@ -25,8 +25,9 @@ from benchmarks.next_experiment.machines import (
     small_gaps,
 )
 from benchmarks.next_experiment.optimal import encompassing, log_determinants
-from benchmarks.next_experiment.run import measure, run
-from benchmarks.next_experiment.scores import differences, score
+from benchmarks.next_experiment.run import NEXT_EXPERIMENT, measure
+from benchmarks.next_experiment.scores import differences, ways
+from benchmarks.runner import Asked, Case, perform
 
 
 def case_of(host, effect, seed=0):
@@ -42,7 +43,8 @@ def driven():
 def test_every_effect_is_hidden_in_small_gaps_at_each_level_and_every_seed_has_its_own():
     cases = small_gaps(0)
     places = [(c.system.domain, c.effects, c.host) for c in cases]
-    assert {(c.noise, places.count(place)) for c, place in zip(cases, places, strict=True)} == {(n, 2) for n in LEVELS}
+    counts = {(c.noise, places.count(place)) for c, place in zip(cases, places, strict=True)}
+    assert counts == {(noise, 2) for noise in SMALL_GAP_NOISES}
     assert {effect for domain, (effect,), _ in places if domain == "fluid"} == set(CATALOGUE["fluid"])
     assert all(RATIOS[0] <= c.ratios[0] <= RATIOS[1] for c in cases)
     assert small_gaps(0) == cases
@@ -143,7 +145,7 @@ ROWS = [
 
 
 def test_ways_are_scored_by_ties_alone():
-    table = score(ROWS)
+    table = ways(ROWS)
     assert table["ties"].tolist() == [6, 6, 6]
     assert table["right"].tolist() == pytest.approx([0, 5 / 6, 2 / 6])
     assert table["wrong"].tolist() == [0, 1, 0]
@@ -174,15 +176,18 @@ def test_a_tie_is_told_apart_in_every_way_and_the_run_goes_on(tmp_path, monkeypa
 
     possible = module.possible
     tank = next(c for c in small_gaps(0) if (c.host, c.noise) == ("draining-seeping-tank", 0.2))
-    monkeypatch.setattr(module, "small_gaps", lambda seed: (tank,))
     monkeypatch.setattr(module, "possible", only_some)
-    monkeypatch.setattr(module, "measure", counted)
-    table, against = run(tmp_path, 1, progress=False)
+
+    def run():
+        cases = [Case(tank.key, (tank,))]
+        return perform(replace(NEXT_EXPERIMENT, run=counted), cases, Asked(tmp_path, progress=False)).values()
+
+    table, against = run()
     assert list(table.index) == ["before", "information", "random", "D-optimal", "the same again"]
     assert table["ties"].tolist() == [1] * 5
     assert np.all(table["probability"] >= 0)
     assert len(against) == 9
     assert len(studied) == 1
-    again_, _ = run(tmp_path, 1, progress=False)
+    again_, _ = run()
     assert len(studied) == 1
     assert again_.equals(table)

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from bayes_greybox.physics.terms import Term
 from benchmarks.__main__ import app
 from benchmarks.published_odes import run as running
-from benchmarks.published_odes.estimate import estimate
 from benchmarks.published_odes.problems import CELLS, FITZHUGH_NAGUMO, LOTKA_VOLTERRA
-from benchmarks.published_odes.run import run, table_row
+from benchmarks.published_odes.run import OTHER_MINIMUM, PUBLISHED_ODES, cases, estimate, table_row
+from benchmarks.runner import Asked, perform
 
 
 @pytest.mark.parametrize("problem", [LOTKA_VOLTERRA, FITZHUGH_NAGUMO], ids=lambda problem: problem.name)
@@ -62,13 +62,14 @@ def test_the_estimate_is_that_of_least_squares_from_the_truth(number, draw):
 
 @pytest.mark.slow
 def test_a_short_run_goes_on_and_says_what_it_found(tmp_path, monkeypatch):
-    table = run(tmp_path, replicates=1, progress=False)
+    asked = Asked(tmp_path, replicates=1, progress=False)
+    table = perform(PUBLISHED_ODES, cases(asked), asked)["table"]
     assert list(table.index) == [cell.key for cell in CELLS] and (table["draws"] == 1).all()
-    assert (table["max"] < running.LOST).all() and (table["above 0.5"] == 0).all()
+    assert (table["max"] < OTHER_MINIMUM).all() and (table["above 0.5"] == 0).all()
     saved = json.loads((tmp_path / "summary.json").read_text())["table"]
     assert [row["median"] for row in saved] == pytest.approx(table["median"].tolist())
     monkeypatch.setattr(running, "estimate", None)
-    assert run(tmp_path, replicates=1, progress=False).equals(table)
+    assert perform(PUBLISHED_ODES, cases(asked), asked)["table"].equals(table)
     shown = CliRunner().invoke(app, ["published-odes", "--replicates", "1", "-o", str(tmp_path), "--no-progress"])
     assert shown.exit_code == 0 and "Lotka-Volterra" in shown.output
 

@@ -1,13 +1,15 @@
 """Systems that a sensor of a position shows: the data, and what a replicate records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_greybox.physics.catalogue.table import catalogue
 from bayes_greybox.running.errors import InputError
-from benchmarks.sampled_systems import coverage
-from benchmarks.sampled_systems import run as module
-from benchmarks.sampled_systems.run import run, score
+from benchmarks.runner import Asked, perform
+from benchmarks.sampled_systems.coverage import SAMPLED_COVERAGE
+from benchmarks.sampled_systems.run import SAMPLED_SYSTEMS, cases, score
 from benchmarks.sampled_systems.samples import CORRELATION, sampled
 from benchmarks.sampled_systems.systems import systems
 
@@ -50,12 +52,16 @@ def test_correlated_noise_is_correlated_and_pushes_move_the_path():
     assert np.std(a[200:] - b[200:]) > 2 * 0.03 * np.std(a)
 
 
-def test_a_study_that_is_refused_is_a_result(tmp_path, monkeypatch):
-    def refused(system, replicate, seed):
+def run(benchmark, tmp_path, **options):
+    asked = Asked(tmp_path, progress=False, **options)
+    return perform(benchmark, benchmark.cases(asked), asked)
+
+
+def test_a_study_that_is_refused_is_a_result(tmp_path):
+    def refused(name, replicate, seed):
         raise InputError("No path.")
 
-    monkeypatch.setattr(module, "study", refused)
-    table = run(tmp_path, ["oscillator-white"], replicates=2, seed=0, progress=False)
+    table = run(replace(SAMPLED_SYSTEMS, run=refused), tmp_path, only=["oscillator-white"], replicates=2)["systems"]
     assert table.loc["oscillator-white", ["replicates", "refused", "right"]].tolist() == [2, 2, 0.0]
     assert "No path." in (tmp_path / "results.jsonl").read_text()
 
@@ -64,7 +70,7 @@ def test_coverage_counts_intervals_by_noise_and_rows():
     row = {"noise": "white", "rows": "samples", "holds": {"y": True, "v": True, "y**3": False}, "seconds": 1.0}
     row |= {"error": {"y": 0.1, "v": 0.0, "y**3": 0.3}, "sd": {"y": 0.1, "v": 0.1, "y**3": 0.1}}
     other = {**row, "holds": {"y": True, "v": False, "y**3": False}, "sd": {"y": 0.1, "v": 0.1, "y**3": 0.2}}
-    table = coverage.score([row, other, {"noise": "white", "rows": "rates", "refused": "No."}])
+    table = SAMPLED_COVERAGE.score([row, other, {"noise": "white", "rows": "rates", "refused": "No."}])["coverage"]
     samples, rates = table.loc[("white", "samples")], table.loc[("white", "rates")]
     assert samples[["repeats", "refused", "y", "v", "y**3", "seconds"]].tolist() == [2, 0, 1.0, 0.5, 0.0, 1.0]
     assert samples["bias"] == pytest.approx(2.0) and samples["sd"] == pytest.approx(0.15)
@@ -73,22 +79,24 @@ def test_coverage_counts_intervals_by_noise_and_rows():
 
 @pytest.mark.slow
 def test_intervals_hold_under_every_noise(tmp_path):
-    table = coverage.run(tmp_path, repeats=2, seed=0, progress=False)
-    assert len(table) == 6 and (table["refused"] == 0).all()
+    table = run(SAMPLED_COVERAGE, tmp_path, replicates=2)["coverage"]
+    assert len(table) == 11 and (table["refused"] == 0).all()
     lines = (tmp_path / "results.jsonl").read_text()
-    coverage.run(tmp_path, repeats=2, seed=0, progress=False)
+    run(SAMPLED_COVERAGE, tmp_path, replicates=2)
     assert (tmp_path / "results.jsonl").read_text() == lines
 
 
 def test_a_system_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(InputError, match="There is no system 'clock'"):
-        run(tmp_path, ["clock"])
+        cases(Asked(tmp_path, only=["clock"]))
 
 
 def test_scores_count_names_and_coverage():
     row = {"system": "a", "right": True, "tied": True, "named": True, "wrong": [], "covered": {"x": True, "z": False}}
     row |= {"after": 2e-3, "noise_share": 1e-3, "seconds": 2.0}
-    table = score([row, {**row, "right": False, "named": False, "wrong": ["q"], "covered": {}, "after": 4e-3}])
+    table = score([row, {**row, "right": False, "named": False, "wrong": ["q"], "covered": {}, "after": 4e-3}])[
+        "systems"
+    ]
     assert table.loc["a"].to_dict() == pytest.approx(
         {
             "replicates": 2,
@@ -107,8 +115,8 @@ def test_scores_count_names_and_coverage():
 
 @pytest.mark.slow
 def test_a_replicate_is_studied_and_a_run_goes_on(tmp_path):
-    table = run(tmp_path, ["oscillator-white"], replicates=1, seed=0, progress=False)
+    table = run(SAMPLED_SYSTEMS, tmp_path, only=["oscillator-white"])["systems"]
     assert table.loc["oscillator-white", "right"] == 1.0
     lines = (tmp_path / "results.jsonl").read_text()
-    run(tmp_path, ["oscillator-white"], replicates=1, seed=0, progress=False)
+    run(SAMPLED_SYSTEMS, tmp_path, only=["oscillator-white"])
     assert (tmp_path / "results.jsonl").read_text() == lines and (tmp_path / "systems.csv").exists()

@@ -1,6 +1,7 @@
 """Traps for a study of samples: their data, what counts as wrong and as right, and the run over all of them."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,9 +14,10 @@ from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.physics.catalogue.table import catalogue
 from bayes_greybox.running.errors import InputError
 from benchmarks.__main__ import main
-from benchmarks.sampled_traps import run as module
+from benchmarks.registry import BENCHMARKS
+from benchmarks.runner import Asked, perform
 from benchmarks.sampled_traps import trap as making
-from benchmarks.sampled_traps.run import counts, judged, run, score, study, traps
+from benchmarks.sampled_traps.run import SAMPLED_TRAPS, cases, judged, score, study, traps
 
 TRAPS = traps()
 
@@ -26,11 +28,16 @@ def weighed(**effects: tuple[float, str]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["slug", "probability", "status"])
 
 
-def named(trap, seed) -> dict:
+def named(name, seed) -> dict:
     """A study that names a spring, whatever the trap."""
-    spring = weighed(cubic_stiffness=(0.97, "added"))
-    found = {"trap": trap.name, "control": trap.control, "verdict": "named", "likeliest": "cubic-stiffness"}
-    return {**found, "probability": 0.97, **judged(trap, "named", spring), "ring": trap.control, "seconds": 2.0}
+    trap, spring = TRAPS[name], weighed(cubic_stiffness=(0.97, "added"))
+    found = {"verdict": "named", "likeliest": "cubic-stiffness", "probability": 0.97}
+    return {**found, **judged(trap, "named", spring), "ring": trap.control, "seconds": 2.0}
+
+
+def run(study, folder, names, seed=1):
+    asked = Asked(folder, only=names, seed=seed, progress=False)
+    return perform(replace(SAMPLED_TRAPS, run=study), cases(asked), asked)["traps"]
 
 
 @pytest.fixture
@@ -146,7 +153,8 @@ def test_scores_have_a_row_a_trap_and_counts_keep_controls_apart():
     tempted = {"trap": "a", "control": False, "verdict": "named", "likeliest": "x", "probability": 0.99}
     tempted |= {"wrong": ["x", "y"], "right": False, "ring": False, "seconds": 3.0}
     silent = {**tempted, "trap": "c", "control": True, "verdict": "unknown", "wrong": [], "ring": True}
-    table = score([tempted, refused, silent])
+    tables = score([tempted, refused, silent])
+    table = tables["traps"]
     assert table.loc["a"].to_dict() == {
         "control": False,
         "verdict": "named",
@@ -158,11 +166,11 @@ def test_scores_have_a_row_a_trap_and_counts_keep_controls_apart():
         "seconds": 3.0,
     }
     assert table.loc["b", "verdict"] == "refused" and np.isnan(table.loc["b", "seconds"])
-    assert counts(table).to_dict("index") == {
+    assert tables["counts"].to_dict("index") == {
         "traps": {"cases": 2, "right": 1, "wrong": 1, "refused": 1, "ring": 0},
         "controls": {"cases": 1, "right": 0, "wrong": 0, "refused": 0, "ring": 1},
     }
-    assert counts(table.loc[["a"]])["cases"].to_dict() == {"traps": 1, "controls": 0}
+    assert score([tempted])["counts"]["cases"].to_dict() == {"traps": 1, "controls": 0}
 
 
 @pytest.mark.parametrize("name", ["control-coulomb", "two-point-float"])
@@ -176,7 +184,7 @@ def test_a_study_is_given_the_samples_and_not_their_noise(monkeypatch, name):
         return SimpleNamespace(verdict="partly named", against=("worse",), effects=effects, instrument=instrument)
 
     monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", find)
-    row = study(trap, 5)
+    row = study(name, 5)
     ((model, train, settings),) = calls
     assert dict(model.simulation) == trap.simulation and not model.rows.rates_measured
     assert {state: tuple(terms) for state, terms in model.dictionary.items()} == {trap.equation: trap.learned}
@@ -188,8 +196,6 @@ def test_a_study_is_given_the_samples_and_not_their_noise(monkeypatch, name):
     assert settings["free_runs"] and not settings["settle"] and not settings["progress"]
     assert row.pop("seconds") >= 0 and json.loads(json.dumps(row)) == row
     assert row == {
-        "trap": name,
-        "control": trap.control,
         "verdict": "partly named",
         "likeliest": "quadratic-drag",
         "probability": 0.95,
@@ -201,38 +207,44 @@ def test_a_study_is_given_the_samples_and_not_their_noise(monkeypatch, name):
     }
 
 
-def test_a_run_goes_on_where_it_was(tmp_path, monkeypatch):
+def test_a_run_goes_on_where_it_was(tmp_path):
     names, asked = ["aliased-hum", "control-nothing", "control-cubic"], []
 
-    def stopped(trap, seed):
+    def stopped(name, seed):
         if len(asked) == 2:
             raise RuntimeError("Stopped.")
-        asked.append((trap.name, seed))
-        return named(trap, seed)
+        asked.append((name, seed))
+        return named(name, seed)
 
-    monkeypatch.setattr(module, "study", stopped)
     with pytest.raises(RuntimeError, match="Stopped"):
-        run(tmp_path, cases=names, seed=7, progress=False)
+        run(stopped, tmp_path, names, 7)
     assert asked == [("aliased-hum", 7), ("control-nothing", 7)]
     asked.clear()
-    table = run(tmp_path, cases=names, seed=7, progress=False)
+    table = run(stopped, tmp_path, names, 7)
     assert asked == [("control-cubic", 7)] and table["right"].tolist() == [False, False, True]
-    again = run(tmp_path, cases=names, seed=7, progress=False)
+    again = run(stopped, tmp_path, names, 7)
     assert len(asked) == 1 and again.equals(table)
     assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 3
     assert pd.read_csv(tmp_path / "traps.csv")["trap"].tolist() == names
     saved = json.loads((tmp_path / "summary.json").read_text())
-    assert saved["seed"] == 7 and saved["traps"] == {"cases": 1, "right": 0, "wrong": 1, "refused": 0, "ring": 0}
-    run(tmp_path, cases=names[:1], seed=8, progress=False)
+    assert saved["seed"] == 7
+    assert saved["counts"][0] == {
+        "kind": "traps",
+        "cases": 1,
+        "right": 0,
+        "wrong": 1,
+        "refused": 0,
+        "ring": 0,
+    }
+    run(stopped, tmp_path, names[:1], 8)
     assert asked[1:] == [("aliased-hum", 8)]
 
 
-def test_a_study_that_is_refused_escapes_a_trap_and_fails_a_control(tmp_path, monkeypatch):
-    def refused(trap, seed):
+def test_a_study_that_is_refused_escapes_a_trap_and_fails_a_control(tmp_path):
+    def refused(name, seed):
         raise InputError("No path.")
 
-    monkeypatch.setattr(module, "study", refused)
-    table = run(tmp_path, cases=["aliased-hum", "control-nothing"], progress=False)
+    table = run(refused, tmp_path, ["aliased-hum", "control-nothing"])
     assert table["verdict"].tolist() == ["refused", "refused"] and table["right"].tolist() == [True, False]
     assert (table["wrong"] == "").all() and "No path." in (tmp_path / "results.jsonl").read_text()
 
@@ -240,13 +252,13 @@ def test_a_study_that_is_refused_escapes_a_trap_and_fails_a_control(tmp_path, mo
 def test_a_folder_that_cannot_be_written_to_and_an_unknown_trap_are_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="Cannot write to the folder"):
-        run(tmp_path / "file", progress=False)
+        run(named, tmp_path / "file", None)
     with pytest.raises(InputError, match="There is no trap 'mouse'; there are truncating-adc"):
-        run(tmp_path, cases=["mouse"])
+        run(named, tmp_path, ["mouse"])
 
 
 def test_the_command_runs_some_cases_and_has_no_replicates(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(module, "study", named)
+    monkeypatch.setitem(BENCHMARKS, "sampled-traps", replace(SAMPLED_TRAPS, run=named))
     words = ["sampled-traps", "--cases", "2", "--seed", "3", "-o", str(tmp_path), "--no-progress"]
     assert main(words) == 0
     out = capsys.readouterr().out
@@ -256,7 +268,10 @@ def test_the_command_runs_some_cases_and_has_no_replicates(tmp_path, monkeypatch
     keys = [json.loads(line)["key"] for line in (tmp_path / "results.jsonl").read_text().splitlines()]
     assert keys == [f"{first}/3", f"{second}/3"]
     sentence = refuse(capsys, "sampled-traps", "--replicates", "2", "-o", str(tmp_path / "more"), main=main)
-    assert sentence == "--replicates does not apply to sampled-traps; leave it out. It has --cases, --only, --seed."
+    assert (
+        sentence
+        == "--replicates does not apply to sampled-traps; leave it out. It has --cases, --only, --workers, --seed."
+    )
     assert "There is no trap 'trap'" in refuse(
         capsys, *words[:1], "--only", "trap", "-o", str(tmp_path / "more"), main=main
     )

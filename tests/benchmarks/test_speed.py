@@ -1,18 +1,20 @@
 """The benchmark of speed: the same data for all, figures of known draws, and how runs that end otherwise are told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.model.gp.features import HilbertBasis, default_features
+from benchmarks.runner import Asked, perform
 from benchmarks.speed import problems as posing
-from benchmarks.speed import run as running
 from benchmarks.speed.contenders.listed import CONTENDERS
 from benchmarks.speed.contest import contest
 from benchmarks.speed.drawn import FEATURES, Drawn, Settings, tensor_features
 from benchmarks.speed.figures import apart, figures, first_answer
 from benchmarks.speed.problems import BOX, COMPLETE, PARTIAL, Problem, measured, problems
-from benchmarks.tables import speed_tables
+from benchmarks.speed.run import SPEED, contests, measure, score
 
 
 def designed(data):
@@ -95,7 +97,7 @@ def test_a_sampler_that_is_half_as_fast_takes_twice_as_long(tmp_path):
         {"problem": "p", "contender": "NumPyro exact", "seconds": 615.0, "cap": 600.0, "capped": True, "failed": ""},
         {"problem": "p", "contender": "PyMC HSGP", "seconds": 2.0, "cap": 600.0, "capped": False, "failed": "No pymc."},
     ]
-    table = running.score(rows).loc["p"]
+    table = score(rows)["speed"].loc["p"]
     assert table.loc["NumPyro HSGP", "ratio"] == pytest.approx(2.0)
     assert table.loc["NumPyro HSGP", "ratio_cpu"] == pytest.approx(1.0)
     assert table.loc["NumPyro HSGP", "ratio_drawing"] == pytest.approx(3.0)
@@ -103,7 +105,8 @@ def test_a_sampler_that_is_half_as_fast_takes_twice_as_long(tmp_path):
     assert table.loc["NumPyro exact", "end"] == "600 s: still in warm-up"
     assert table.loc["PyMC HSGP", "end"] == "No pymc."
     assert np.isnan(table.loc[["NumPyro exact", "PyMC HSGP"], "theta_rate"]).all()
-    assert len(list(speed_tables(running.score(rows), table[["ratio"]]))) == 2
+    floor = {"what": "a gradient", "here": 2.0, "machine": 1.0, "times": 2.0}
+    assert len(SPEED.show(score([*rows, floor]))) == 2
 
 
 def test_the_package_in_a_process_of_its_own(tmp_path):
@@ -126,15 +129,18 @@ def test_what_cannot_be_drawn_costs_its_row(tmp_path):
 
 def test_a_contender_is_ended_at_its_cap_and_a_second_run_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr("benchmarks.speed.contest.GRACE", 0.0)
-    asked = []
-    whole = running.measure
-    monkeypatch.setattr(running, "measure", lambda *args: asked.append(args[1]) or whole(*args))
-    problem = Problem(BOX, 60, 3, 1)
-    settings = Settings(draws=40, tune=40, cap=0.2)
+    called = []
+
+    def once(function, *arguments):
+        called.append(arguments[1])
+        return measure(*arguments)
+
+    problem, asked = Problem(BOX, 60, 3, 1), Asked(tmp_path, progress=False)
+    cases = contests(tmp_path, [problem], ["here"], Settings(draws=40, tune=40, cap=0.2))
     for _ in range(2):
-        table = running.run(tmp_path, [problem], contenders=["here"], settings=settings, progress=False)
+        table = perform(replace(SPEED, run=once), cases, asked)["speed"]
         assert table.loc[(problem.name, "here"), "end"] == "0 s: still in warm-up"
-    assert asked == ["here"]
+    assert called == ["here"]
     assert {file.name for file in tmp_path.iterdir()} == {"results.jsonl", "speed.csv", "summary.json"}
 
 
@@ -147,7 +153,8 @@ def test_who_has_no_f_is_not_asked_where_terms_are_missing():
 @pytest.mark.slow
 def test_faster_than_theta_sampled_by_hand(tmp_path):
     settings = Settings(draws=1000, tune=500, cap=900.0)
-    table = running.run(tmp_path, [Problem(COMPLETE, 200)], contenders=["here", "NumPyro exact"], settings=settings)
+    cases = contests(tmp_path, [Problem(COMPLETE, 200)], ["here", "NumPyro exact"], settings)
+    table = perform(SPEED, cases, Asked(tmp_path))["speed"]
     peer = table.xs("NumPyro exact", level="contender").iloc[0]
     assert peer["ratio"] > 20 or np.isnan(peer["ratio"])
     assert peer["off"] < 0.3 or np.isnan(peer["off"])

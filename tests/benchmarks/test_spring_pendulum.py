@@ -8,12 +8,12 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.simulation.reading import simulation_of
-from benchmarks.spring_pendulum import run as module
+from benchmarks.runner import Asked
 from benchmarks.spring_pendulum.plant import NAMES, plant
-from benchmarks.spring_pendulum.run import TRAIN, UNSEEN, cases, off, sampled, score
+from benchmarks.spring_pendulum.run import TRAIN, UNSEEN, cases, off, pendulums, sampled, score
 from benchmarks.spring_pendulum.truth import path, truth, without_friction
 
-CASE, CONTROL = cases()["1-mm-4-effects"], cases()["1-mm-nothing"]
+CASE, CONTROL = pendulums()["1-mm-4-effects"], pendulums()["1-mm-nothing"]
 
 
 def true_rates(x):
@@ -78,7 +78,7 @@ def row(**changed):
 
 
 def test_a_row_says_names_and_errors_in_millimetres():
-    table = score([row(), {"case": "b", "replicate": 1, "refused": "no"}])
+    table = score([row(), {"case": "b", "replicate": 1, "refused": "no"}])["cases"]
     assert (
         table.loc["a", "names"] == "b 0.990"
         and table.loc["a", "unseen"] == 2.0
@@ -90,4 +90,4 @@ def test_a_row_says_names_and_errors_in_millimetres():
 
 def test_a_case_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(bg.InputError, match="There is no case 'x'"):
-        module.run(tmp_path, ["x"])
+        cases(Asked(tmp_path, only=["x"]))

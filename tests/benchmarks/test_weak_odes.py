@@ -1,12 +1,14 @@
 """Weak ODEs: the data, the scores, and what a draw records."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
-from benchmarks.weak_odes import run as module
-from benchmarks.weak_odes.run import identified, run, score
+from benchmarks.runner import Asked, perform
+from benchmarks.weak_odes.run import WEAK_ODES, cases, identified, score
 from benchmarks.weak_odes.systems import weak_systems
 
 
@@ -55,9 +57,9 @@ def test_scores():
 
 @pytest.mark.slow
 def test_a_draw_is_identified():
-    row = identified(weak_systems()["lotka-volterra"], 0.05, 0, 0)
+    row = {"system": "lotka-volterra", "noise": 0.05, **identified("lotka-volterra", 0.05, 0, 0)}
     assert row["tpr"] == 1.0 and row["error"] < 0.01 and len(row["holds"]) == 4
-    table = score([row, {**row, "replicate": 1, "tpr": 0.8, "holds": [True]}])
+    table = score([row, {**row, "tpr": 0.8, "holds": [True]}])["systems"]
     found = table.loc[("lotka-volterra", 0.05)]
     assert found["draws"] == 2 and found["exact"] == 0.5 and found["TPR"] == pytest.approx(0.9)
     assert found["coverage"] == np.mean(row["holds"]) and found["intervals"] == 4
@@ -66,17 +68,20 @@ def test_a_draw_is_identified():
     assert found["efficient"] == pytest.approx(each.efficient(0.1) / 2, rel=1e-6)
 
 
-def test_a_run_goes_on(tmp_path, monkeypatch):
+def test_a_run_goes_on(tmp_path):
     row = {"coefficients": {}, "error": 1.0, "tpr": 0.0, "holds": [], "probability": 1.0, "rows": 1, "seconds": 0.0}
     asked = []
 
-    def measured(each, noise, replicate, seed):
-        asked.append((each.name, noise, replicate))
-        return {"system": each.name, "noise": noise, "replicate": replicate, **row}
+    def measured(name, noise, replicate, seed):
+        asked.append((name, noise, replicate))
+        return row
 
-    monkeypatch.setattr(module, "identified", measured)
-    first = run(tmp_path, ["lotka-volterra"], noises=(0.1,), replicates=2, progress=False)
-    second = run(tmp_path, ["lotka-volterra"], noises=(0.1,), replicates=3, progress=False)
+    def run(replicates):
+        options = Asked(tmp_path, replicates=replicates, progress=False)
+        chosen = cases(options, ["lotka-volterra"], noises=(0.1,))
+        return perform(replace(WEAK_ODES, run=measured), chosen, options)["systems"]
+
+    first, second = run(2), run(3)
     assert asked == [("lotka-volterra", 0.1, k) for k in range(3)]
     assert first.loc[("lotka-volterra", 0.1), "draws"] == 2 and second.loc[("lotka-volterra", 0.1), "draws"] == 3
     assert (tmp_path / "systems.csv").exists() and (tmp_path / "summary.json").exists()
@@ -84,4 +89,4 @@ def test_a_run_goes_on(tmp_path, monkeypatch):
 
 def test_a_system_that_does_not_exist_is_refused(tmp_path):
     with pytest.raises(InputError, match="There is no system 'clock'"):
-        run(tmp_path, ["clock"])
+        cases(Asked(tmp_path, only=["clock"]))

@@ -29,14 +29,14 @@ class AssumptionCase:
     Attributes:
         family: Name of its family.
         breach: In which way the assumption is broken.
-        size: How much, in the family's own measure.
+        size: Size of the breach, in the family's own measure.
         host: Name of the host, a key of `hosts.PLACES`.
-        effects: What is hidden: slugs of the catalogue, or none.
+        effects: Slugs of the hidden effects, or none.
         ratios: Wanted RMS of each effect over that of the noise.
         signs: Sign of each effect's coefficient: -1 dissipates or restores.
         noise: Standard deviation of the noise over the RMS of the true rate.
         rows: Rows of the training data.
-        seed: Of everything random in the data.
+        seed: Seed of everything random in the data.
     """
 
     family: str
@@ -76,17 +76,17 @@ class AssumptionCase:
 
 @dataclass(frozen=True)
 class Setting:
-    """What a family tries, with a hidden effect and without.
+    """A breach that a family tries, with a hidden effect and without.
 
     Attributes:
         breach: In which way the assumption is broken.
-        size: How much.
+        size: Size of the breach.
         host: Name of the host.
         noise: Noise over the RMS of the true rate.
         rows: Rows of the training data; 0 for the host's own.
-        effects: What is hidden; the host's next effect by default.
+        effects: Hidden effects; the host's next one by default.
         signs: Signs of their coefficients.
-        bare: Whether it is tried without a hidden effect too.
+        bare: If true, it is tried without a hidden effect too.
     """
 
     breach: str
@@ -101,13 +101,13 @@ class Setting:
 
 @dataclass(frozen=True)
 class Suspect:
-    """What is true of the instrument.
+    """A true fault of the instrument.
 
     Attributes:
         name: As the column "suspect" of `study.instrument` has it.
         channels: Any of these is right; empty if every one is.
         samples: Delay in samples, positive for a channel that is late; None for what is no delay.
-        either: Whether a delay of the other sign, in another channel, is the same.
+        either: True if a delay of the other sign, in another channel, is the same.
     """
 
     name: str
@@ -118,7 +118,7 @@ class Suspect:
 
 @dataclass(frozen=True)
 class Scene:
-    """What happened, before anything is measured.
+    """The true paths, before anything is measured.
 
     Attributes:
         case: The case.
@@ -140,14 +140,14 @@ class Scene:
 
 @dataclass(frozen=True)
 class Measured:
-    """What the sensors gave, runs one after another: columns by name, and the studied rate."""
+    """Readings of the sensors, runs one after another: columns by name, and the studied rate."""
 
     columns: Mapping[str, Float[np.ndarray, " n_obs"]]
     rate: Float[np.ndarray, " n_obs"]
 
 
 Measure = Callable[[Scene, str, np.random.Generator], Measured]
-"""(scene, "train" or "test", generator) -> what the sensors gave."""
+"""(scene, "train" or "test", generator) -> readings of the sensors."""
 
 
 @dataclass(frozen=True)
@@ -156,19 +156,19 @@ class Family:
 
     Attributes:
         name: Its name.
-        settings: What is tried, each without and with a hidden effect.
-        measure: The sensors.
-        suspects: What of the instrument would be right to say.
+        settings: Breaches that are tried, each without and with a hidden effect.
+        measure: Function that makes the sensors' readings.
+        suspects: True faults of the instrument.
         level: Noise that ratios are relative to, over the RMS of the rate; the case's by default.
         sigma: Standard deviation of the noise on the studied equation; the nominal one by default.
         beside: Further effects that act and are in no catalogue, with their sizes.
-        momentary: What else acts and is in no catalogue, sized by the family itself: (case, system with all other
-            effects, starts and input of the training data, generator) -> what acts.
+        momentary: Further effects that act and are in no catalogue, sized by the family itself: (case, system with all
+            other effects, starts and input of the training data, generator) -> effects.
         inner: Inner parameters of hidden effects, as fractions, where the case says them.
         accepted: Slugs that count as the right name of a hidden effect.
         excused: Slugs that no data could tell from the breach: neither right nor wrong.
         silent: Verdicts that are right without a hidden effect; none where something is missing all the same.
-        finish: What the user does before the study: training and test data in, the same out.
+        finish: Step of the user before the study: training and test data in, the same out.
     """
 
     name: str
@@ -189,19 +189,19 @@ class Family:
 
 
 def rate_channel(case: AssumptionCase) -> tuple[str, ...]:
-    """Names of the studied rate's sensor."""
+    """Return names of the studied rate's sensor."""
     state = case.system.equation
     return (f"d({state})/dt", "rate", f"rate of {state}")
 
 
 def seen(scene: Scene, part: str, late: float | Float[np.ndarray, "n_run n_time"] = 0.0) -> Measured:
-    """Exact columns and rate, all late by so many sampling steps, or each row by its own."""
+    """Return exact columns and rate, all late by so many sampling steps, or each row by its own."""
     host = scene.case.system
     runs = scene.paths[part].at(late)
     return Measured({name: runs.columns[name] for name in (*host.states, *host.inputs)}, runs.rates[host.equation])
 
 
 def white(scene: Scene, part: str, rng: np.random.Generator) -> Measured:
-    """Exact columns, and independent normal noise on the rate."""
+    """Return exact columns, and independent normal noise on the rate."""
     clean = seen(scene, part)
     return Measured(clean.columns, clean.rate + scene.sigma * rng.standard_normal(len(clean.rate)))

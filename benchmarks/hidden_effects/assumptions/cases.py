@@ -11,10 +11,10 @@ from .case import AssumptionCase, Family, Setting
 from .families import FAMILIES
 from .hosts import EFFECTS, own_rows
 
-LOWEST, HIGHEST = 3.0, 30.0
+LOWEST_RATIO, HIGHEST_RATIO = 3.0, 30.0
 """Range of the ratio of effect over noise, log-uniform."""
 
-LARGEST_SHARE = 0.5
+USUAL_SHARE = 0.5
 """No effect is asked to have more than this share of the RMS of the rate that it is a part of."""
 
 EDGY = ("coulomb-friction", "brush-drop")
@@ -31,11 +31,7 @@ UNUSUAL = 3
 
 
 def assumption_cases(seed: int = 0) -> tuple[AssumptionCase, ...]:
-    """All cases of broken assumptions.
-
-    Args:
-        seed: Of ratios, coefficients, starts, excitation and noise.
-    """
+    """Return all cases of broken assumptions."""
     return tuple(case for place, family in enumerate(FAMILIES.values()) for case in _cases(family, place, seed))
 
 
@@ -62,7 +58,7 @@ def _cases(family: Family, place: int, seed: int) -> Iterator[AssumptionCase]:
 
 
 def _hidden(setting: Setting, turn: int, level: float) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    """Effects and signs: those that the setting says, or the host's next one."""
+    """Return effects and signs: those that the setting says, or the host's next one."""
     pool = [slug for slug in EFFECTS[setting.host] if level <= EDGY_LEVEL or slug not in EDGY]
     effects = setting.effects or (pool[turn % len(pool)],)
     usual = 1.0 if turn % UNUSUAL == UNUSUAL - 1 and level <= EDGY_LEVEL else -1.0
@@ -71,12 +67,12 @@ def _hidden(setting: Setting, turn: int, level: float) -> tuple[tuple[str, ...],
 
 def _ratios(family: Family, case: AssumptionCase, number: int) -> tuple[float, ...]:
     level, several = family.level(case), len(case.effects) > 1
-    low = PAIR_LOWEST if several else LOWEST
+    low = PAIR_LOWEST if several else LOWEST_RATIO
     rng = np.random.default_rng((number, 1))
     ratios = []
     for slug, sign in zip(case.effects, case.signs, strict=True):
         delicate = not several and (slug in EDGY or sign > 0)
-        share = PAIR_SHARE if several else EDGY_SHARE if delicate else LARGEST_SHARE
-        high = max(1.2 * low, min(HIGHEST, share / level))
+        share = PAIR_SHARE if several else EDGY_SHARE if delicate else USUAL_SHARE
+        high = max(1.2 * low, min(HIGHEST_RATIO, share / level))
         ratios.append(float(np.exp(rng.uniform(np.log(low), np.log(high)))))
     return tuple(ratios)

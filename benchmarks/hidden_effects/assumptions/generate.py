@@ -31,12 +31,12 @@ PARTS = ("train", "test")
 
 @dataclass(frozen=True)
 class AssumptionData(CaseData):
-    """What a case gives a solver and hides from it; further attributes say what would be right.
+    """Data of a case for a solver, and the truth behind them; further attributes are the right answers.
 
     Attributes:
         accepted: For each hidden effect the slugs that count as its name.
         excused: Slugs that are neither right nor wrong.
-        suspects: What is true of the instrument; any of them is right.
+        suspects: True faults of the instrument; any of them is right.
         silent: Verdicts that are right; empty where something is missing.
     """
 
@@ -112,7 +112,7 @@ def _followed(
     rng: np.random.Generator,
     turned: bool,
 ) -> tuple[HostODE, dict[str, Path]]:
-    """The system with all that acts in it; smaller, and if `turned` with other signs, where it cannot take it."""
+    """Follow the system with all that acts in it; smaller, or if `turned` with other signs, where that is too much."""
     beside, given = family.beside(case, rng), family.inner(case)
     effects = [find(bare.host.domain, slug) for slug in case.effects]
     fractions = [
@@ -150,7 +150,7 @@ def _followed(
 
 
 def _as_data(host: Host, measured: Measured) -> Trajectories:
-    """The runs as data, with the studied rate alone: who measures displacement, speed and acceleration has no more."""
+    """Return the runs as data with the studied rate alone, as of sensors of displacement, speed and acceleration."""
 
     def by_run(values: Float[np.ndarray, " n_obs"]) -> list[np.ndarray]:
         return list(values.reshape(-1, host.samples))
@@ -167,7 +167,7 @@ def _as_data(host: Host, measured: Measured) -> Trajectories:
 
 
 def _kept(exact: Runs, samples: int, data: Trajectories) -> Runs:
-    """Exact quantities on the rows that a filter left, the middle of every run."""
+    """Return exact quantities on the rows that a filter left, the middle of every run."""
     edge = (samples - data.run_lengths[0]) // 2
 
     def inner(values: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where assumptions are broken: hosts sampled finely enough for small delays, some with states nobody measures."""
+"""Hosts where assumptions are broken, sampled finely enough for small delays; some have states nobody measures."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -6,10 +6,10 @@ from typing import Any
 
 from benchmarks.hidden_effects.systems.hosts import HOSTS, Excitation, Host, Start
 
-ROWS = 601
+USUAL_ROWS = 601
 """Rows of a usual run."""
 
-LONGEST = 3001
+LONGEST_RUN = 3001
 """Rows of the longest run; larger data have several."""
 
 
@@ -22,33 +22,28 @@ class Place:
 
 
 def placed(name: str, rows: int) -> Place:
-    """A host with that many rows: its sampling step stays, the runs grow and then become more.
-
-    Args:
-        name: A key of `PLACES`.
-        rows: Rows of the training data.
-    """
+    """Return a host with that many rows: its sampling step stays, the runs grow and then become more."""
     place = PLACES[name]
     if rows == place.visible.samples * place.visible.runs:
         return place
-    samples = min(rows, LONGEST)
+    samples = min(rows, LONGEST_RUN)
     step = place.visible.stop / (place.visible.samples - 1)
     size: dict[str, Any] = {"samples": samples, "stop": step * (samples - 1), "runs": rows // samples, "test_runs": 1}
     return Place(replace(place.visible, **size), replace(place.whole, **size))
 
 
 def own_rows(name: str) -> int:
-    """Rows of a host's training data where a case does not ask for more."""
+    """Return rows of a host's training data where a case does not ask for more."""
     return PLACES[name].visible.samples * PLACES[name].visible.runs
 
 
-def _finer(host: Host, samples: int = ROWS, runs: int = 1, **changes: Any) -> Place:
+def _finer(host: Host, samples: int = USUAL_ROWS, runs: int = 1, **changes: Any) -> Place:
     finer = replace(host, samples=samples, runs=runs, **changes)
     return Place(finer, finer)
 
 
 def _partly(name: str, whole: Host, visible: tuple[str, ...]) -> Place:
-    """A place where only some states are measured, and simulated."""
+    """Return a place where only some states are measured, and simulated."""
     rates = {
         state: {text: value for text, value in whole.rates[state].items() if text not in set(whole.states) - {*visible}}
         for state in visible
@@ -66,18 +61,18 @@ def _partly(name: str, whole: Host, visible: tuple[str, ...]) -> Place:
     return Place(seen, replace(whole, name=name, roles=seen.roles))
 
 
-_SPRING, _DAMPING = 10.0, 0.5
+_MACHINE_SPRING, _MACHINE_DAMPING = 10.0, 0.5
 
 MACHINE = Host(
     name="machine",
     domain="mechanical",
     equation="ydot",
-    rates={"y": {"ydot": 1.0}, "ydot": {"F": 1.0, "y": -_SPRING, "ydot": -_DAMPING}},
+    rates={"y": {"ydot": 1.0}, "ydot": {"F": 1.0, "y": -_MACHINE_SPRING, "ydot": -_MACHINE_DAMPING}},
     roles={"position": "y", "velocity": "ydot", "input": "F"},
     units={"t": "s", "y": "m", "ydot": "m/s", "F": "N/kg"},
     starts={"y": Start(0.2, 1.0, mirrored=True), "ydot": Start(0.0, 2.0, mirrored=True)},
     stop=12.0,
-    samples=ROWS,
+    samples=USUAL_ROWS,
     runs=1,
     # No two differences of tones agree with the record's length, so that long records do not repeat a short one.
     excitation={"F": Excitation(4.5, (0.11, 0.93), tones=9)},
@@ -97,14 +92,14 @@ _ROTOR = Host(
     units={"t": "s", "omega": "rad/s", "F": "rad/s**2"},
     starts={"omega": Start(1.0, 4.0)},
     stop=12.0,
-    samples=ROWS,
+    samples=USUAL_ROWS,
     runs=1,
     excitation={"F": Excitation(5.0, (0.1, 0.8), 3.5, tones=9)},
 )
 
 
 def _absorbed(ratio: float) -> Host:
-    """The machine with a small mass on a spring of its own, tuned near the machine's resonance."""
+    """Return the machine with a small mass on a spring of its own, tuned near the machine's resonance."""
     spring, damping = 9.0, 0.3
     return replace(
         MACHINE,
@@ -121,7 +116,7 @@ def _absorbed(ratio: float) -> Host:
 
 
 def _with_terms(place: Place, name: str, **terms: float) -> Place:
-    """A host with other coefficients in its equation, or further terms."""
+    """Return a host with other coefficients in its equation, or further terms."""
     host = place.whole
     rates = {**host.rates, host.equation: {**host.rates[host.equation], **terms}}
     changed = replace(host, name=name, rates=rates)
@@ -139,18 +134,18 @@ PLACES: Mapping[str, Place] = {
     "absorbed-machine": _partly("absorbed-machine", _absorbed(0.15), ("y", "ydot")),
     "forced-oscillator": _finer(HOSTS["forced-oscillator"]),
     "swept-oscillator": _finer(HOSTS["swept-oscillator"]),
-    "free-oscillator": _finer(HOSTS["free-oscillator"], samples=ROWS, runs=2),
+    "free-oscillator": _finer(HOSTS["free-oscillator"], samples=USUAL_ROWS, runs=2),
     "half-seen-forced-chain": _partly("half-seen-forced-chain", _finer(HOSTS["forced-chain"]).whole, _SEEN),
     "half-seen-free-chain": _partly("half-seen-free-chain", _finer(HOSTS["free-chain"], runs=2).whole, _SEEN),
     "tank": _finer(HOSTS["tank"]),
     "series-rlc": _finer(HOSTS["series-rlc"]),
     # Sampled four times as fast, for displacements that are differentiated.
-    "fast-machine": _finer(MACHINE, samples=4 * (ROWS - 1) + 1, name="fast-machine"),
+    "fast-machine": _finer(MACHINE, samples=4 * (USUAL_ROWS - 1) + 1, name="fast-machine"),
     "fast-forced-oscillator": _finer(
-        HOSTS["forced-oscillator"], samples=4 * (ROWS - 1) + 1, name="fast-forced-oscillator"
+        HOSTS["forced-oscillator"], samples=4 * (USUAL_ROWS - 1) + 1, name="fast-forced-oscillator"
     ),
     "fast-swept-oscillator": _finer(
-        HOSTS["swept-oscillator"], samples=4 * (ROWS - 1) + 1, name="fast-swept-oscillator"
+        HOSTS["swept-oscillator"], samples=4 * (USUAL_ROWS - 1) + 1, name="fast-swept-oscillator"
     ),
     # For sensors that are bent: springs that harden, and damping of which much is known.
     "hardening-machine": _with_terms(Place(MACHINE, MACHINE), "hardening-machine", **{"y**3": -2.0}),
@@ -160,13 +155,14 @@ PLACES: Mapping[str, Place] = {
 }
 """Hosts by name."""
 
-_SMOOTH = (
+SMOOTH_EFFECTS = (
     *("cubic-stiffness", "quadratic-drag", "cubic-damping", "quadratic-stiffness"),
     *("signed-quadratic-stiffness", "van-der-pol-damping", "dead-zone"),
 )
+"""Mechanical effects without a jump."""
 
 EFFECTS: Mapping[str, tuple[str, ...]] = {
-    **dict.fromkeys(PLACES, ("coulomb-friction", *_SMOOTH)),
+    **dict.fromkeys(PLACES, ("coulomb-friction", *SMOOTH_EFFECTS)),
     "rotor": ("coulomb-friction", "quadratic-drag", "cubic-damping"),
     "tank": ("linear-outflow", "overflow"),
     # Without what is in the simulation already, or can hardly be told from a zero that is off.
@@ -178,5 +174,5 @@ EFFECTS: Mapping[str, tuple[str, ...]] = {
 }
 """Effects that a host can hide, in turn."""
 
-SMOOTH_EFFECTS = _SMOOTH
-"""Mechanical effects without a jump."""
+FORCED = ("machine", "forced-oscillator", "swept-oscillator")
+"""Hosts whose input tells late from early."""

@@ -14,10 +14,10 @@ from benchmarks.hidden_effects.systems.trajectories import Excited, Runs, Signal
 LEAD = 4
 """Sampling steps by which the system is followed before the first row and after the last."""
 
-FINE, LONG = 4, 5000
+FINE_POINTS, LONG = 4, 5000
 """States are known at so many points a step, and between them by cubic splines; at one for more rows than LONG."""
 
-TOLERANCE = 1e-8
+PATH_TOLERANCE = 1e-8
 """Relative tolerance of the integration, far below any noise."""
 
 
@@ -45,9 +45,9 @@ class Path:
         return self.visible.stop / (self.visible.samples - 1)
 
     def at(self, late: Any = 0.0) -> Runs:
-        """Exact quantities at the stamps less so many steps: for all rows, or one number for each [n_run, n_time].
+        """Return exact quantities at the stamps less so many steps, of all rows or of each [n_run, n_time].
 
-        The stamps "t" stay as they are. `known` is what the visible simulation gives, `hidden` all that it lacks.
+        The stamps "t" stay as they are. `known` is the visible simulation's rate, `hidden` all that it lacks.
         """
         host = self.visible
         stamps = np.broadcast_to(host.times, (len(self.states), host.samples))
@@ -83,10 +83,10 @@ def followed(ode: HostODE, visible: Host, excited: Excited) -> Path:
         LostError: The system cannot be followed.
     """
     host = ode.host
-    fine = FINE if host.samples * host.runs <= LONG else 1
+    fine = FINE_POINTS if host.samples * host.runs <= LONG else 1
     points = host.samples + 2 * LEAD
     longer = replace(
         host, stop=host.stop * (points - 1) / (host.samples - 1), samples=fine * (points - 1) + 1, runs=host.runs
     )
-    found = paths(replace(ode, host=longer), excited.starts, excited.signal, TOLERANCE)
+    found = paths(replace(ode, host=longer), excited.starts, excited.signal, PATH_TOLERANCE)
     return Path(ode, visible, excited.signal, longer.times, found)

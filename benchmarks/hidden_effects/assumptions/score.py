@@ -1,4 +1,4 @@
-"""What was said of data with a broken assumption: names, the instrument, and whether the free run bears it out."""
+"""Scores of data with a broken assumption: names, the instrument, and whether the free run bears them out."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_names, wrong_names
+from benchmarks.hidden_effects.scoring.case_scores import FAILED, PEERS, right_names, values, wrong_names
+from benchmarks.runner import mean, median
 
 from .families import FAMILIES
 
-FOUND = 0.5
+FAULT_FOUND = 0.5
 """An instrument's fault is found if it is more likely than this, or if it is in the model."""
 
 HALF_STEP = 0.5
@@ -28,19 +29,19 @@ MOST_WRONG, MOST_WRONG_IN_FAMILY = 0.01, 0.05
 
 _CLAIM = re.compile(r"\bcloses\b.*?(\d+(?:\.\d+)?) ?%")
 
-_SHARES = (
+_AVERAGED = (
     *("wrong above 0.9", "wrong", "right", "silent", "unknown", "instrument found", "delay covered", "claim denied"),
     *(f"{peer} {kind}" for peer in PEERS for kind in ("wrong", "right")),
 )
 
 
 def is_assumption(row: Mapping[str, Any]) -> bool:
-    """Whether a finished case belongs to one of the families of this part."""
+    """Return True if a finished case belongs to one of the families of broken assumptions."""
     return row["family"] in FAMILIES
 
 
 def assumption_scores(row: Mapping[str, Any]) -> dict[str, Any]:
-    """One row of the table of cases; None for what does not apply."""
+    """Return one row of the table of cases; None for what does not apply."""
     study = row.get("study") or {}
     verdict = study.get("verdict", FAILED)
     added = [effect["slug"] for effect in study.get("effects", ()) if effect["status"]]
@@ -76,14 +77,9 @@ def assumption_scores(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_right(row: Mapping[str, Any], verdict: str, names: Sequence[str]) -> bool:
-    """Whether all hidden effects were named.
+    """Return True if all hidden effects were named.
 
     In a verdict "named" they are among the names, in "partly named" and "one of" they come first.
-
-    Args:
-        row: A finished case that hides something.
-        verdict: What was said.
-        names: Effects that were named, first one first.
     """
     if verdict == "named":
         return _all_named(row, names)
@@ -91,7 +87,7 @@ def is_right(row: Mapping[str, Any], verdict: str, names: Sequence[str]) -> bool
 
 
 def delay_covered(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | None:
-    """Whether the interval of a delay that was found holds the true one; None if none was, or there is none."""
+    """Return True if the interval of a delay that was found holds the true one; None if there is none."""
     for suspect in row.get("suspects", ()):
         if suspect["samples"] is None:
             continue
@@ -105,7 +101,7 @@ def delay_covered(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | No
 
 
 def claim_denied(study: Mapping[str, Any]) -> bool | None:
-    """Whether the sentence says that the gap is closed while the held-out free run worsened.
+    """Return True if the sentence says that the gap is closed while the held-out free run worsened.
 
     A sentence that speaks of the free run itself hides nothing. None without a sentence or a free run.
     """
@@ -118,7 +114,7 @@ def claim_denied(study: Mapping[str, Any]) -> bool | None:
 
 
 def free_run(study: Mapping[str, Any]) -> tuple[float | None, float | None]:
-    """Root mean square over the states of a free run's NRMSE on the test data, before and after; None: it blew up."""
+    """Return the root mean square of a free run's NRMSE over states, before and after; None where it blew up."""
     states = (study.get("free_run") or {}).values()
     if not states:
         return None, None
@@ -131,7 +127,7 @@ def free_run(study: Mapping[str, Any]) -> tuple[float | None, float | None]:
 
 
 def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("family",)) -> pd.DataFrame:
-    """Shares of cases by family (and breach), and for "all"; NaN where nothing applies.
+    """Return shares of cases by family (and breach), and for "all"; NaN where nothing applies.
 
     Columns: wrong names that somebody would believe in, wrong names at all, right names where something is hidden,
     "no gap" or "instrument" where nothing is, verdict "unknown", instrument's fault found, coverage of a delay's 90 %
@@ -146,9 +142,9 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
     for group, part in parts.items():
         rows[group] = {
             "cases": len(part),
-            **{column: _mean(part, column) for column in _SHARES},
-            **{column: _median(part, column) for column in ("free run before", "free run after")},
-            "seconds": _mean(part, "seconds"),
+            **{column: mean(values(part, column)) for column in _AVERAGED},
+            **{column: median(values(part, column)) for column in ("free run before", "free run after")},
+            "seconds": mean(values(part, "seconds")),
         }
     index = pd.MultiIndex.from_tuples(list(rows), names=list(by))
     table = pd.DataFrame(list(rows.values()), index=index)
@@ -158,38 +154,24 @@ def assumption_table(scored: Sequence[Mapping[str, Any]], by: Sequence[str] = ("
 def assumption_bars(
     records: Sequence[Mapping[str, Any]], scored: Sequence[Mapping[str, Any]]
 ) -> list[tuple[str, float, float, float]]:
-    """What must hold: a sentence, what was reached, the least and the most that is enough.
-
-    Args:
-        records: All finished cases, those of other parts too.
-        scored: Scores of the cases with a broken assumption.
-    """
+    """Return the bars: a sentence, the value that was reached, the least and the most that is enough."""
     believed: dict[str, list[bool]] = {}
     for row in records:
         believed.setdefault(row["family"], []).append(bool(wrong_names(row, surely=True)))
+    worst = max(mean(wrong) for wrong in believed.values())
     delays = [case for case in scored if case["family"] == "delay" and abs(case["size"]) >= HALF_STEP]
     found = [case for case in delays if case["instrument found"]]
     quiet = [case for case in scored if case["family"] in QUIET and not case["effects"]]
     named = [{"named": case["study verdict"] in ("named", "partly named")} for case in quiet]
     return [
-        (
-            "wrong names above 0.9, or in a verdict, all cases",
-            float(np.mean(sum(believed.values(), []))),
-            0.0,
-            MOST_WRONG,
-        ),
-        (
-            "wrong names above 0.9, or in a verdict, worst family",
-            max(float(np.mean(wrong)) for wrong in believed.values()),
-            0.0,
-            MOST_WRONG_IN_FAMILY,
-        ),
-        ("delays of half a step or more found", _mean(delays, "instrument found"), 0.9, 1.0),
-        ("coverage of these delays' 90 % intervals", _mean(delays, "delay covered"), 0.85, 0.95),
-        ("right names beside a delay that was found", _mean(found, "right"), 0.9, 1.0),
-        ("no gap under noise that is not white and normal", _mean(quiet, "silent"), 0.9, 1.0),
-        ("names under such noise alone", _mean(named, "named"), 0.0, 0.0),
-        ("sentences that the free run denies", _mean(scored, "claim denied"), 0.0, 0.0),
+        ("wrong names above 0.9, or in a verdict, all cases", mean(sum(believed.values(), [])), 0.0, MOST_WRONG),
+        ("wrong names above 0.9, or in a verdict, worst family", worst, 0.0, MOST_WRONG_IN_FAMILY),
+        ("delays of half a step or more found", mean(values(delays, "instrument found")), 0.9, 1.0),
+        ("coverage of these delays' 90 % intervals", mean(values(delays, "delay covered")), 0.85, 0.95),
+        ("right names beside a delay that was found", mean(values(found, "right")), 0.9, 1.0),
+        ("no gap under noise that is not white and normal", mean(values(quiet, "silent")), 0.9, 1.0),
+        ("names under such noise alone", mean(values(named, "named")), 0.0, 0.0),
+        ("sentences that the free run denies", mean(values(scored, "claim denied")), 0.0, 0.0),
     ]
 
 
@@ -201,9 +183,9 @@ def _all_named(row: Mapping[str, Any], names: Iterable[str]) -> bool:
 
 
 def _believed(study: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Faults of the instrument that the study believes in."""
+    """Return faults of the instrument that the study believes in."""
     entries = study.get("instrument") or ()
-    return [e for e in entries if e["status"] == "in the model" or (e["probability"] or 0.0) > FOUND]
+    return [e for e in entries if e["status"] == "in the model" or (e["probability"] or 0.0) > FAULT_FOUND]
 
 
 def _is_meant(entry: Mapping[str, Any], suspect: Mapping[str, Any]) -> bool:
@@ -217,17 +199,3 @@ def _found(row: Mapping[str, Any], study: Mapping[str, Any]) -> bool | None:
     if not suspects:
         return None
     return any(_is_meant(entry, suspect) for entry in _believed(study) for suspect in suspects)
-
-
-def _values(scored: Iterable[Mapping[str, Any]], column: str) -> list[float]:
-    return [float(case[column]) for case in scored if case[column] is not None]
-
-
-def _mean(scored: Iterable[Mapping[str, Any]], column: str) -> float:
-    values = _values(scored, column)
-    return float(np.mean(values)) if values else float("nan")
-
-
-def _median(scored: Iterable[Mapping[str, Any]], column: str) -> float:
-    values = _values(scored, column)
-    return float(np.median(values)) if values else float("nan")

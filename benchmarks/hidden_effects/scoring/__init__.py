@@ -1,1 +1,1 @@
-"""What the answers are worth: each case alone, then the tables of a whole benchmark."""
+"""The worth of the answers: each case alone, then the tables of a whole benchmark."""

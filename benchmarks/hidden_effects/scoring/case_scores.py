@@ -1,4 +1,4 @@
-"""What one finished case is worth: which answers are right, and what else is measured on it."""
+"""The worth of one finished case: right answers, and further measures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
+from benchmarks.answers import SURE
 from benchmarks.hidden_effects.solvers.oracle import NONE
 from benchmarks.hidden_effects.solvers.study import ONE_STEP
 
@@ -15,9 +16,6 @@ PEERS = ("stlsq", "ensemble")
 
 SOLVERS = ("study", "oracle", *PEERS)
 """The study, the Bayes-optimal classifier, and PySINDy."""
-
-NAMED = ("named", "one of", "partly named")
-"""Verdicts that come with a name."""
 
 FAILED = "failed"
 """Verdict of a solver that raised an error."""
@@ -28,9 +26,6 @@ LARGEST_TIE = 3
 SEPARATED = 0.95
 """Probability of its first name from which on the oracle is said to separate the effects of a case."""
 
-SURE = 0.9
-"""A wrong name with a larger probability is a decision that goes wrong."""
-
 PROBABILITY_BINS = np.linspace(0.0, 1.0, 11)
 """Edges of the bins of a reliability curve."""
 
@@ -38,17 +33,10 @@ _QUARTILE = 0.6744897501960817
 
 
 def is_right(family: str, truth: Sequence[str], verdict: str, names: Sequence[str]) -> bool:
-    """Whether an answer is right; the same rule for every solver.
+    """Return True if an answer is right; the same rule for every solver.
 
-    Args:
-        family: Family of the case.
-        truth: What was hidden.
-        verdict: The solver's verdict.
-        names: Effects that it names, first one first.
-
-    Returns:
-        For one effect, whether it is named first; for two, whether both are named; for the other families, whether
-        the verdict is "no gap", "recalibrate", or anything but "named".
+    One effect has to be named first, and two both have to be named; of the other families the verdict has to be "no
+    gap", "recalibrate", or anything but "named".
     """
     if family == "null":
         return verdict == "no gap"
@@ -56,20 +44,20 @@ def is_right(family: str, truth: Sequence[str], verdict: str, names: Sequence[st
         return verdict == "recalibrate"
     if family == "off-catalogue":
         return verdict not in ("named", FAILED)
-    if verdict not in NAMED:
+    if verdict not in ("named", "one of", "partly named"):
         return False
     return list(names[:1]) == list(truth) if family == "catalogue" else set(truth) <= set(names)
 
 
 def is_exact(family: str, truth: Sequence[str], verdict: str, names: Sequence[str]) -> bool:
-    """Whether an answer is right and names nothing else; arguments as in `is_right`."""
+    """Return True if an answer is right and names nothing else."""
     if family not in ("catalogue", "two effects"):
         return is_right(family, truth, verdict, names)
     return verdict == "named" and set(names) == set(truth)
 
 
 def answers(row: Mapping[str, Any]) -> dict[str, tuple[str, list[str]]]:
-    """Verdict and names by solver; solvers that did not run, or do not apply to the family, are left out."""
+    """Return verdict and names by solver; solvers that did not run, or do not apply to the family, are left out."""
     study = row.get("study")
     if study is None:
         given = {"study": (FAILED, [])}
@@ -86,7 +74,7 @@ def answers(row: Mapping[str, Any]) -> dict[str, tuple[str, list[str]]]:
 
 
 def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
-    """One row of the table of cases."""
+    """Return one row of the table of cases."""
     family, truth, given = row["family"], row["effects"], answers(row)
     study = row.get("study") or {}
     verdict, names = given["study"]
@@ -112,8 +100,14 @@ def case_scores(row: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def values(scored: Iterable[Mapping[str, Any]], column: str, missing: float | None = None) -> list[float]:
+    """Return the scores of a column; cases without one are left out, or count as `missing`."""
+    found = [missing if case[column] is None else case[column] for case in scored]
+    return [float(value) for value in found if value is not None]
+
+
 def stated(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """Probabilities of the first names that the study stated, in any family, and whether they were right.
+    """Return probabilities of the first names that the study stated, in any family, and whether they were right.
 
     A name is right if it is one of the hidden effects; in a family without effects of the catalogue none is. Where a
     broken assumption cannot be told from an effect, its name is neither right nor wrong and is left out.
@@ -128,17 +122,15 @@ def stated(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def right_names(row: Mapping[str, Any]) -> set[str]:
-    """Slugs that are right somewhere in a case: its hidden effects, and what counts as them."""
+    """Return slugs that are right somewhere in a case: its hidden effects, and names that count as them."""
     return {slug for slugs in row.get("accepted", ()) for slug in slugs}.union(row["effects"])
 
 
 def wrong_names(row: Mapping[str, Any], surely: bool = False) -> set[str]:
-    """Effects that the study added, in any equation, and that were not hidden.
+    """Return effects that the study added, in any equation, and that were not hidden.
 
-    Args:
-        row: A finished case.
-        surely: Those in which somebody would believe instead: any that is listed with a probability above `SURE`,
-            added or not, and all that belong to a verdict "named".
+    With `surely` they are those in which somebody would believe: any that is listed with a probability above `SURE`,
+    added or not, and all that belong to a verdict "named".
     """
     study = row.get("study") or {}
     fine = right_names(row).union(row.get("excused", ()))
@@ -155,7 +147,7 @@ def wrong_names(row: Mapping[str, Any], surely: bool = False) -> set[str]:
 
 
 def listed(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    """Largest probability of any effect in cases of one effect, whatever the verdict, and whether it was the one."""
+    """Return the largest probability of an effect in each case of one effect, and whether it was the hidden one."""
     found = []
     for row in rows:
         known = [e for e in (row.get("study") or {}).get("effects", ()) if e["probability"] is not None]
@@ -166,11 +158,7 @@ def listed(rows: Iterable[Mapping[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def reliability_curve(probability: Float[np.ndarray, " n"], right: Bool[np.ndarray, " n"]) -> pd.DataFrame:
-    """Stated probability against how often it was right.
-
-    Args:
-        probability: Stated probabilities.
-        right: Whether each was right.
+    """Compare stated probabilities with how often they were right.
 
     Returns:
         By bin: number of cases, mean stated probability, share right, and the bin's part of the expected
@@ -189,7 +177,7 @@ def reliability_curve(probability: Float[np.ndarray, " n"], right: Bool[np.ndarr
 
 
 def coverage_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    """Coverage of the study's intervals, over the effects that it added and that were hidden.
+    """Return the coverage of the study's intervals, over the effects that it added and that were hidden.
 
     Returns:
         By family and for "all": number of intervals, and shares of 50 and 90 % intervals that hold the true
@@ -216,7 +204,7 @@ def _first_added(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
 
 
 def _is_excused(row: Mapping[str, Any]) -> bool:
-    """Whether the study's first name is tied with the true one, and the oracle could not separate them either."""
+    """Return True if the study's first name is tied with the true one, and the oracle cannot separate them either."""
     first = _first_added(row)
     if row["family"] != "catalogue" or first is None or not row.get("oracle"):
         return False

@@ -2,23 +2,22 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.assumptions.score import (
     assumption_bars,
     assumption_scores,
     assumption_table,
     is_assumption,
 )
-from benchmarks.hidden_effects.cases import FAMILIES
+from benchmarks.hidden_effects.cases import HIDDEN_FAMILIES
+from benchmarks.runner import Tables, mean
 
-from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated
+from .case_scores import PEERS, SOLVERS, case_scores, coverage_table, listed, reliability_curve, stated, values
 
 RATIO_BINS = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Edges of the ranges of effect over noise that accuracy is given for; the first and last range have no outer end."""
@@ -30,19 +29,19 @@ CaseScores = Sequence[Mapping[str, Any]]
 """Cases, as `case_scores` describes them."""
 
 Bar = tuple[str, float, float, float]
-"""What is asked for, what was reached, the least and the most that is enough."""
+"""A sentence, the value that was reached, and the least and the most that is enough."""
 
 
-@dataclass(frozen=True)
-class Scores:
-    """The benchmark's tables; in all of them the share of right answers has the solver's name.
+def score(every: Sequence[Mapping[str, Any]]) -> Tables:
+    """Score finished cases; a case on which the study failed counts as wrong.
 
-    Cases of broken assumptions have tables of their own, and are in no other but the reliability and the bars.
+    In all tables the share of right answers has the solver's name. Cases of broken assumptions have tables of their
+    own, and are in no other but the reliability and the bars.
 
-    Attributes:
+    Returns:
         cases: One row for each case: verdict, names, and whether they are right, by solver.
         families: By family, for all, and for those that the oracle applies to ("one or none"); with `exact` (the
-            study, or a peer, names all that was hidden and nothing else), `right or tied`, overlap with the true
+            study, or a peer, names all hidden effects and nothing else), `right or tied`, overlap with the true
             region, share of the closable gap closed on held-out data, and seconds a case.
         ratios: Family "catalogue" by the size of the effect.
         groups: Family "catalogue" by domain, noise level and effect.
@@ -51,43 +50,12 @@ class Scores:
         reliability: Reliability curve of the probabilities of names that the study stated ("stated"), and of the most
             probable effect of every case of the family "catalogue" ("listed"); and of all names that it stated, with
             broken assumptions or without ("all stated").
-        bars: What must hold, what was reached, and whether that is enough.
+        bars: Bars, the values that were reached, and whether that is enough.
         assumptions: Broken assumptions by family, and for all; see `assumptions.score.assumption_table`.
         breaches: The same by family and by the way in which the assumption is broken.
         assumption_cases: One row for each case of a broken assumption.
         assumption_verdicts: Shares of the study's verdicts on these by family.
     """
-
-    cases: pd.DataFrame
-    families: pd.DataFrame
-    ratios: pd.DataFrame
-    groups: pd.DataFrame
-    verdicts: pd.DataFrame
-    coverage: pd.DataFrame
-    reliability: pd.DataFrame
-    bars: pd.DataFrame
-    assumptions: pd.DataFrame = field(default_factory=pd.DataFrame)
-    breaches: pd.DataFrame = field(default_factory=pd.DataFrame)
-    assumption_cases: pd.DataFrame = field(default_factory=pd.DataFrame)
-    assumption_verdicts: pd.DataFrame = field(default_factory=pd.DataFrame)
-
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """All tables by name."""
-        return dict(vars(self))
-
-
-def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
-    """Score finished cases.
-
-    Args:
-        rows: Records of the cases, as `run` writes them; a case on which the study failed counts as wrong.
-
-    Raises:
-        InputError: No case.
-    """
-    every = list(rows)
-    if not every:
-        raise InputError("There is no finished case to score; run the benchmark first.")
     records = [row for row in every if not is_assumption(row)]
     broken = [assumption_scores(row) for row in every if is_assumption(row)]
     scored = [case_scores(row) for row in records]
@@ -101,35 +69,26 @@ def score(rows: Iterable[Mapping[str, Any]]) -> Scores:
     }
     reliability = pd.concat(curves, names=["names", "bin"])
     groups = {by: _accuracy(single, lambda case, by=by: case[by]) for by in ("domain", "noise", "effects")}
-    return Scores(
-        cases=pd.DataFrame(scored),
-        families=families,
-        ratios=_accuracy(
-            single, lambda case: _range(case["ratio"]), [_label(*edges) for edges in pairwise(RATIO_BINS)]
-        ),
-        groups=pd.concat(groups, names=["by", "group"]),
-        verdicts=_verdicts(scored),
-        coverage=coverage,
-        reliability=reliability,
-        bars=_bars(
-            [
-                *_hidden_bars(single, families, coverage, reliability),
-                ("expected calibration error of all stated names", *_calibration(reliability, "all stated")),
-                *assumption_bars(every, broken),
-            ]
-        ),
-        assumptions=assumption_table(broken),
-        breaches=assumption_table(broken, ("family", "breach")),
-        assumption_cases=pd.DataFrame(broken),
-        assumption_verdicts=_verdicts(broken),
-    )
-
-
-def mean(scored: CaseScores, column: str, missing: float | None = None) -> float:
-    """Mean of a score; cases without one are left out, or count as `missing`."""
-    values = [case[column] if case[column] is not None else missing for case in scored]
-    known = [float(value) for value in values if value is not None]
-    return float(np.mean(known)) if known else float("nan")
+    sizes = [_label(*edges) for edges in pairwise(RATIO_BINS)]
+    bars = [
+        *_hidden_bars(single, families, coverage, reliability),
+        ("expected calibration error of all stated names", *_calibration(reliability, "all stated")),
+        *assumption_bars(every, broken),
+    ]
+    return {
+        "cases": pd.DataFrame(scored),
+        "families": families,
+        "ratios": _accuracy(single, lambda case: _range(case["ratio"]), sizes),
+        "groups": pd.concat(groups, names=["by", "group"]),
+        "verdicts": _verdicts(scored),
+        "coverage": coverage,
+        "reliability": reliability,
+        "bars": _bars(bars),
+        "assumptions": assumption_table(broken),
+        "breaches": assumption_table(broken, ("family", "breach")),
+        "assumption_cases": pd.DataFrame(broken),
+        "assumption_verdicts": _verdicts(broken),
+    }
 
 
 def _label(low: float, high: float) -> str:
@@ -145,12 +104,12 @@ def _accuracy(scored: CaseScores, by: Callable[[Any], Any], order: Sequence[Any]
     """Shares of right answers by group."""
     groups = order or sorted({by(case) for case in scored})
     parts = {group: [case for case in scored if by(case) == group] for group in groups}
-    rows = {group: {"cases": len(part), **{c: mean(part, c) for c in SHARES}} for group, part in parts.items()}
+    rows = {group: {"cases": len(part), **{c: mean(values(part, c)) for c in SHARES}} for group, part in parts.items()}
     return pd.DataFrame.from_dict(rows, orient="index", columns=["cases", *SHARES])
 
 
 def _families(scored: CaseScores) -> pd.DataFrame:
-    parts = {name: [case for case in scored if case["family"] == name] for name in FAMILIES}
+    parts = {name: [case for case in scored if case["family"] == name] for name in HIDDEN_FAMILIES}
     parts["one or none"] = [*parts["catalogue"], *parts["null"]]
     parts["all"] = list(scored)
     rows = {}
@@ -160,11 +119,11 @@ def _families(scored: CaseScores) -> pd.DataFrame:
         gap = name not in ("null", "one or none", "all")
         rows[name] = {
             "cases": len(part),
-            **{column: mean(part, column) for column in (*SHARES, "overlap")},
+            **{column: mean(values(part, column)) for column in (*SHARES, "overlap")},
             # What the study failed on has closed nothing.
-            "closed": mean(part, "closed", 0.0) / mean(part, "closable", 0.0) if gap else np.nan,
-            "closed in free run": mean(part, "closed in free run") if gap else np.nan,
-            "seconds": mean(part, "seconds"),
+            "closed": mean(values(part, "closed", 0.0)) / mean(values(part, "closable", 0.0)) if gap else np.nan,
+            "closed in free run": mean(values(part, "closed in free run")) if gap else np.nan,
+            "seconds": mean(values(part, "seconds")),
         }
         # A mean over those that it applies to would not compare with the others'.
         if any(case["oracle"] is None for case in part):
@@ -195,15 +154,15 @@ def _calibration(reliability: pd.DataFrame, names: str) -> tuple[float, float, f
 def _hidden_bars(
     single: CaseScores, families: pd.DataFrame, coverage: pd.DataFrame, reliability: pd.DataFrame
 ) -> list[Bar]:
-    """What the benchmark asks for where all assumptions hold."""
+    """Return the bars of cases where all assumptions hold."""
     table = families.to_dict("index")
     covered = coverage.to_dict("index")
 
     def reached(family: str, column: str = "study") -> float:
         return table[family][column] if family in table else np.nan
 
-    ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in FAMILIES if f in table]
-    clear = mean([case for case in single if case["ratio"] >= 3], "right or tied")
+    ahead = [reached(f) - np.fmax(reached(f, "stlsq"), reached(f, "ensemble")) for f in HIDDEN_FAMILIES if f in table]
+    clear = mean(values([case for case in single if case["ratio"] >= 3], "right or tied"))
     return [
         ("right name first, or excusably tied, ratio >= 3", clear, 0.95, 1.0),
         ("accuracy less the oracle's, all sizes", reached("catalogue") - reached("catalogue", "oracle"), -0.05, 1.0),

@@ -1,7 +1,7 @@
 """The best that anybody could do with a displacement: the classifier of `oracle`, on samples of the position.
 
 It knows all that the other one knows, and the true path y* with the effect φ* at its coefficient θ* besides, but not
-where the path started. What another effect φ with the coefficient θ would have given is, to first order,
+where the path started. Another effect φ with the coefficient θ would have given, to first order,
 
     y ≈ y* − V φ* θ* + V φ θ + V₀ δ₀ + ε,
 
@@ -26,46 +26,30 @@ from benchmarks.hidden_effects.systems.trajectories import rms
 from .displacement import displacement
 from .oracle import candidates, effect_values, over_inner, over_ratio, weighed
 
-SMALL = 1e-4
+SMALL_FORCE = 1e-4
 """RMS of a small force over that of the rate, and of another start over the spread of its state."""
 
 NODES = 10
 """Nodes over an inner parameter's range, and again around the best of them."""
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What the samples of a case tell of its effect.
-
-    Attributes:
-        posterior: Probabilities of "none" and of each candidate, best first.
-        visible: True coefficient over the standard error that it would have, the path and all else but starts known;
-            NaN where nothing is hidden.
-    """
-
-    posterior: Mapping[str, float]
-    visible: float
-
-
 def ask(data: CaseData, noise: float) -> dict[str, Any]:
-    """What a finished case keeps of the oracle; see `oracle.Oracle`.
-
-    Args:
-        data: The case's data.
-        noise: Of the sensor, over the spread of the position.
-    """
+    """Return the oracle's answer by samples of the position, with noise over its spread; see `oracle.Oracle`."""
     samples, place = displacement(data, noise)[0], data.host.roles["position"]
-    found = seen(data, samples.states[place], noise * float(np.std(data.train.states[place])))
-    return {"oracle": dict(found.posterior), "visible": found.visible}
+    return seen(data, samples.states[place], noise * float(np.std(data.train.states[place])))
 
 
-def seen(data: CaseData, samples: Float[np.ndarray, " n_obs"], sigma: float) -> Seen:
-    """Probabilities of each effect by the samples of a position.
+def seen(data: CaseData, samples: Float[np.ndarray, " n_obs"], sigma: float) -> dict[str, Any]:
+    """Return the oracle's answer by the samples of a position.
 
     Args:
-        data: The case's data.
-        samples: Of the position, all runs of the training data.
+        data: Data of the case.
+        samples: Samples of the position, of all runs of the training data.
         sigma: Standard deviation of their noise.
+
+    Returns:
+        "oracle", probabilities of "none" and of each candidate, best first; "visible", the true coefficient over the
+        standard error that it would have, the path and all else but starts known; NaN where nothing is hidden.
     """
     assert data.ode is not None
     place = data.host.roles["position"]
@@ -88,14 +72,17 @@ def seen(data: CaseData, samples: Float[np.ndarray, " n_obs"], sigma: float) -> 
 
         return over_inner(data, effect, logs_of, NODES)
 
-    return Seen(weighed({slug: log_evidence(effect) for slug, effect in candidates(data).items()}), visible)
+    evidence = {slug: log_evidence(effect) for slug, effect in candidates(data).items()}
+    return {"oracle": weighed(evidence), "visible": visible}
 
 
 def _responses(data: CaseData, forces: Sequence[Acting]) -> Float[np.ndarray, "n_obs n_force"]:
-    """V φ of each force, by central differences of the true system with a little of it."""
+    """Return V φ of each force, by central differences of the true system with a little of it."""
     assert data.ode is not None
     rate = rms(data.exact["train"].rates[data.equation])
-    sizes = [SMALL * rate / max(rms(effect_values(data, f.effect, np.array([f.inner]))[0]), 1e-300) for f in forces]
+    sizes = [
+        SMALL_FORCE * rate / max(rms(effect_values(data, f.effect, np.array([f.inner]))[0]), 1e-300) for f in forces
+    ]
     up, down = (
         [replace(force, coefficient=side * size) for force, size in zip(forces, sizes, strict=True)]
         for side in (1.0, -1.0)
@@ -105,7 +92,7 @@ def _responses(data: CaseData, forces: Sequence[Acting]) -> Float[np.ndarray, "n
 
 
 def _nudged(data: CaseData, nudges: Sequence[Acting]) -> Float[np.ndarray, "n_obs n_nudge"]:
-    """The position with each of these forces beside the truth."""
+    """Return the position with each of these forces beside the truth."""
     ode, excited = data.ode, data.excited["train"]
     assert ode is not None
     row = list(ode.rates).index(data.host.roles["position"])
@@ -128,7 +115,7 @@ class Nudged(HostODE):
     """Copies of a system side by side, each run's next to each other, every copy with a force of its own besides.
 
     Attributes:
-        nudges: These forces.
+        nudges: Forces of the copies.
     """
 
     nudges: tuple[Acting, ...] = ()
@@ -144,7 +131,7 @@ class Nudged(HostODE):
         return found
 
     def rate(self, columns: Mapping[str, Any], memory: Any = 0.0) -> np.ndarray:
-        """Rates of all states of all copies."""
+        """Return rates of all states of all copies."""
         rates, n = super().rate(columns, memory), len(self.nudges)
         # [n_run, n_copy]
         roles = {name: np.reshape(value, (-1, n)) for name, value in self.host.in_roles(columns).items()}
@@ -156,13 +143,13 @@ class Nudged(HostODE):
 
 
 def _to_starts(data: CaseData) -> Float[np.ndarray, "n_obs n_start"]:
-    """V₀: the position's response to the start of every state of every run."""
+    """Return V₀, the position's response to the start of every state of every run."""
     ode, excited, host = data.ode, data.excited["train"], data.host
     assert ode is not None
     row, columns = list(ode.rates).index(host.roles["position"]), []
     exact, n_run = data.exact["train"], len(excited.starts)
     for k, state in enumerate(host.states):
-        h = SMALL * float(np.std(exact.columns[state]))
+        h = SMALL_FORCE * float(np.std(exact.columns[state]))
         up, down = (
             paths(ode, excited.starts + side * h * np.eye(len(host.states))[k], excited.signal)[:, row]
             for side in (1.0, -1.0)

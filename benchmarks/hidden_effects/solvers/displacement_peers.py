@@ -1,4 +1,4 @@
-"""What a user with a displacement does today: a smoothing spline, and PySINDy's weak form on what it gives.
+"""The way of a user with a displacement today: a smoothing spline, and PySINDy's weak form on its values.
 
 The spline is the smoothest that generalised cross-validation allows; position and speed are its. Columns are those of
 `peers`, evaluated there; they, the simulation and the speed's rate enter as integrals over windows with a test function
@@ -25,12 +25,7 @@ WINDOWS = 200
 
 
 def ask(data: CaseData, noise: float, seed: int = 0) -> dict[str, Any]:
-    """What PySINDy's weak form says of a case, by method; see `peers.Rivals`.
-
-    Args:
-        data: The case's data.
-        noise: Of the sensor, over the spread of the position.
-        seed: Of windows and bootstrap.
+    """Return the answers of PySINDy's weak form by method; see `peers.Rivals`.
 
     Raises:
         InputError: PySINDy is not installed.
@@ -51,12 +46,7 @@ def ask(data: CaseData, noise: float, seed: int = 0) -> dict[str, Any]:
 
 
 def smoothed(data: CaseData, noise: float) -> Trajectories:
-    """Position and speed of smoothing splines through the samples.
-
-    Args:
-        data: The case's data.
-        noise: Of the sensor, over the spread of the position.
-    """
+    """Return position and speed of smoothing splines through the samples."""
     samples, place = displacement(data, noise)[0], data.host.roles["position"]
     times, states = [], {name: [] for name in data.host.states}
     for own in (samples.run == r for r in range(samples.n_run)):
@@ -72,12 +62,9 @@ def smoothed(data: CaseData, noise: float) -> Trajectories:
 def weak(
     columns: Float[np.ndarray, "n k"], t: Float[np.ndarray, " n"], seed: int
 ) -> tuple[Float[np.ndarray, "n_window k"], Float[np.ndarray, "n_window k"]]:
-    """Integrals of columns and of their rates over PySINDy's windows, each with its test function, in order of time.
+    """Integrate columns at times t of a run, and their rates, over PySINDy's windows with their test functions.
 
-    Args:
-        columns: At times t.
-        t: Of one run.
-        seed: Of the windows, which are the same for the same run.
+    The windows are those of the seed, in order of time.
     """
     pysindy = require()
     with warnings.catch_warnings(), numpy_seed(seed):

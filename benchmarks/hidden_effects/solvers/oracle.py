@@ -8,7 +8,7 @@ either way, the ratio and the inner parameter by their own laws. With e the meas
     log p(e | effect, sign, r) - log p(e | none) = ± r b - r² N / 2,   b = φᵀe / σ,
 
 which is integrated over r, over the inner parameter and over both signs. Nothing can name effects more often right on
-average over such cases; what it cannot separate, nothing can.
+average over such cases, or separate more of them.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,8 +26,9 @@ from benchmarks.hidden_effects.systems.hosts import term_value
 from benchmarks.hidden_effects.systems.trajectories import rms
 
 Oracle = Callable[["CaseData"], Mapping[str, Any]]
-"""From the data of a case to what a finished case keeps: "oracle", probabilities by name, best first; "visible",
-the size of what is hidden over the standard error that it would have, where that is not its ratio to a rate's noise."""
+"""Function from the data of a case to entries of its record: "oracle", probabilities by name, best first; "visible",
+the size of the hidden effect over the standard error that it would have, where that is not its ratio to a rate's
+noise."""
 
 NONE = "none"
 """Name of the hypothesis that nothing is hidden."""
@@ -41,7 +42,7 @@ REACH = 12.0
 INNER_NODES = 200
 """Nodes over an inner parameter's whole range, and again around the best of them."""
 
-CLOSE, ZOOMS = 1.0, 4
+FINE_ENOUGH, ZOOMS = 1.0, 4
 """Nats between the best node and its neighbours up to which an inner parameter's grid is fine, and how often it is
 refined."""
 
@@ -50,11 +51,9 @@ OWN = 1e-9
 
 
 def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
-    """Effects of the host's domain that it has the roles for and that are not in its simulation already, by slug.
+    """Return effects that the host has the roles for and that are not in its simulation already, by slug.
 
-    Args:
-        data: The case's data.
-        joined: Whether to take the effects of `hidden.ADDED` too.
+    With those that have `joined` the catalogue later, in `hidden.ADDED`, if asked.
     """
     own = own_terms(data)
     kept = {}
@@ -68,33 +67,19 @@ def candidates(data: CaseData, joined: bool = False) -> dict[str, Hidden]:
 
 
 def ask(data: CaseData) -> dict[str, Any]:
-    """What a finished case keeps of the oracle: its probabilities as "oracle".
-
-    Args:
-        data: The case's data.
-    """
+    """Return the probabilities as "oracle"."""
     return {"oracle": posterior(data)}
 
 
-def posterior(data: CaseData, none: float | None = None) -> dict[str, float]:
-    """Probabilities of "none" and of each candidate effect, best first.
-
-    Args:
-        data: The case's data; of what is hidden, only what the module's description names is used.
-        none: Prior probability of "none"; by default its share among the benchmark's cases of one effect or none.
-    """
-    return weighed({slug: log_evidence(data, effect) for slug, effect in candidates(data).items()}, none)
+def posterior(data: CaseData) -> dict[str, float]:
+    """Return probabilities of "none" and of each candidate effect, best first."""
+    return weighed({slug: log_evidence(data, effect) for slug, effect in candidates(data).items()})
 
 
-def weighed(evidence: Mapping[str, float], none: float | None = None) -> dict[str, float]:
-    """Probabilities of "none" and of effects, best first.
-
-    Args:
-        evidence: Log evidence of each effect over that of none.
-        none: Prior probability of "none", as for `posterior`.
-    """
-    cases = 4 * sum(len(entries) for entries in CATALOGUE.values())
-    none = NULLS / (NULLS + cases) if none is None else none
+def weighed(evidence: Mapping[str, float]) -> dict[str, float]:
+    """Return probabilities of "none" and of effects, best first, by the log evidence of each over that of none."""
+    # The prior of "none" is its share among the benchmark's cases of one effect or none.
+    none = NULLS / (NULLS + 4 * sum(len(entries) for entries in CATALOGUE.values()))
     logs = {NONE: float(np.log(none))}
     logs |= {slug: float(np.log((1.0 - none) / len(evidence)) + value) for slug, value in evidence.items()}
     total = float(np.asarray(logsumexp(list(logs.values()))))
@@ -102,7 +87,7 @@ def weighed(evidence: Mapping[str, float], none: float | None = None) -> dict[st
 
 
 def log_evidence(data: CaseData, effect: Hidden) -> float:
-    """Logarithm of p(e | effect) over p(e | none)."""
+    """Return the logarithm of p(e | effect) over p(e | none)."""
     residual = data.residual(true_coefficients=True) / data.sigma
 
     def logs_of(nodes: np.ndarray) -> np.ndarray:
@@ -116,13 +101,10 @@ def log_evidence(data: CaseData, effect: Hidden) -> float:
 def over_inner(
     data: CaseData, effect: Hidden, logs_of: Callable[[np.ndarray], np.ndarray], count: int = INNER_NODES
 ) -> float:
-    """Log of an evidence integrated over the prior of an effect's inner parameter, if it has one.
+    """Return the log of an evidence integrated over the prior of an effect's inner parameter, if it has one.
 
-    Args:
-        data: The case's data.
-        effect: The effect.
-        logs_of: Log evidences at values of the inner parameter.
-        count: Nodes over its range, and again around the best of them.
+    Log evidences at values of the inner parameter are those of `logs_of`, at so many nodes over its range, and again
+    around the best of them.
     """
     nodes = inner_nodes(data, effect, count)
     logs = logs_of(nodes[:1] if effect.inner is None else nodes)
@@ -135,7 +117,7 @@ def over_inner(
         order = np.argsort(np.concatenate([nodes, around]))
         nodes, logs = (np.concatenate(pair)[order] for pair in ((nodes, around), (logs, logs_of(around))))
         best = int(np.argmax(logs))
-        if np.max(logs[best] - logs[max(0, best - 1) : best + 2]) < CLOSE:
+        if np.max(logs[best] - logs[max(0, best - 1) : best + 2]) < FINE_ENOUGH:
             break
     place = np.log(nodes)
     # Trapezoidal rule; the prior is uniform in the logarithm.
@@ -145,7 +127,7 @@ def over_inner(
 
 
 def nearest(data: CaseData) -> tuple[str, float]:
-    """The candidate that comes nearest to the gap, and the share of its mean square that it explains.
+    """Return the candidate that comes nearest to the gap, and the share of its mean square that it explains.
 
     Both are taken without noise and beside free coefficients of the simulation's own terms.
     """
@@ -162,14 +144,14 @@ def nearest(data: CaseData) -> tuple[str, float]:
 
 
 def own_terms(data: CaseData) -> Float[np.ndarray, "n_obs n_term"]:
-    """The simulation's terms in the studied equation, on the training data."""
+    """Return the simulation's terms in the studied equation, on the training data."""
     columns = data.measured()
     n_obs = len(columns["t"])
     return np.column_stack([np.broadcast_to(term_value(t, columns), n_obs) for t in data.true_rates[data.equation]])
 
 
 def inner_nodes(data: CaseData, effect: Hidden, count: int) -> Float[np.ndarray, " n_node"]:
-    """Values of an effect's inner parameter, evenly spaced in the logarithm; one alone is in the middle."""
+    """Return values of an effect's inner parameter, evenly spaced in the logarithm; one alone is in the middle."""
     if effect.inner is None:
         return np.array([np.nan])
     given = effect.inner
@@ -182,14 +164,14 @@ def inner_nodes(data: CaseData, effect: Hidden, count: int) -> Float[np.ndarray,
 def effect_values(
     data: CaseData, effect: Hidden, inner: Float[np.ndarray, " n_node"]
 ) -> Float[np.ndarray, "n_node n_obs"]:
-    """An effect on the training data, for each value of its inner parameter."""
+    """Return an effect on the training data, for each value of its inner parameter."""
     columns = data.measured()
     roles = {**data.host.in_roles(columns), "t": columns["t"]}
     return np.broadcast_to(effect.value(roles, inner[:, None]), (len(inner), len(columns["t"])))
 
 
 def _outside(values: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """What is left of (rows of) values beside the columns of `own`."""
+    """Return the part of (rows of) values outside the span of the columns of `own`."""
     basis = np.linalg.qr(own / np.linalg.norm(own, axis=0))[0]
     return values - (values @ basis) @ basis.T
 
@@ -197,12 +179,12 @@ def _outside(values: np.ndarray, own: np.ndarray) -> np.ndarray:
 def over_ratio(
     b: Float[np.ndarray, " n_node"], n: Float[np.ndarray, " n_node"], noise: float
 ) -> Float[np.ndarray, " n_node"]:
-    """Log of the integral of exp(± r b - r² n / 2) over the prior of the ratio r and of the sign.
+    """Return the log of the integral of exp(± r b - r² n / 2) over the prior of the ratio r and of the sign.
 
     Args:
-        b: Product of what the effect does at a ratio of one with the residual, in units of their noise.
-        n: Its square.
-        noise: Of the case, which the prior of r depends on.
+        b: Product of the effect at a ratio of one with the residual, in units of their noise.
+        n: Square of the effect.
+        noise: Noise of the case, which the prior of r depends on.
     """
     x, w = np.polynomial.legendre.leggauss(RATIO_NODES)
     parts = []

@@ -1,4 +1,4 @@
-"""What a user does today: PySINDy's sparse regression of the gap on the same terms.
+"""The way of a user today: PySINDy's sparse regression of the gap on the same terms.
 
 Columns are the simulation's own terms, whose coefficients may be off, and every effect of the catalogue that the
 study weighs too, with a few values of an inner parameter. Columns and gap are scaled to unit RMS; the threshold is
@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.running.errors import InputError
-from benchmarks.hidden_effects.cases import Case
+from benchmarks.hidden_effects.cases import HiddenCase
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.trajectories import rms
 
@@ -36,7 +36,7 @@ MODELS = 20
 """Bootstrapped models of an ensemble, of which the median coefficients are taken."""
 
 Rivals = Callable[["CaseData"], Mapping[str, Any]]
-"""From the data of a case to what other methods say of it, by method: "stlsq" and "ensemble"."""
+"""Function from the data of a case to the answers of other methods: "stlsq" and "ensemble"."""
 
 Regression = Callable[[Float[np.ndarray, "n_obs n_term"], Float[np.ndarray, " n_obs"], float], np.ndarray]
 """(columns, target, threshold) -> coefficients, exact zeros for terms that are dropped."""
@@ -44,14 +44,14 @@ Regression = Callable[[Float[np.ndarray, "n_obs n_term"], Float[np.ndarray, " n_
 
 @dataclass(frozen=True)
 class Library:
-    """Columns at unit RMS, and what each stands for: an effect's slug, or "" for a term of the simulation."""
+    """Columns at unit RMS, and the slug of the effect of each, "" for a term of the simulation."""
 
     columns: Float[np.ndarray, "n_obs n_term"]
     slugs: tuple[str, ...]
 
 
 def available() -> bool:
-    """Whether PySINDy is installed."""
+    """Return True if PySINDy is installed."""
     try:
         require()
     except InputError:
@@ -60,7 +60,7 @@ def available() -> bool:
 
 
 def require() -> Any:
-    """PySINDy, imported on first use.
+    """Import PySINDy, on first use.
 
     Raises:
         InputError: It is not installed.
@@ -68,28 +68,16 @@ def require() -> Any:
     try:
         return importlib.import_module("pysindy")
     except ImportError as error:
-        raise InputError(
-            "The comparison with PySINDy needs the package pysindy: pip install 'bayes-greybox[peers]', or leave "
-            "it out with peers=False."
-        ) from error
+        raise InputError("The comparison with PySINDy needs pysindy: pip install 'bayes-greybox[peers]'.") from error
 
 
 def ask(data: CaseData) -> dict[str, Any]:
-    """What PySINDy says of a case, by method.
-
-    Args:
-        data: The case's data.
-    """
+    """Return PySINDy's answers by method."""
     return {"stlsq": sindy(data), "ensemble": sindy(data, ensemble=True)}
 
 
 def sindy(data: CaseData, ensemble: bool = False, seed: int = 0) -> dict[str, object]:
-    """Name what is missing by sparse regression of measured derivative less simulation.
-
-    Args:
-        data: The case's data; the truth is not looked at.
-        ensemble: Take the median of models on bootstrapped rows.
-        seed: Of the bootstrap.
+    """Name what is missing by sparse regression of the gap; an ensemble takes the median of bootstrapped models.
 
     Returns:
         "verdict" ("no gap", "recalibrate" or "named"), "names" (effects that are kept, largest first) and the chosen
@@ -106,15 +94,7 @@ def regressed(
     columns: Float[np.ndarray, "n_obs n_term"], slugs: Sequence[str], gap: Float[np.ndarray, " n_obs"],
     ensemble: bool, seed: int,
 ) -> dict[str, object]:  # fmt: skip
-    """Name what is missing by sparse regression of a gap.
-
-    Args:
-        columns: Terms at unit RMS.
-        slugs: What each stands for, as in a `Library`.
-        gap: The gap.
-        ensemble: As for `sindy`, as is the seed.
-        seed: Of the bootstrap.
-    """
+    """Name what is missing by sparse regression of a gap on columns of a `Library`; see `sindy`."""
     book, gap = Library(columns, tuple(slugs)), gap / rms(gap)
     threshold = choose_threshold(_regression(), book.columns, gap)
     size = np.abs(_regression(MODELS if ensemble else 1, seed)(book.columns, gap, threshold))
@@ -125,10 +105,10 @@ def regressed(
 
 
 def candidate_terms(data: CaseData) -> Library:
-    """The simulation's terms and the candidate effects on the training data."""
+    """Return the simulation's terms and the candidate effects on the training data."""
     columns, slugs = [own_terms(data)], [""] * own_terms(data).shape[1]
     # The cases of `all_cases` were settled, and run, with the terms of their time.
-    for slug, effect in candidates(data, joined=not isinstance(data.case, Case)).items():
+    for slug, effect in candidates(data, joined=not isinstance(data.case, HiddenCase)).items():
         # Every second of these nodes is the middle of an equal part.
         nodes = inner_nodes(data, effect, 1 if effect.inner is None else 2 * INNER_COLUMNS + 1)
         values = effect_values(data, effect, nodes if effect.inner is None else nodes[1::2])
@@ -141,7 +121,7 @@ def candidate_terms(data: CaseData) -> Library:
 def choose_threshold(
     fit: Regression, columns: Float[np.ndarray, "n_obs n_term"], target: Float[np.ndarray, " n_obs"]
 ) -> float:
-    """Largest threshold whose error on blocks left out is within one standard error of the best."""
+    """Return the largest threshold whose error on blocks left out is within one standard error of the best."""
     rows = np.arange(len(target))
     errors = np.empty((len(THRESHOLDS), BLOCKS))
     for k, block in enumerate(np.array_split(rows, BLOCKS)):
@@ -156,7 +136,7 @@ def choose_threshold(
 
 
 def _regression(models: int = 1, seed: int = 0) -> Regression:
-    """PySINDy's sequentially thresholded least squares, or an ensemble of it."""
+    """Return PySINDy's sequentially thresholded least squares, or an ensemble of it."""
     pysindy = require()
 
     def fit(columns: np.ndarray, target: np.ndarray, threshold: float) -> np.ndarray:
@@ -173,7 +153,7 @@ def _regression(models: int = 1, seed: int = 0) -> Regression:
 
 @contextmanager
 def numpy_seed(seed: int) -> Iterator[None]:
-    """NumPy's global generator, which PySINDy draws its bootstrap from, at a seed and afterwards as it was."""
+    """Set NumPy's global generator, which PySINDy draws its bootstrap from, to a seed, and restore it afterwards."""
     state = np.random.get_state()  # noqa: NPY002
     np.random.seed(seed)  # noqa: NPY002
     try:

@@ -1,6 +1,5 @@
-"""The study on a case, boiled down to what is scored."""
+"""The study on a case, boiled down to the scored values."""
 
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +8,7 @@ import pandas as pd
 from jaxtyping import Bool
 
 from bayes_greybox.running.plain_values import plain_rows
+from benchmarks.answers import studied
 from benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.hidden import CATALOGUE
@@ -18,14 +18,15 @@ Solve = Callable[[CaseData], dict[str, Any]]
 
 The result has "verdict"; "effects", a list of records, best first, each with slug, probability, mean, sd, lower and
 upper (90 % interval of the coefficient), status ("added" or "") and tied_with (slugs); and, where the solver can tell,
-"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds"; "closable" where what the true model
-closes is not `CaseData.closable`, because the solver did not see the rates. Cases of broken assumptions also read
-"elsewhere" (records of effects of other equations, with the equation), "instrument" (rows of `study.instrument`),
-"free_run" ("before" and "after" on the test data by state, None where it blew up) and "sentence". All are plain values.
+"closed" (share of the held-out gap closed, by metric), "overlap" and "seconds"; "closable" where the true model
+closes another share than `CaseData.closable`, because the solver did not see the rates. Cases of broken assumptions
+also read "elsewhere" (records of effects of other equations, with the equation), "instrument" (rows of
+`study.instrument`), "free_run" ("before" and "after" on the test data by state, None where it blew up) and "sentence".
+All are plain values.
 """
 
 ONE_STEP = ("derivative NMSE", "sample NMSE")
-"""Metrics of the gap in what rows measure: rates, or samples. A study has one of them."""
+"""Metrics of the gap in the measured rates or samples. A study has one of them."""
 
 LISTED = 8
 """Effects that are not added are recorded up to this place."""
@@ -35,47 +36,32 @@ CERTAIN = 0.9
 
 
 def study_case(data: CaseData, free_runs: bool | None = None, seed: int = 0) -> dict[str, Any]:
-    """Run `find_missing_effects` as a user would, without NUTS, and record what came out.
+    """Run `find_missing_effects` as a user would, without NUTS, and record the answer.
 
     Args:
-        data: The case's data.
-        free_runs: Whether the gap is also measured in free runs, which takes most of the time; by default in cases of
+        data: Data of the case.
+        free_runs: If true, the gap is also measured in free runs, which takes most of the time; by default in cases of
             broken assumptions only, where derivatives alone cannot be trusted.
-        seed: Of the study.
+        seed: Seed of the study.
     """
-    # Imported here: these bring JAX, which the modules that make the data do without.
+    # Imported here: it brings JAX, which the modules that make the data do without.
     from bayes_greybox.greybox import GreyBox
-    from bayes_greybox.missing_effects import find_missing_effects
 
-    start = time.perf_counter()
-    study = find_missing_effects(
-        GreyBox(simulation=dict(data.simulation), dictionary={data.equation: []}),
-        data.train,
-        test=data.test,
-        catalogue=data.host.domain,
-        roles=all_roles(data),
-        seed=seed,
-        settle=False,
-        free_runs=isinstance(data.case, AssumptionCase) if free_runs is None else free_runs,
-        progress=False,
-    )
-    seconds = time.perf_counter() - start
+    model = GreyBox(simulation=dict(data.simulation), dictionary={data.equation: []})
+    about: dict[str, Any] = {"test": data.test, "catalogue": data.host.domain, "roles": all_roles(data), "seed": seed}
+    free_runs = isinstance(data.case, AssumptionCase) if free_runs is None else free_runs
+    study, seconds = studied(model, data.train, free_runs=free_runs, **about)
     return {**record(study, data), "seconds": seconds}
 
 
 def all_roles(data: CaseData) -> dict[str, str | tuple[str, ...]]:
-    """Column by role, and none for roles that the host does not have: nothing is left to guess."""
+    """Return the column of each role, and none for roles that the host does not have: nothing is left to guess."""
     needed = {role for effect in CATALOGUE[data.host.domain].values() for role in effect.roles}
     return {role: data.host.roles.get(role, ()) for role in sorted(needed)}
 
 
 def record(study: Any, data: CaseData) -> dict[str, Any]:
-    """What is scored of a study, as plain values.
-
-    Args:
-        study: The finished study.
-        data: The case it was made of; its truth is used for the overlap only.
-    """
+    """Return the scored values of a study; the truth of the case is used for the overlap only."""
     here = study.effects["equation"] == data.equation
     entries = _entries(study.effects[here])
     others = [
@@ -105,7 +91,7 @@ def record(study: Any, data: CaseData) -> dict[str, Any]:
 
 
 def overlap(found: Bool[np.ndarray, " n_obs"], true: Bool[np.ndarray, " n_obs"]) -> dict[str, float | None]:
-    """How the rows that a study points at overlap with those where the true gap exceeds the noise.
+    """Return how the rows that a study points at overlap with those where the true gap exceeds the noise.
 
     Args:
         found: Rows where the study has P(|gap| > threshold) > 1/2.
@@ -136,13 +122,13 @@ def _entries(effects: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def _overlap(study: Any, data: CaseData) -> dict[str, float | None]:
-    """Overlap of the study's rows and the true ones; nothing where it looked at other rows than it was given."""
+    """Return the overlap of the study's rows and the true ones; nothing where it looked at other rows."""
     found, true = study.traces[data.equation].probability > 0.5, np.abs(data.gap()) > data.sigma
     return overlap(found, true) if len(found) == len(true) else {"iou": None, "found": None, "true": None}
 
 
 def _free_run(gap: pd.DataFrame) -> dict[str, dict[str, float | None]]:
-    """NRMSE of free runs over the held-out data before and after, by state; None for a run that blew up."""
+    """Return the NRMSE of free runs over the held-out data before and after, by state; None for a run that blew up."""
     if ("test", "free-run NRMSE") not in gap.index.droplevel("variable"):
         return {}
     rows = gap.xs(("test", "free-run NRMSE"), level=("data", "metric"))
@@ -152,7 +138,7 @@ def _free_run(gap: pd.DataFrame) -> dict[str, dict[str, float | None]]:
 
 
 def _closed(gap: Any) -> dict[str, float | None]:
-    """Share of the held-out gap that is closed, by metric; over all states in free runs."""
+    """Return the share of the held-out gap that is closed, by metric; over all states in free runs."""
     closed: dict[str, float | None] = {}
     for metric in (*ONE_STEP, "free-run NRMSE"):
         if ("test", metric) not in gap.index.droplevel("variable"):
@@ -164,5 +150,5 @@ def _closed(gap: Any) -> dict[str, float | None]:
 
 
 def _number(value: Any) -> float | None:
-    """A plain number; None for what JSON cannot hold."""
+    """Return a plain number; None for one that JSON cannot hold."""
     return float(value) if np.isfinite(value) else None

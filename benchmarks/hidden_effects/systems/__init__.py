@@ -1,1 +1,1 @@
-"""Host systems, what is hidden in them, and what is exact about their paths; all in plain NumPy and SciPy."""
+"""Host systems, effects hidden in them, and their exact paths; all in plain NumPy and SciPy."""

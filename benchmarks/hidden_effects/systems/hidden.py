@@ -1,4 +1,4 @@
-"""What is hidden, in plain NumPy: the catalogue's effects, written a second time, and shapes that no entry resembles.
+"""Hidden effects in plain NumPy: the catalogue's effects, written a second time, and shapes that no entry resembles.
 
 Formulas and priors repeat those of `bayes_greybox.physics` on purpose, so that an error there is not also in the
 data; a test holds the two side by side.
@@ -48,12 +48,12 @@ class Hidden:
     steps: int = 40
 
     def fits(self, host: Host) -> bool:
-        """Whether the host has the roles."""
+        """Return True if the host has the roles."""
         return all(role in host.roles for role in self.roles)
 
 
 def _sign(c: Columns, role: str) -> Any:
-    """Sign of a column; on a stretch between two of its zeros, the integrator says which."""
+    """Return the sign of a column; on a stretch between two of its zeros, the integrator says which."""
     return c["side"] if "side" in c else np.sign(c[role])
 
 
@@ -62,12 +62,12 @@ def _root(x: Any) -> Any:
 
 
 def _plain(slug: str, value: Callable[..., Any], *roles: str) -> Hidden:
-    """An effect of columns alone."""
+    """Return an effect of columns alone."""
     return Hidden(slug, roles, lambda c, _: value(*(c[role] for role in roles)))
 
 
 def _inner(slug: str, value: Callable[..., Any], *roles: str, of: str, low: float, high: float) -> Hidden:
-    """An effect with an inner parameter, the last argument of `value`."""
+    """Return an effect with an inner parameter, the last argument of `value`."""
     return Hidden(slug, roles, lambda c, inner: value(*(c[role] for role in roles), inner), Inner(of, low, high))
 
 
@@ -154,41 +154,38 @@ ELECTRICAL = (
     *_INPUT,
 )
 
-CATALOGUE: dict[str, dict[str, Hidden]] = {
-    domain: {effect.slug: effect for effect in effects}
-    for domain, effects in {
-        "mechanical": MECHANICAL,
-        "fluid": FLUID,
-        "population": POPULATION,
-        "electrical": ELECTRICAL,
-    }.items()
-}
+
+def _by_slug(
+    mechanical: tuple[Hidden, ...],
+    fluid: tuple[Hidden, ...] = (),
+    population: tuple[Hidden, ...] = (),
+    electrical: tuple[Hidden, ...] = (),
+) -> dict[str, dict[str, Hidden]]:
+    domains = {"mechanical": mechanical, "fluid": fluid, "population": population, "electrical": electrical}
+    return {domain: {effect.slug: effect for effect in effects} for domain, effects in domains.items()}
+
+
+CATALOGUE = _by_slug(MECHANICAL, FLUID, POPULATION, ELECTRICAL)
 """The catalogue's effects by domain and slug, as far as the family "catalogue" hides them."""
 
-ADDED: dict[str, dict[str, Hidden]] = {
-    domain: {effect.slug: effect for effect in effects}
-    for domain, effects in {
-        "mechanical": (
-            _inner("smooth-friction", lambda v, c: np.tanh(v / c), "velocity", of="velocity", low=0.02, high=0.5),
-            Hidden(
-                "exponential-stribeck-friction",
-                ("velocity",),
-                lambda c, speed: _sign(c, "velocity") * np.exp(-np.abs(c["velocity"]) / speed),
-                Inner("velocity", 0.05, 0.6),
-                jump="velocity",
-            ),
-            _plain("direction-dependent-friction", np.abs, "velocity"),
-            _inner("backlash", lambda u, play: np.clip(u, -play, play), "input", of="input", low=0.05, high=0.8),
-            _inner("input-saturation", lambda u, g: u - np.clip(u, -g, g), "input", of="input", low=0.02, high=0.95),
-            _inner("power-law-stiffness", _odd_power, "position", of="position", low=1.3, high=5.0),
-            _inner("power-law-drag", _odd_power, "velocity", of="velocity", low=1.3, high=4.0),
-            _plain("stroke-dependent-drive", lambda u, x: u * x**2, "input", "position"),
+ADDED = _by_slug(
+    (
+        _inner("smooth-friction", lambda v, c: np.tanh(v / c), "velocity", of="velocity", low=0.02, high=0.5),
+        Hidden(
+            "exponential-stribeck-friction",
+            ("velocity",),
+            lambda c, speed: _sign(c, "velocity") * np.exp(-np.abs(c["velocity"]) / speed),
+            Inner("velocity", 0.05, 0.6),
+            jump="velocity",
         ),
-        "fluid": (),
-        "population": (),
-        "electrical": (),
-    }.items()
-}
+        _plain("direction-dependent-friction", np.abs, "velocity"),
+        _inner("backlash", lambda u, play: np.clip(u, -play, play), "input", of="input", low=0.05, high=0.8),
+        _inner("input-saturation", lambda u, g: u - np.clip(u, -g, g), "input", of="input", low=0.02, high=0.95),
+        _inner("power-law-stiffness", _odd_power, "position", of="position", low=1.3, high=5.0),
+        _inner("power-law-drag", _odd_power, "velocity", of="velocity", low=1.3, high=4.0),
+        _plain("stroke-dependent-drive", lambda u, x: u * x**2, "input", "position"),
+    )
+)
 """Effects that the catalogue has got since the cases of the family "catalogue" were laid down, which stay as they are.
 
 The study weighs them like all others; the oracle and PySINDy, which know what that family hides, do not.
@@ -200,12 +197,12 @@ def _wave(x: Any, length: Any) -> Any:
 
 
 def _triangle(x: Any, length: Any) -> Any:
-    """A sawtooth with equal flanks, between -1 and 1."""
+    """Return a sawtooth with equal flanks, between -1 and 1."""
     return 2 / np.pi * np.arcsin(np.sin(2 * np.pi * x / length))
 
 
 def _shapes(role: str, length: tuple[float, float], place: tuple[float, float], width: float) -> tuple[Hidden, ...]:
-    """Shapes over one column: waves of some lengths, and a bump at some place; fractions of the column's range."""
+    """Return waves of some lengths and a bump at some place over one column, in fractions of its range."""
 
     def bump(x: Any, at: Any) -> Any:
         return np.exp(-(((x - at) / (width * at)) ** 2))
@@ -220,39 +217,36 @@ def _shapes(role: str, length: tuple[float, float], place: tuple[float, float], 
 _SEASON = Hidden("season", (), lambda c, length: np.sin(2 * np.pi * c["t"] / length), Inner("t", 0.15, 0.3))
 """An influence that no column records."""
 
-OFF_CATALOGUE: dict[str, dict[str, Hidden]] = {
-    domain: {effect.slug: effect for effect in effects}
-    for domain, effects in {
-        "mechanical": (
-            *_shapes("position", (0.5, 0.9), (0.4, 0.7), 0.3),
-            _plain("position-times-cubed-velocity", lambda x, v: x * v**3, "position", "velocity"),
-            _inner(
-                "rippled-damping",
-                lambda x, v, s: v * _wave(x, s),
-                *("position", "velocity"),
-                of="position",
-                low=0.5,
-                high=0.9,
-            ),
-            _inner("velocity-ripple", lambda v, s: _wave(v, s), "velocity", of="velocity", low=0.5, high=0.9),
-            # Dahl's friction: a bristle that bends until it slips.
-            Hidden(
-                "hysteresis",
-                ("position", "velocity"),
-                lambda c, _: c["memory"],
-                Inner("position", 0.2, 0.5),
-                memory=lambda c, s: c["velocity"] - np.abs(c["velocity"]) * c["memory"] / s,
-            ),
-            _SEASON,
+OFF_CATALOGUE = _by_slug(
+    (
+        *_shapes("position", (0.5, 0.9), (0.4, 0.7), 0.3),
+        _plain("position-times-cubed-velocity", lambda x, v: x * v**3, "position", "velocity"),
+        _inner(
+            "rippled-damping",
+            lambda x, v, s: v * _wave(x, s),
+            *("position", "velocity"),
+            of="position",
+            low=0.5,
+            high=0.9,
         ),
-        "fluid": (*_shapes("level", (0.15, 0.25), (0.65, 0.8), 0.12), _SEASON),
-        "population": (*_shapes("population", (0.2, 0.4), (0.4, 0.6), 0.2), _SEASON),
-        "electrical": (*_shapes("state", (0.5, 0.9), (0.4, 0.7), 0.3), _SEASON),
-    }.items()
-}
+        _inner("velocity-ripple", lambda v, s: _wave(v, s), "velocity", of="velocity", low=0.5, high=0.9),
+        # Dahl's friction: a bristle that bends until it slips.
+        Hidden(
+            "hysteresis",
+            ("position", "velocity"),
+            lambda c, _: c["memory"],
+            Inner("position", 0.2, 0.5),
+            memory=lambda c, s: c["velocity"] - np.abs(c["velocity"]) * c["memory"] / s,
+        ),
+        _SEASON,
+    ),
+    (*_shapes("level", (0.15, 0.25), (0.65, 0.8), 0.12), _SEASON),
+    (*_shapes("population", (0.2, 0.4), (0.4, 0.6), 0.2), _SEASON),
+    (*_shapes("state", (0.5, 0.9), (0.4, 0.7), 0.3), _SEASON),
+)
 """Shapes that no entry of the catalogue resembles, by domain and name."""
 
 
 def find(domain: str, slug: str) -> Hidden:
-    """The effect or shape of that name."""
+    """Return the effect or shape of that name."""
     return {**OFF_CATALOGUE[domain], **CATALOGUE[domain], **ADDED[domain]}[slug]

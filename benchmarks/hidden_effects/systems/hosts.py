@@ -33,12 +33,12 @@ SPREAD = 0.2
 
 
 def term_value(text: str, columns: Columns) -> Any:
-    """Value of a term of a simulation: a column, or a key of `TERMS`."""
+    """Return the value of a term of a simulation: a column, or a key of `TERMS`."""
     return columns[text] if text in columns else TERMS[text](columns)
 
 
 def formula(terms: Mapping[str, float]) -> str:
-    """A simulation as the text that a user writes; numbers read back to the last bit."""
+    """Write a simulation as a user does; numbers read back to the last bit."""
     text = ""
     for name, value in terms.items():
         size = "" if abs(value) == 1.0 else f"{abs(value)!r}*"
@@ -65,7 +65,7 @@ class Excitation:
     tones: int = 6
 
     def draw(self, rng: np.random.Generator, runs: int, stop: float) -> Callable[[float], np.ndarray]:
-        """The signal of several runs, each with phases of its own: a function from time to one value for each run."""
+        """Draw the signal of several runs, each with its own phases: a function from time to a value for each run."""
         low, high = self.band
         if self.kind == "chirp":
             phase = rng.uniform(0.0, 2 * np.pi, runs)
@@ -87,7 +87,7 @@ class Start:
     mirrored: bool = False
 
     def draw(self, rng: np.random.Generator, runs: int) -> Float[np.ndarray, " n_run"]:
-        """Initial values of several runs."""
+        """Draw initial values of several runs."""
         sign = rng.choice([-1.0, 1.0], runs) if self.mirrored else np.ones(runs)
         return sign * rng.uniform(self.low, self.high, runs)
 
@@ -143,11 +143,11 @@ class Host:
 
     @property
     def heeds_input(self) -> bool:
-        """Whether the simulation has a term of each of its inputs."""
+        """True if the simulation has a term of each of its inputs."""
         return all(any(name in terms for terms in self.rates.values()) for name in self.inputs)
 
     def in_roles(self, columns: Columns) -> dict[str, Any]:
-        """Columns by role, as the hidden effects read them."""
+        """Return columns by role, as the hidden effects read them."""
         return {role: columns[name] for role, name in self.roles.items()}
 
 
@@ -308,7 +308,7 @@ _PREY = {"p": 0.55, "p*q": -0.028}
 _PREDATORS = {"p": -0.84, "p*q": 0.026}
 _LOGISTIC = {"p": 0.8, "p**2": -0.01}
 
-MECHANICAL = (
+MECHANICAL_HOSTS = (
     _free("free-oscillator", {"y": -4.0, "ydot": -0.12}),
     _forced("forced-oscillator", {"F": 1.0, "y": -4.0, "ydot": -0.4}, _SINES),
     _forced("swept-oscillator", {"F": 1.0, "y": -4.0, "ydot": -0.4}, _SWEEP, stop=25.0, samples=250),
@@ -331,7 +331,7 @@ MECHANICAL = (
     _chain("chain-with-unmodelled-force", _LINKED, _FORCE),
 )
 
-FLUID = (
+FLUID_HOSTS = (
     _tank("tank", {"u": 0.05, "sqrt(h)": -0.1}),
     _tank("seeping-tank", {"u": 0.05, "h": -0.04}),
     _tank("draining-tank", {"sqrt(h)": -0.06}, pumped=False),
@@ -344,7 +344,7 @@ FLUID = (
     _tank("seeping-tank-with-unmodelled-pump", {"1": 0.25, "h": -0.04}),
 )
 
-POPULATION = (
+POPULATION_HOSTS = (
     _population("prey", _PREY, {"q": -0.84, "p*q": 0.026}, (Start(5.0, 80.0), Start(3.0, 45.0))),
     _population("predators", _PREDATORS, {"q": 0.55, "p*q": -0.028}, (Start(3.0, 45.0), Start(5.0, 80.0))),
     _population("rivals", _LOGISTIC, {"q": 0.5, "q**2": -0.01}, (Start(2.0, 140.0), Start(2.0, 100.0)), stop=6.0),
@@ -354,7 +354,7 @@ POPULATION = (
     _population("grazed", {"u": 1.0, "p*q": -0.03}, {"q": -0.5, "p*q": 0.02}, feed=_FEED),
 )
 
-ELECTRICAL = (
+ELECTRICAL_HOSTS = (
     _circuit("rc", {"v": {"u": 2.0, "v": -2.0}}, {"voltage": "v"}),
     _circuit("rl", {"i": {"u": 2.0, "i": -1.5}}, {"current": "i"}),
     _circuit("rl-flux", {"phi": {"u": 1.0, "phi": -1.0}}, {"flux": "phi"}),
@@ -371,5 +371,7 @@ ELECTRICAL = (
     _circuit("parallel-with-unmodelled-source", {"phi": {"v": 1.0}, "v": {"phi": -4.0, "v": -0.2}}, {"voltage": "v"}),
 )
 
-HOSTS: dict[str, Host] = {host.name: host for host in (*MECHANICAL, *FLUID, *POPULATION, *ELECTRICAL)}
+HOSTS: dict[str, Host] = {
+    host.name: host for host in (*MECHANICAL_HOSTS, *FLUID_HOSTS, *POPULATION_HOSTS, *ELECTRICAL_HOSTS)
+}
 """All hosts by name."""

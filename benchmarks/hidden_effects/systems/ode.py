@@ -39,7 +39,7 @@ class HostODE:
     Attributes:
         host: The host.
         rates: Its true coefficients.
-        acting: What is hidden in the studied equation.
+        acting: Effects hidden in the studied equation.
     """
 
     host: Host
@@ -57,21 +57,21 @@ class HostODE:
         return max((act.effect.steps for act in self.acting), default=Hidden.steps)
 
     def known(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        """What the host's own terms give, by state."""
+        """Return the rates by the host's own terms."""
         return {
             state: sum(value * term_value(text, columns) for text, value in terms.items())
             for state, terms in self.rates.items()
         }
 
     def values(self, columns: Mapping[str, Any], memory: Any = 0.0) -> list[Any]:
-        """Value of each hidden effect, before its coefficient."""
+        """Return the value of each hidden effect, before its coefficient."""
         roles = {**self.host.in_roles(columns), "t": columns["t"], "memory": memory}
         if "side" in columns:
             roles["side"] = columns["side"]
         return [act.effect.value(roles, act.inner) for act in self.acting]
 
     def rate(self, columns: Mapping[str, Any], memory: Any = 0.0) -> np.ndarray:
-        """Rates of all states, and of the effects' own; as `columns` are numbers or one value for each run."""
+        """Return rates of all states, and of the effects' own; as `columns` are numbers or one value for each run."""
         rates = self.known(columns)
         for act, value in zip(self.acting, self.values(columns, memory), strict=True):
             rates[self.host.equation] = rates[self.host.equation] + act.coefficient * value
@@ -88,13 +88,7 @@ def paths(
     signal: Callable[[float], Any] | None,
     tolerance: float = TIGHT,
 ) -> Float[np.ndarray, "n_run n_all n_time"]:
-    """States of all runs at the host's times, followed by those of effects with a memory.
-
-    Args:
-        ode: The system.
-        starts: Initial states.
-        signal: The inputs of the runs as a function of time, if there are any.
-        tolerance: Relative tolerance of the integration (order 8).
+    """Integrate the states of all runs at the host's times, followed by those of effects with a memory.
 
     Raises:
         LostError: Nothing that could serve as data.
@@ -169,7 +163,7 @@ def _smooth(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float) -> np
 
 
 def _jumping(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float, run: int, state: int) -> np.ndarray:
-    """One run, from each zero of the state at which the equation jumps to the next."""
+    """Integrate one run, from each zero of the state at which the equation jumps to the next."""
     times = ode.host.times
     guard = _Guard(full, tolerance)
 
@@ -179,7 +173,7 @@ def _jumping(ode: HostODE, full: np.ndarray, signal: Any, tolerance: float, run:
         return ode.rate({**_columns(ode, t, x, u), "side": side})
 
     def side_of(t: float, x: np.ndarray, before: float) -> float:
-        """Where the state goes from zero: on through it, or back."""
+        """Return the side to which the state goes from zero: on through it, or back."""
         for side in (-before, before):
             if side * rate(t, x, side)[state] > 0:
                 return side

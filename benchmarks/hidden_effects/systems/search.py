@@ -20,11 +20,11 @@ _LONGEST = 1.2
 
 @dataclass(frozen=True)
 class Wanted:
-    """What an effect is to be.
+    """An effect and its wanted size.
 
     Attributes:
         effect: The effect.
-        share: RMS of what it adds over the RMS of the whole derivative.
+        share: RMS of its addition over the RMS of the whole derivative.
         sign: Sign of its coefficient.
         fraction: Its inner parameter, as a fraction of the largest value of its role in the training data.
     """
@@ -37,11 +37,6 @@ class Wanted:
 
 def coefficients(ode: HostODE, excited: Excited, wanted: Sequence[Wanted]) -> tuple[Acting, ...]:
     """Search coefficients, and with them inner parameters, by secants in their logarithms.
-
-    Args:
-        ode: The host without effects.
-        excited: Starts and input of the training data.
-        wanted: Effects and their sizes.
 
     Raises:
         LostError: The host cannot be followed with effects of these sizes.
@@ -91,7 +86,7 @@ def _units(runs: Runs) -> np.ndarray:
 
 
 def _scaled(acting: tuple[Acting, ...], wanted: Sequence[Wanted], runs: Runs, ode: HostODE) -> tuple[Acting, ...]:
-    """Inner parameters as fractions of what the path spans."""
+    """Return the effects with inner parameters as fractions of the path's range."""
     columns = {**ode.host.in_roles(runs.columns), "t": runs.columns["t"]}
 
     def inner(act: Acting, fraction: float) -> float:

@@ -16,7 +16,7 @@ Signal = Callable[[float], Any] | None
 
 @dataclass(frozen=True)
 class Excited:
-    """What sets the runs of one data set going: initial states, one row for each run, and the input."""
+    """Excitation of the runs of one data set: initial states, one row for each run, and the input."""
 
     starts: Float[np.ndarray, "n_run n_state"]
     signal: Signal
@@ -28,9 +28,9 @@ class Runs:
 
     Attributes:
         columns: States and inputs, and the time as "t".
-        known: What the host's true terms give in the studied equation.
+        known: Rate of the studied equation by the host's true terms.
         values: Value of each hidden effect, before its coefficient.
-        hidden: What all of them add to the studied equation.
+        hidden: Sum of all of them in the studied equation.
         rates: True derivative of every state.
     """
 
@@ -49,7 +49,7 @@ def excite(host: Host, rng: np.random.Generator, runs: int) -> Excited:
 
 
 def follow(ode: HostODE, excited: Excited, tolerance: float = TIGHT) -> Runs:
-    """Integrate the runs and take down what is exact about them.
+    """Integrate the runs and take down their exact quantities.
 
     Raises:
         LostError: The system cannot be followed.
@@ -72,7 +72,7 @@ def follow(ode: HostODE, excited: Excited, tolerance: float = TIGHT) -> Runs:
 
 
 def combine(terms: Mapping[str, float], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, " n_obs"]:
-    """Sum of a simulation's terms at the rows of some data."""
+    """Return the sum of a simulation's terms at the rows of some data."""
     total = np.zeros(len(columns["t"]))
     for text, value in terms.items():
         total = total + value * term_value(text, columns)
@@ -80,5 +80,5 @@ def combine(terms: Mapping[str, float], columns: Mapping[str, np.ndarray]) -> Fl
 
 
 def rms(values: Float[np.ndarray, " n"]) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(values**2)))

@@ -10,35 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.speed.drawn import BOUNDARY, FLOOR, Clock, Drawn, Settings, tensor_features
+from benchmarks.speed.drawn import BOUNDARY, LEAST_NOISE, Clock, Drawn, Settings, tensor_features
 from benchmarks.speed.problems import Data, Scaled
 
 PIECE = 10
 """Iterations of each chain between two looks at the clock; warm-up and draws are multiples of it."""
 
-ETA = ("tau", "amplitude", "length", "noise")
-"""Sites of η."""
-
 
 def exact(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """One multivariate normal, f marginalised.
-
-    Args:
-        data: Data.
-        settings: Settings.
-        clock: Seconds since the process started.
-    """
+    """Draw from one multivariate normal, f marginalised."""
     return _sampled(_with_kernel(data.scaled()), settings, clock)
 
 
 def features(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """`numpyro.contrib.hsgp`, its features projected once: the same kernel, but for sines in place of cosines.
-
-    Args:
-        data: Data.
-        settings: Settings.
-        clock: Seconds since the process started.
-    """
+    """Draw with `numpyro.contrib.hsgp`, its features projected once: the same kernel, but for its sines."""
     return _sampled(_with_features(data.scaled()), settings, clock)
 
 
@@ -55,7 +40,7 @@ def _with_kernel(scaled: Scaled) -> Callable[[], None]:
         theta, amplitude, length, noise = _parameters(Phi.shape[1], x.shape[1])
         squares = jnp.sum(((x[:, None] - x[None]) / length) ** 2, axis=-1)
         K = away @ (amplitude**2 * jnp.exp(-0.5 * squares)) @ away
-        covariance = K + (FLOOR**2 + noise**2) * jnp.eye(n)
+        covariance = K + (LEAST_NOISE**2 + noise**2) * jnp.eye(n)
         numpyro.sample("y", dist.MultivariateNormal(Phi @ theta, covariance), obs=y)
 
     return model
@@ -79,7 +64,7 @@ def _with_features(scaled: Scaled) -> Callable[[], None]:
         z = numpyro.sample("z", dist.Normal().expand([psi.shape[1]]).to_event(1))
         density = diag_spectral_density_squared_exponential(amplitude, length, [BOUNDARY] * d, m, d)
         mean = Phi @ theta + psi @ (jnp.sqrt(density) * z)
-        numpyro.sample("y", dist.Normal(mean, jnp.sqrt(FLOOR**2 + noise**2)).to_event(1), obs=y)
+        numpyro.sample("y", dist.Normal(mean, jnp.sqrt(LEAST_NOISE**2 + noise**2)).to_event(1), obs=y)
 
     return model
 
@@ -96,7 +81,7 @@ def _parameters(n_term: int, n_var: int) -> tuple[Any, Any, Any, Any]:
 
 
 def _sampled(model: Callable[[], None], settings: Settings, clock: Clock) -> Drawn:
-    """NumPyro's NUTS, a few iterations of all chains side by side.
+    """Draw by NumPyro's NUTS, a few iterations of all chains side by side.
 
     By the kernel itself: `MCMC` compiles once for each chain and each call, and cannot be stopped at a cap.
     """
@@ -129,6 +114,6 @@ def _sampled(model: Callable[[], None], settings: Settings, clock: Clock) -> Dra
     drawn = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *kept)
     steps, diverging = drawn.pop("steps"), drawn.pop("diverging")
     constrained = jax.vmap(jax.vmap(kernel.postprocess_fn((), {})))(drawn)
-    eta = [np.asarray(constrained[name]).reshape(*steps.shape, -1) for name in ETA]
+    eta = [np.asarray(constrained[name]).reshape(*steps.shape, -1) for name in ("tau", "amplitude", "length", "noise")]
     theta = np.asarray(constrained["theta"])
     return Drawn(theta, np.concatenate(eta, axis=2), tuple(looks), float(steps.sum()), int(diverging.sum()))

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from benchmarks.speed.drawn import BOUNDARY, FEATURES, FLOOR, Clock, Drawn, Settings
+from benchmarks.speed.drawn import BOUNDARY, FEATURES, LEAST_NOISE, Clock, Drawn, Settings
 from benchmarks.speed.problems import Data
 
 if TYPE_CHECKING:
@@ -13,33 +13,19 @@ if TYPE_CHECKING:
 
 
 def sample(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """`GreyBox.fit` with Laplace's prior and the projected kernel: a whole fit, with its predictions.
-
-    Args:
-        data: Data.
-        settings: Settings; the cap is not looked at.
-        clock: Seconds since the process started.
-    """
+    """Run `GreyBox.fit` with Laplace's prior and the projected kernel: a whole fit; it does not look at the cap."""
     return _fitted(data, settings, clock, FEATURES[len(data.columns)])
 
 
 def without_f(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """`GreyBox.fit` with the regularised horseshoe and no f: what PySINDy's SBR can say.
-
-    Args:
-        data: Data.
-        settings: Settings; the cap is not looked at.
-        clock: Seconds since the process started.
-    """
+    """Run `GreyBox.fit` with the regularised horseshoe and no f, as PySINDy's SBR has it."""
     return _fitted(data, settings, clock, None)
 
 
 def asked_of(data: Data, along: int | None) -> "tuple[GreyBox, Trajectories]":
-    """The model that is fitted, and its rows.
+    """Return the model that is fitted, and its rows.
 
-    Args:
-        data: Data.
-        along: Features along each variable; None: no f, and the regularised horseshoe in the place of Laplace's prior.
+    Without features `along` each variable there is no f, and the regularised horseshoe in the place of Laplace's prior.
     """
     from bayes_greybox.data.trajectories import Trajectories
     from bayes_greybox.greybox import GreyBox
@@ -52,7 +38,7 @@ def asked_of(data: Data, along: int | None) -> "tuple[GreyBox, Trajectories]":
         dictionary={name: data.formulas},
         prior=RegularisedHorseshoe() if along is None else Laplace(),
         discrepancy=None if along is None else OrthogonalGP(features=along, boundary=BOUNDARY),
-        noise_floor=FLOOR,
+        noise_floor=LEAST_NOISE,
     )
     return model, rows
 

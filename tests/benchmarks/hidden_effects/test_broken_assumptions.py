@@ -14,21 +14,19 @@ import pytest
 from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.assumptions.case import AssumptionCase
 from benchmarks.hidden_effects.assumptions.cases import assumption_cases
-from benchmarks.hidden_effects.assumptions.families import FAMILIES
-from benchmarks.hidden_effects.assumptions.families.measurement import bent_sensors, heavy_tails
-from benchmarks.hidden_effects.assumptions.families.measurement.correlated import autoregressive
-from benchmarks.hidden_effects.assumptions.families.physics import for_a_moment, smooth_friction
+from benchmarks.hidden_effects.assumptions.families import FAMILIES, for_a_moment, sensors
+from benchmarks.hidden_effects.assumptions.families.noises import OUTLIERS, autoregressive
 from benchmarks.hidden_effects.assumptions.generate import generate
 from benchmarks.hidden_effects.assumptions.hosts import EFFECTS, PLACES, placed
 from benchmarks.hidden_effects.assumptions.score import assumption_scores, claim_denied
 from benchmarks.hidden_effects.cases import all_cases, subset
-from benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.run import HIDDEN_EFFECTS, Ways, show, to_solve
 from benchmarks.hidden_effects.scoring import case_scores
 from benchmarks.hidden_effects.scoring.score import score
 from benchmarks.hidden_effects.solvers import peers
 from benchmarks.hidden_effects.solvers.study import record
 from benchmarks.hidden_effects.systems.hidden import CATALOGUE, find
-from benchmarks.tables import benchmark_tables
+from benchmarks.runner import Asked, perform
 
 CASES = assumption_cases()
 
@@ -201,7 +199,7 @@ def test_noisy_states_and_heavy_tails():
     assert rms(data.train.states["y"] - exact) == pytest.approx(0.05 * np.std(exact), rel=0.1)
     assert data.sigma > case.noise * rms(data.exact["train"].rates[data.equation])
     outliers = rate_noise(made(one("heavy tails", "outliers"))) / made(one("heavy tails", "outliers")).sigma
-    assert 0.002 < np.mean(np.abs(outliers) > 5) < 3 * heavy_tails.OUTLIERS
+    assert 0.002 < np.mean(np.abs(outliers) > 5) < 3 * OUTLIERS
     assert (
         np.abs(rate_noise(made(one("heavy tails", "Student t")))).max()
         > 5 * made(one("heavy tails", "Student t")).sigma
@@ -249,7 +247,7 @@ def test_hysteresis_is_missing_and_has_no_name():
 def test_smooth_friction_may_be_called_coulombs_where_it_is_sharp():
     sharp = one("smooth friction", size=0.01, hides=True)
     assert made(sharp).accepted[0] == ("smooth-friction", "coulomb-friction")
-    accept = smooth_friction.FAMILY.accepted
+    accept = FAMILIES["smooth friction"].accepted
     assert accept(one("smooth friction", size=0.4, hides=True), "smooth-friction") == ("smooth-friction",)
 
 
@@ -300,7 +298,7 @@ def test_compressed_positions_lose_two_to_five_percent_at_most():
 
 
 def test_a_follower_with_play_stays_until_it_is_pushed():
-    shown = bent_sensors.with_play(np.array([[0.0, 0.5, 2.0, 1.5, 0.5, -3.0], [4.0, 4.5, 6.0, 7.0, 7.5, 7.0]]), 1.0)
+    shown = sensors.with_play(np.array([[0.0, 0.5, 2.0, 1.5, 0.5, -3.0], [4.0, 4.5, 6.0, 7.0, 7.5, 7.0]]), 1.0)
     assert shown.tolist() == [[0.0, 0.0, 1.0, 1.0, 1.0, -2.0], [4.0, 4.0, 5.0, 6.0, 6.5, 6.5]]
     case = one("bent sensors", "position play")
     data = made(case)
@@ -327,13 +325,13 @@ def test_an_accelerometer_that_is_coupled_loses_slow_motion():
     step, corner = 0.02, 0.1
     times = step * np.arange(40_000)
     for frequency in (0.02, 0.1, 1.0):
-        passed = bent_sensors.high_passed(np.sin(2 * np.pi * frequency * times)[None], corner, step)[0]
+        passed = sensors.high_passed(np.sin(2 * np.pi * frequency * times)[None], corner, step)[0]
         left = np.abs(passed[len(passed) // 2 :]).max()
         assert left == pytest.approx(frequency / np.hypot(frequency, corner), rel=1e-2)
     case = one("bent sensors", "AC-coupled rate", host="machine")
     data = made(case)
     own = np.sqrt(-data.true_rates["ydot"]["y"]) / (2 * np.pi)
-    passed = bent_sensors.high_passed(data.exact["train"].rates["ydot"][None], case.size * own, data.host.times[1])[0]
+    passed = sensors.high_passed(data.exact["train"].rates["ydot"][None], case.size * own, data.host.times[1])[0]
     assert rms(data.train.derivatives["ydot"] - passed) == pytest.approx(data.sigma, rel=0.1)
     assert rms(rate_noise(data)) > 2 * data.sigma
 
@@ -504,12 +502,12 @@ def test_tables_and_bars_by_hand():
         row("memory", (), "unknown", silent=[], stlsq={"verdict": "named", "names": ["b"]}),
     ]
     scores = score(rows)
-    table = scores.assumptions
+    table = scores["assumptions"]
     assert table.loc["delay", ["cases", "wrong above 0.9", "right", "delay covered"]].tolist() == [2, 0.5, 0.5, 0.5]
     assert table.loc["heavy tails", "silent"] == table.loc["correlated noise", "silent"] == 1.0
     assert np.isnan(table.loc["memory", "silent"]) and table.loc["memory", "stlsq wrong"] == 1.0
     assert table.loc["all", "cases"] == 5
-    bars = scores.bars
+    bars = scores["bars"]
     assert bars.loc["wrong names above 0.9, or in a verdict, all cases", "reached"] == pytest.approx(0.2)
     assert bars.loc["wrong names above 0.9, or in a verdict, worst family", "reached"] == pytest.approx(0.5)
     assert bars.loc["delays of half a step or more found", "holds"]
@@ -517,9 +515,9 @@ def test_tables_and_bars_by_hand():
     assert bars.loc["nulls kept silent", "holds"] is None
     # Of two names said with 0.99 one is right.
     assert bars.loc["expected calibration error of all stated names", "reached"] == pytest.approx(0.49)
-    assert scores.assumption_verdicts.loc["memory", "unknown"] == 1.0
-    assert scores.cases.empty and len(scores.assumption_cases) == 5
-    assert len([*benchmark_tables(scores)]) == 2
+    assert scores["assumption_verdicts"].loc["memory", "unknown"] == 1.0
+    assert scores["cases"].empty and len(scores["assumption_cases"]) == 5
+    assert len(show(scores)) == 2
 
 
 # The study's record, and the runner
@@ -560,13 +558,14 @@ def says_nothing(data):
 def test_a_run_takes_both_kinds(tmp_path):
     smooth = one("smooth friction", hides=True, size=0.4)
     cases = (all_cases()[0], one("correlated noise"), one("memory", "Maxwell"), smooth)
-    scores = run(tmp_path, cases, solve=says_nothing, workers=1, peers=False, progress=False)
-    assert scores.assumptions.loc["correlated noise", "silent"] == 1.0
-    assert scores.assumptions.loc["smooth friction", "right"] == 0.0
+    chosen, asked = to_solve(cases, Ways(says_nothing)), Asked(tmp_path, progress=False)
+    scores = perform(HIDDEN_EFFECTS, chosen, asked)
+    assert scores["assumptions"].loc["correlated noise", "silent"] == 1.0
+    assert scores["assumptions"].loc["smooth friction", "right"] == 0.0
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["cases"] == 4 and {entry["family"] for entry in summary["assumptions"]} >= {"memory", "all"}
     assert len(pd.read_csv(tmp_path / "assumption_cases.csv")) == 3
     lines = (tmp_path / "results.jsonl").read_text().splitlines()
-    run(tmp_path, cases, solve=says_nothing, workers=1, peers=False, progress=False)
+    perform(HIDDEN_EFFECTS, chosen, asked)
     assert (tmp_path / "results.jsonl").read_text().splitlines() == lines
     assert not any("error" in json.loads(line) for line in lines)

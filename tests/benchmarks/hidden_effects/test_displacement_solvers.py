@@ -67,8 +67,8 @@ def test_what_can_be_seen_is_the_coefficient_over_its_standard_error(cubic, few)
     (act,) = cubic.ode.acting
     X = np.column_stack([_responses(cubic, [act]), displacement_oracle._to_starts(cubic)]) / sigma
     error = np.sqrt(np.linalg.inv(X.T @ X)[0, 0])
-    assert found.visible == pytest.approx(abs(act.coefficient) / error, rel=1e-6)
-    assert sum(found.posterior.values()) == pytest.approx(1.0)
+    assert found["visible"] == pytest.approx(abs(act.coefficient) / error, rel=1e-6)
+    assert sum(found["oracle"].values()) == pytest.approx(1.0)
 
 
 def test_a_loud_effect_is_named_and_silence_kept(few):

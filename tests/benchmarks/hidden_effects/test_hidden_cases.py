@@ -9,10 +9,10 @@ from hidden_cases import OBVIOUS, SILENT, made, without_effect
 
 from bayes_greybox.running.errors import InputError
 from benchmarks.hidden_effects.cases import (
-    FAMILIES,
+    HIDDEN_FAMILIES,
     NOISE,
     RATIO_EDGES,
-    Case,
+    HiddenCase,
     all_cases,
     ratio_density,
     subset,
@@ -28,7 +28,7 @@ def test_cases_follow_from_the_seed_alone():
     assert cases == all_cases()
     assert len({case.key for case in cases}) == len(cases) == 388
     counts = Counter(case.family for case in cases)
-    assert set(counts) == set(FAMILIES)
+    assert set(counts) == set(HIDDEN_FAMILIES)
     assert min(counts["null"], counts["mis-calibrated"], counts["off-catalogue"]) >= 40
     assert counts["two effects"] >= 30
     other = all_cases(seed=1)
@@ -79,7 +79,7 @@ def test_ratios_are_log_uniform_over_all_and_by_noise_level_as_stated():
 def test_a_subset_keeps_the_mix():
     few = subset(all_cases(), 30)
     assert 28 <= len(few) <= 32
-    assert {case.family for case in few} == set(FAMILIES)
+    assert {case.family for case in few} == set(HIDDEN_FAMILIES)
     assert {case.noise for case in few} == set(NOISE)
     assert {HOSTS[case.host].domain for case in few} == set(CATALOGUE)
     assert few == subset(all_cases(), 30)
@@ -87,11 +87,11 @@ def test_a_subset_keeps_the_mix():
 
 def test_cases_of_ones_own_are_checked():
     with pytest.raises(InputError, match="no host 'moon'"):
-        Case("null", "moon", (), (), 0.05, 0)
+        HiddenCase("null", "moon", (), (), 0.05, 0)
     with pytest.raises(InputError, match="no family"):
-        Case("nil", "tank", (), (), 0.05, 0)
+        HiddenCase("nil", "tank", (), (), 0.05, 0)
     with pytest.raises(InputError, match="needs roles"):
-        generate(Case("catalogue", "tank", ("linear-inflow",), (3.0,), 0.05, 0))
+        generate(HiddenCase("catalogue", "tank", ("linear-inflow",), (3.0,), 0.05, 0))
 
 
 def test_the_same_case_gives_the_same_data():
@@ -114,7 +114,7 @@ def test_the_same_case_gives_the_same_data():
 )
 def test_effects_come_out_at_the_wanted_size(host, effects, ratios, noise):
     family = "catalogue" if len(effects) == 1 else "two effects"
-    data = generate(Case(family, host, effects, ratios, noise, 3))
+    data = generate(HiddenCase(family, host, effects, ratios, noise, 3))
     exact = data.exact["train"]
     rate = exact.rates[data.equation]
     assert data.sigma == pytest.approx(noise * np.sqrt(np.mean(rate**2)))
@@ -136,7 +136,7 @@ def test_states_solve_the_equations_with_the_hidden_effect():
 
 
 def test_a_mis_calibrated_simulation_is_ten_per_cent_off_in_one_coefficient():
-    data = generate(Case("mis-calibrated", "forced-oscillator", (), (), 0.05, 4))
+    data = generate(HiddenCase("mis-calibrated", "forced-oscillator", (), (), 0.05, 4))
     term, ratio = data.off
     given, true = data.given_rates["ydot"], data.true_rates["ydot"]
     assert {name: given[name] / true[name] for name in true if given[name] != true[name]} == {
@@ -154,6 +154,6 @@ def test_the_closable_share_is_what_the_true_model_leaves():
 
 
 def test_off_catalogue_shapes_resemble_no_entry():
-    data = generate(Case("off-catalogue", "free-oscillator", ("hysteresis",), (8.0,), 0.05, 5))
+    data = generate(HiddenCase("off-catalogue", "free-oscillator", ("hysteresis",), (8.0,), 0.05, 5))
     assert nearest(data)[1] < 0.9
     assert nearest(made(OBVIOUS)) == ("cubic-stiffness", pytest.approx(1.0))

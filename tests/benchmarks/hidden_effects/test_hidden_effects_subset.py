@@ -10,16 +10,17 @@ import pytest
 from scipy.stats import binom
 
 from benchmarks.hidden_effects.cases import all_cases, subset
-from benchmarks.hidden_effects.run import run
+from benchmarks.hidden_effects.run import HIDDEN_EFFECTS, Ways, to_solve
+from benchmarks.runner import Asked, perform
 
 BARS = {"null": 0.95, "mis-calibrated": 0.9, "off-catalogue": 0.9, "two effects": 0.8}
 
 
 @pytest.mark.slow
 def test_hidden_effects_are_found_and_nothing_is_named_where_nothing_is(tmp_path):
-    cases = subset(all_cases(seed=2), 30, seed=2)
-    scores = run(tmp_path, cases, workers=2, peers=False, progress=False)
-    table = scores.cases.set_index("family")
+    cases = to_solve(subset(all_cases(seed=2), 30, seed=2), Ways())
+    scores = perform(HIDDEN_EFFECTS, cases, Asked(tmp_path, workers=2, progress=False))
+    table = scores["cases"].set_index("family")
     assert table["study verdict"].notna().all()
 
     def check(right, bar):

@@ -8,8 +8,9 @@ import pytest
 from hidden_cases import SILENT, effect
 
 from bayes_greybox.running.errors import InputError
-from benchmarks.hidden_effects.cases import Case
-from benchmarks.hidden_effects.run import RESULTS, run
+from benchmarks.hidden_effects.cases import HiddenCase
+from benchmarks.hidden_effects.run import HIDDEN_EFFECTS, Ways, to_solve
+from benchmarks.runner import RESULTS, Asked, perform
 
 
 def knows_all(data):
@@ -19,8 +20,12 @@ def knows_all(data):
     return {"verdict": verdict or "named", "effects": [] if verdict else effects, "seconds": 0.1}
 
 
-SIMPLE = Case("catalogue", "rl", ("cubic-resistor",), (2.0,), 0.05, 1)
-FEW = (SIMPLE, SILENT, Case("mis-calibrated", "rc", (), (), 0.05, 4))
+def run(folder, cases, solve, workers=1):
+    return perform(HIDDEN_EFFECTS, to_solve(cases, Ways(solve)), Asked(folder, workers=workers, progress=False))
+
+
+SIMPLE = HiddenCase("catalogue", "rl", ("cubic-resistor",), (2.0,), 0.05, 1)
+FEW = (SIMPLE, SILENT, HiddenCase("mis-calibrated", "rc", (), (), 0.05, 4))
 
 
 def test_a_stopped_run_goes_on(tmp_path):
@@ -33,11 +38,11 @@ def test_a_stopped_run_goes_on(tmp_path):
         return knows_all(data)
 
     def go():
-        return run(tmp_path, FEW, solve=fails_once, workers=1, peers=False, progress=False)
+        return run(tmp_path, FEW, fails_once)
 
     scores = go()
     assert len(calls) == 3
-    assert scores.families.loc["null", "study"] == 0.0
+    assert scores["families"].loc["null", "study"] == 0.0
     file = tmp_path / RESULTS
     assert "no luck" in json.loads(file.read_text().splitlines()[1])["error"]
 
@@ -46,7 +51,7 @@ def test_a_stopped_run_goes_on(tmp_path):
     file.write_text("\n".join([*lines[:2], lines[2][:40]]))
     scores = go()
     assert Counter(calls) == {SIMPLE.key: 1, SILENT.key: 2, FEW[2].key: 2}
-    assert scores.families.loc["all", "study"] == 1.0
+    assert scores["families"].loc["all", "study"] == 1.0
     go()
     assert len(calls) == 5
     assert all(json.loads(line) for line in file.read_text().splitlines())
@@ -58,22 +63,22 @@ def test_a_stopped_run_goes_on(tmp_path):
 
 
 def test_results_of_another_version_are_not_mixed_in(tmp_path):
-    run(tmp_path, FEW[1:2], solve=knows_all, workers=1, peers=False, progress=False)
+    run(tmp_path, FEW[1:2], knows_all)
     file = tmp_path / RESULTS
     file.write_text(json.dumps({**json.loads(file.read_text()), "version": "0.0.0"}) + "\n")
     calls = []
-    run(tmp_path, FEW[1:2], solve=lambda d: calls.append(1) or knows_all(d), workers=1, peers=False, progress=False)
+    run(tmp_path, FEW[1:2], lambda d: calls.append(1) or knows_all(d))
     assert calls == [1]
 
 
 def test_two_workers(tmp_path):
-    scores = run(tmp_path, FEW[:2], solve=knows_all, workers=2, peers=False, progress=False)
-    assert scores.families.loc["all", "study"] == 1.0
+    scores = run(tmp_path, FEW[:2], knows_all, workers=2)
+    assert scores["families"].loc["all", "study"] == 1.0
 
 
 def test_bad_settings_are_refused(tmp_path):
     with pytest.raises(InputError, match="at least one case"):
-        run(tmp_path, (), solve=knows_all)
+        run(tmp_path, (), knows_all)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="Cannot write"):
-        run(tmp_path / "file", FEW, solve=knows_all)
+        run(tmp_path / "file", FEW, knows_all)

@@ -42,24 +42,24 @@ def test_scores_of_rows_made_by_hand():
         row("off-catalogue", ("x",), "partly named", [effect("c", 0.5)]),
     ]
     scores = score(rows)
-    assert scores.families.loc["catalogue", ["cases", "study", "oracle", "stlsq"]].tolist() == [2, 0.5, 0.5, 0.0]
-    assert scores.families.loc["catalogue", ["exact", "stlsq exact"]].tolist() == [0.5, 0.0]
-    assert scores.families.loc["off-catalogue", "exact"] == 1.0
-    assert scores.families.loc["catalogue", "closed"] == pytest.approx(1.0)
-    assert scores.families.loc["all", "study"] == pytest.approx(0.8)
-    assert np.isnan(scores.families.loc["all", "oracle"])
-    assert scores.ratios["cases"].tolist() == [1, 0, 1, 0]
-    assert scores.verdicts.loc["off-catalogue", "partly named"] == 1.0
+    assert scores["families"].loc["catalogue", ["cases", "study", "oracle", "stlsq"]].tolist() == [2, 0.5, 0.5, 0.0]
+    assert scores["families"].loc["catalogue", ["exact", "stlsq exact"]].tolist() == [0.5, 0.0]
+    assert scores["families"].loc["off-catalogue", "exact"] == 1.0
+    assert scores["families"].loc["catalogue", "closed"] == pytest.approx(1.0)
+    assert scores["families"].loc["all", "study"] == pytest.approx(0.8)
+    assert np.isnan(scores["families"].loc["all", "oracle"])
+    assert scores["ratios"]["cases"].tolist() == [1, 0, 1, 0]
+    assert scores["verdicts"].loc["off-catalogue", "partly named"] == 1.0
     # True coefficients are 1: of the three found, 1.05 ± 0.1 holds it, 1.3 ± 0.1 and 1.17 ± 0.1 do not.
-    assert scores.coverage.loc["all"].tolist() == pytest.approx([3, 1 / 3, 1 / 3])
-    assert scores.bars.loc["nulls kept silent", "holds"]
-    assert scores.bars.loc["accuracy less the oracle's, all sizes", "holds"] is not None
-    json.dumps(json.loads(scores.cases.to_json()))
+    assert scores["coverage"].loc["all"].tolist() == pytest.approx([3, 1 / 3, 1 / 3])
+    assert scores["bars"].loc["nulls kept silent", "holds"]
+    assert scores["bars"].loc["accuracy less the oracle's, all sizes", "holds"] is not None
+    json.dumps(json.loads(scores["cases"].to_json()))
     # Where samples were measured, the gap is in samples, and so is what the true model closes of it.
     study = {"verdict": "named", "effects": [], "closed": {"sample NMSE": 0.6}, "closable": 0.8}
-    assert score([{**rows[0], "study": study}]).families.loc["catalogue", "closed"] == pytest.approx(0.75)
+    assert score([{**rows[0], "study": study}])["families"].loc["catalogue", "closed"] == pytest.approx(0.75)
     # No name was stated, so there is no error of their probabilities to judge.
-    bars = score([row("null", (), "no gap", oracle={"none": 1.0})]).bars
+    bars = score([row("null", (), "no gap", oracle={"none": 1.0})])["bars"]
     silent = bars.loc["expected calibration error of stated names"]
     assert np.isnan(silent["reached"]) and silent["holds"] is None
 

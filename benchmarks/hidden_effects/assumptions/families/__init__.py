@@ -1,38 +1,28 @@
-"""The families, one module each: what is broken, how the sensors do it, and what would be right to say of it."""
+"""The families: the assumption that is broken, how the sensors do it, and the right answers."""
 
 from collections.abc import Mapping
 
 from benchmarks.hidden_effects.assumptions.case import Family
 
-from .measurement import (
-    bent_sensors,
-    correlated,
-    delay,
-    filtered,
-    heavy_tails,
-    noisy_states,
-    sensor,
-    state_dependent,
-)
-from .physics import for_a_moment, memory, missing_state, other_laws, smooth_friction, together
+from . import for_a_moment, forces, noises, sensors
 
 FAMILIES: Mapping[str, Family] = {
-    module.FAMILY.name: module.FAMILY
-    for module in (
-        delay,
-        noisy_states,
-        filtered,
-        correlated,
-        state_dependent,
-        heavy_tails,
-        sensor,
-        memory,
-        smooth_friction,
-        together,
-        missing_state,
-        bent_sensors,
-        for_a_moment,
-        other_laws,
+    family.name: family
+    for family in (
+        sensors.DELAY,
+        noises.NOISY_STATES,
+        sensors.FILTERED_RATES,
+        noises.CORRELATED_NOISE,
+        noises.STATE_DEPENDENT_NOISE,
+        noises.HEAVY_TAILS,
+        sensors.SENSOR,
+        forces.MEMORY,
+        forces.SMOOTH_FRICTION,
+        forces.ONLY_TOGETHER,
+        forces.MISSING_STATE,
+        sensors.BENT_SENSORS,
+        for_a_moment.FOR_A_MOMENT,
+        forces.OTHER_LAWS,
     )
 }
-"""All families by name."""
+"""All families by name; those that came later follow those that were there."""

@@ -1,4 +1,8 @@
-"""PyMC's HSGP, drawn by nutpie, θ sampled: priors, features' number and domain as in `by_hand`."""
+"""Samplers of others: PyMC's HSGP, drawn by nutpie, and PySINDy's sparse Bayesian regression.
+
+Priors, number and domain of PyMC's features are as in `by_hand`, and θ is sampled. PySINDy has θ under a regularised
+horseshoe, no f, and draws by NumPyro's NUTS.
+"""
 
 import importlib
 import os
@@ -8,46 +12,49 @@ from typing import Any
 import numpy as np
 
 from bayes_greybox.running.errors import InputError
-from benchmarks.speed.drawn import BOUNDARY, FLOOR, Clock, Drawn, Settings, tensor_features
+from benchmarks.speed.drawn import BOUNDARY, LEAST_NOISE, Clock, Drawn, Settings, tensor_features
 from benchmarks.speed.problems import Data, Scaled
 
-ETA = ("tau", "amplitude", "length", "noise")
-"""Variables of η."""
-
-PATIENCE, GROWTH = 0.5, 1.25
-"""Seconds to the first look at what nutpie has drawn, and by how much the next gap is longer."""
+PATIENCE, PATIENCE_GROWTH = 0.5, 1.25
+"""Seconds to the first look at the draws of nutpie, and the factor by which the next gap is longer."""
 
 
 def plain(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """PyMC's HSGP as it is, which is not orthogonal to the dictionary: another posterior of θ.
-
-    Args:
-        data: Data.
-        settings: Settings.
-        clock: Seconds since the process started.
-    """
+    """Draw from PyMC's HSGP as it is, which is not orthogonal to the dictionary: another posterior of θ."""
     return _sampled(data, settings, clock, projected=False)
 
 
 def projected(data: Data, settings: Settings, clock: Clock) -> Drawn:
-    """The dictionary projected out of PyMC's features, once: the posterior of the others, but for sines.
-
-    Args:
-        data: Data.
-        settings: Settings.
-        clock: Seconds since the process started.
-    """
+    """Draw with the dictionary projected out of PyMC's features, once: the posterior of the others, but for sines."""
     return _sampled(data, settings, clock, projected=True)
 
 
-def require() -> tuple[Any, Any]:
-    """PyMC and nutpie, imported on first use.
+def sbr(data: Data, settings: Settings, clock: Clock) -> Drawn:
+    """Draw from PySINDy's `SBR` with its own priors; it does not look at the cap."""
+    (pysindy,) = require("pysindy")
+    scaled = data.scaled()
+    chains = {"num_chains": settings.chains, "chain_method": "sequential", "progress_bar": False}
+    # Given whole: SBR takes the seed out of the dictionary that it is handed.
+    regression = pysindy.SBR(
+        num_warmup=settings.tune, num_samples=settings.draws, mcmc_kwargs={**chains, "seed": settings.seed},
+        nuts_kwargs={"target_accept_prob": settings.target_accept},
+    )  # fmt: skip
+    regression.fit(scaled.Phi, scaled.y[:, None])
+    drawn = regression.mcmc_.get_samples(group_by_chain=True)
+    looks = ((clock(), settings.draws),)
+    eta = np.stack([np.asarray(drawn["sigma"]), np.asarray(drawn["tau"])], axis=2)
+    diverging = regression.mcmc_.get_extra_fields()["diverging"]
+    return Drawn(np.asarray(drawn["beta"])[:, :, 0], eta, looks, float("nan"), int(np.sum(diverging)))
+
+
+def require(*names: str) -> tuple[Any, ...]:
+    """Import packages on first use.
 
     Raises:
         InputError: One is not installed.
     """
     try:
-        return importlib.import_module("pymc"), importlib.import_module("nutpie")
+        return tuple(importlib.import_module(name) for name in names)
     except ImportError as error:
         raise InputError(f"This needs {error.name}: pip install 'bayes-greybox[peers]'.") from error
 
@@ -69,12 +76,12 @@ def _model(pm: Any, scaled: Scaled, projected: bool) -> Any:
             psi = psi - Phi @ np.linalg.lstsq(Phi, psi, rcond=None)[0]
         z = pm.Normal("z", 0.0, 1.0, shape=m**d)
         mean = pm.math.dot(Phi, theta) + pm.math.dot(psi, z * root)
-        pm.Normal("y", mean, pm.math.sqrt(FLOOR**2 + noise**2), observed=y)
+        pm.Normal("y", mean, pm.math.sqrt(LEAST_NOISE**2 + noise**2), observed=y)
     return model
 
 
 def _sampled(data: Data, settings: Settings, clock: Clock, projected: bool) -> Drawn:
-    pm, nutpie = require()
+    pm, nutpie = require("pymc", "nutpie")
     model = _model(pm, data.scaled(), projected)
     start = time.perf_counter()
     compiled = nutpie.compile_pymc_model(model)
@@ -85,17 +92,17 @@ def _sampled(data: Data, settings: Settings, clock: Clock, projected: bool) -> D
         target_accept=settings.target_accept, progress_bar=False, blocking=False, save_warmup=False,
     )  # fmt: skip
     looks, gap, again = [], PATIENCE, clock() + PATIENCE
-    while not _finished(sampler) and clock() < settings.cap:
+    while not _is_finished(sampler) and clock() < settings.cap:
         time.sleep(0.05)
         if clock() >= again:
-            gap *= GROWTH
+            gap *= PATIENCE_GROWTH
             again = clock() + gap
             looks.append((clock(), _whole(sampler.inspect())))
-    found = sampler.wait() if _finished(sampler) else sampler.abort()
+    found = sampler.wait() if _is_finished(sampler) else sampler.abort()
     n = _whole(found)
     looks = (*(each for each in looks if 0 < each[1] < n), (clock(), n))
     posterior, stats = found.posterior, found.sample_stats
-    eta = [posterior[name].to_numpy()[:, :n] for name in ETA]
+    eta = [posterior[name].to_numpy()[:, :n] for name in ("tau", "amplitude", "length", "noise")]
     return Drawn(
         posterior["theta"].to_numpy()[:, :n],
         np.concatenate([each[..., None] if each.ndim == 2 else each for each in eta], axis=2),
@@ -106,8 +113,8 @@ def _sampled(data: Data, settings: Settings, clock: Clock, projected: bool) -> D
     )
 
 
-def _finished(sampler: Any) -> bool:
-    """Whether all is drawn; nutpie 0.16 raises where it is not."""
+def _is_finished(sampler: Any) -> bool:
+    """Return True if all is drawn; nutpie 0.16 raises where it is not."""
     try:
         return bool(sampler.is_finished)
     except TimeoutError:
@@ -115,7 +122,7 @@ def _finished(sampler: Any) -> bool:
 
 
 def _whole(found: Any) -> int:
-    """Draws that every chain has: those of one that is behind are filled up with NaN."""
+    """Count the draws that every chain has: those of one that is behind are filled up with NaN."""
     if "posterior" not in found or "theta" not in found.posterior:
         return 0
     there = np.isfinite(found.posterior["theta"].to_numpy()).all(axis=2)

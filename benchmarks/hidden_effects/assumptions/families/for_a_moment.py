@@ -1,4 +1,4 @@
-"""What happens for a moment only: a brake that drags, a stop that is touched, an input that is now and then misread.
+"""Disturbances for a moment only: a brake that drags, a stop that is touched, an input that is now and then misread.
 
 Most rows know nothing of it. A model that is fitted to all of them spreads it over the record, as a small effect that
 is always there.
@@ -8,20 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.hidden_effects.assumptions.case import (
-    AssumptionCase,
-    Family,
-    Measured,
-    Scene,
-    Setting,
-    white,
-)
+from benchmarks.hidden_effects.assumptions.case import AssumptionCase, Family, Measured, Scene, Setting, white
 from benchmarks.hidden_effects.systems.hidden import Hidden
 from benchmarks.hidden_effects.systems.hosts import Columns
 from benchmarks.hidden_effects.systems.ode import ROUGH, Acting, HostODE, LostError
 from benchmarks.hidden_effects.systems.trajectories import Excited, follow, rms
 
-from .smooth_friction import SMOOTH, either_friction
+from .forces import SMOOTH_FRICTION_SLUG, either_friction
 
 BRAKE, STOP, MISREAD = "brake", "end stop", "input outliers"
 """The size is the share of the record, of the rows of the training data, or of the rows of either part."""
@@ -38,29 +31,27 @@ HARD = 75.0
 NEAR, TRIES = 0.005, 14
 """The share of rows at the stop is that close to the wanted one, after so many halvings."""
 
-AT_STOP = ("quadratic-drag", "cubic-stiffness")
-"""What is hidden beside the stop."""
-
 MISREAD_LEAST, MISREAD_MOST = 1.5, 4.0
 """An input that is misread is recorded so many times too large."""
 
-_TRIED = (
-    (BRAKE, 0.04, (("machine", 0.02), ("forced-oscillator", 0.01))),
-    (STOP, 0.03, (("forced-oscillator", 0.02), ("swept-oscillator", 0.01))),
-    (MISREAD, 0.03, (("swept-oscillator", 0.02), ("machine", 0.05))),
-)
-
 
 def _settings() -> Iterator[Setting]:
-    for breach, size, tried in _TRIED:
+    tried_in = (
+        (BRAKE, 0.04, (("machine", 0.02), ("forced-oscillator", 0.01))),
+        (STOP, 0.03, (("forced-oscillator", 0.02), ("swept-oscillator", 0.01))),
+        (MISREAD, 0.03, (("swept-oscillator", 0.02), ("machine", 0.05))),
+    )
+    for breach, size, tried in tried_in:
         for turn, (host, noise) in enumerate(tried):
             # A stop takes much of the motion: what feeds energy in would be left without its size.
-            at_stop = {"effects": (AT_STOP[turn],), "signs": (-1.0,)} if breach == STOP else {}
+            at_stop = (
+                {"effects": (("quadratic-drag", "cubic-stiffness")[turn],), "signs": (-1.0,)} if breach == STOP else {}
+            )
             yield Setting(breach, size, host, noise, **at_stop)
 
 
 def brake(start: float, end: float) -> Hidden:
-    """Friction that drags between these times of the system; the inner parameter is the speed that it turns over at."""
+    """Return friction that drags between these times; its inner parameter is the speed at which it turns over."""
 
     def dragging(c: Columns, turning: float) -> np.ndarray:
         return np.tanh(c["velocity"] / turning) * ((c["t"] >= start) & (c["t"] < end))
@@ -87,7 +78,7 @@ def _braking(case: AssumptionCase, system: HostODE, excited: Excited, rng: np.ra
 
 
 def _stopping(case: AssumptionCase, system: HostODE, excited: Excited) -> Acting:
-    """The stop, at the place where the system touches it in the wanted share of rows."""
+    """Return the stop, at the place where the system touches it in the wanted share of rows."""
     host, position = system.host, system.host.roles["position"]
     stiffness = HARD * abs(system.rates[host.equation][position])
     low, high = 0.0, float(np.max(follow(system, excited, ROUGH).columns[position]))
@@ -114,10 +105,10 @@ def _measure(scene: Scene, part: str, rng: np.random.Generator) -> Measured:
 
 def _excused(case: AssumptionCase) -> tuple[str, ...]:
     # A brake is friction, though not always there.
-    return (SMOOTH, "coulomb-friction") if case.breach == BRAKE else ()
+    return (SMOOTH_FRICTION_SLUG, "coulomb-friction") if case.breach == BRAKE else ()
 
 
-FAMILY = Family(
+FOR_A_MOMENT = Family(
     "for a moment",
     _settings,
     _measure,
