@@ -91,15 +91,12 @@ class Program(SamplingProgram):
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
                 "decides which terms are likely, and 1."
             )
-        if not self.rows.rates_measured:
-            if len(self.dictionary) > 1 and not self.rows.shared:
-                raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
-            if len(self.dictionary) > 1 and self.discrepancy is not None:
-                raise InputError(
-                    f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
-                    "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
-                    "dictionary, or give rates: derivatives=..., or data.differentiate()."
-                )
+        if self.rows.shared and len(self.dictionary) > 1 and self.discrepancy is not None:
+            raise InputError(
+                f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
+                "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
+                "dictionary, or give rates: derivatives=..., or data.differentiate()."
+            )
         if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
             raise InputError(f"GreyBox(noise={self.noise!r}) must be a positive number, or bg.Noise(...).")
 
@@ -216,11 +213,6 @@ class Program(SamplingProgram):
         Raises:
             InputError: Rows of samples beside outputs.
         """
-        if data.output_names and not self.rows.rates_measured:
-            raise InputError(
-                f"Rows of samples are those of states, and {data.output_names[0]!r} is an output: leave it out of "
-                "outputs=..., or use GreyBox(rows=bg.DerivativeRows()), whose states are measured."
-            )
         rates = self.simulation
         if readable(rates):
             rates = rates or {}
@@ -312,7 +304,7 @@ class Program(SamplingProgram):
             InputError: See `assemble`; several equations whose coefficients do not settle.
         """
         model = self.on(data)
-        if model.rows.rates_measured:
+        if model.rows.linear:
             return model, data
         model = near_estimate(model, data)
         return model, model.complete(data)

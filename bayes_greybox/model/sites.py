@@ -10,7 +10,7 @@ import numpyro.distributions as dist
 from jaxtyping import Array
 
 DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
-"""Quantities that are drawn exactly given the sites of the model; no site of a user's own prior can have their names."""
+"""Quantities that are drawn exactly given the sites of the model; no site of a user's prior may have their names."""
 
 LABELS = ("term", "variable", "basis")
 """Coordinates of results: a site of a user's own prior with one of these names would vanish beside them."""

@@ -75,7 +75,7 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     Raises:
         InputError: What `Program.assemble` refuses; coefficients that do not settle.
     """
-    if not model.rows.integrated:
+    if not model.rows.follows_path:
         return _alternated(model, data)
     if len(model.equations) == 1:
         return _one_settled(model, data)
@@ -94,7 +94,7 @@ def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = Fal
             turns either will do, if they differ by one term.
         last: Whether it is not done again: what is off by less than a standard deviation will do then.
     """
-    if model.rows.integrated:
+    if model.rows.follows_path:
         off = equation.moved(frozen(model, equation))
         at = equation.ridge() if off > (UNSETTLED if last else STAYING) else None
         return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))

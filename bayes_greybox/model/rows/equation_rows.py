@@ -175,8 +175,15 @@ class EquationRows:
         return self.equation if self.output else derivative_label(self.equation)
 
     @property
+    def measurement(self) -> str:
+        """Kind of what was measured: "derivative", "output", or "sample" of the states that learned equations move."""
+        if self.output:
+            return "output"
+        return "sample" if self.learned else "derivative"
+
+    @property
     def n_row(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.measured)
 
     @property

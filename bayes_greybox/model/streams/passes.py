@@ -64,11 +64,11 @@ class Rows:
                 raise InputError(f"Part {part} of {self.source.where} has other columns than its first one.")
             self._require_units(part, chunk)
             blocks = self.model.blocks.items()
-            for piece in _alone(chunk) if self.model.rows.integrated else [chunk]:
+            for piece in _alone(chunk) if self.model.rows.follows_path else [chunk]:
                 try:
                     rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
                 except InputError as error:
-                    if self.model.rows.rates_measured:
+                    if self.model.rows.linear:
                         raise
                     raise InputError(f"In {_runs_in_words(piece)} of {self.source.where}: {error}") from error
                 yield piece, rows
@@ -205,7 +205,7 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     simulation = model.simulator(sample)
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
     frames = {}
-    if not model.rows.rates_measured:
+    if not model.rows.linear:
         # Paths cost more than a factor of their terms: another pass may be saved.
         for block, dictionary in _terms(model, sample).items():
             rows = model.equation_rows(sample, block)

@@ -49,7 +49,7 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
     sample = data.sample
     model = model.on(sample)
     _require_streamed(model)
-    if not model.rows.rates_measured:
+    if not model.rows.linear:
         return _runs_taken(model, data.whole_runs())
     rows = [model.equation_rows(sample, block) for block in model.blocks]
     if any(each.operator is not None or not each.noise.local for each in rows):
@@ -98,7 +98,7 @@ def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
     silent = extent.n_run - extent.n_telling
     if not silent:
         return ()
-    why = "have no row" if model.rows.integrated else "are too short or too coarsely sampled for a test function"
+    why = "have no row" if model.rows.follows_path else "are too short or too coarsely sampled for a test function"
     return (f"{silent:,} of {extent.n_run:,} runs {why} and say nothing",)
 
 

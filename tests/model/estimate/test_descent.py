@@ -11,7 +11,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.estimate.descent import SETTLED, STAYING, Standing, descended, likeliest_of
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.path.path_segments import GROWTH
+from bayes_greybox.model.rows.path.path_segments import MOST_GROWTH
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
@@ -25,7 +25,7 @@ MODEL = Program(
 
 def sampled(one_segment, n=150, noise=0.01):
     """Samples for a = 1 and b = 1/2 that last as long as one segment does at a given a; SciPy."""
-    end, rng = math.log(GROWTH) / one_segment, np.random.default_rng(0)
+    end, rng = math.log(MOST_GROWTH) / one_segment, np.random.default_rng(0)
     t = np.linspace(0, end, n)
     x, u = np.sin(1.3 * t), 1.3 * np.cos(1.3 * t) - np.sin(1.3 * t)
     y = solve_ivp(

@@ -10,21 +10,21 @@ from jaxtyping import Float, Int
 from bayes_greybox.physics.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
 
 from .forced_rate import ForcedRate
+from .path_grid import points_at_ends, points_at_nodes
 
-WIDE = 10.0
+START_WIDTH = 10.0
 """Prior standard deviation of a start, over the size of its state."""
 
-GROWTH = 1e3
-"""A segment ends where a change of its start has grown this much: beyond it nothing is linear, nor known."""
+MOST_GROWTH = 1e3
+"""Growth of a change of its start at which a segment ends: beyond it nothing is linear, nor known."""
 
-CHUNK = 4096
+STEPS_AT_ONCE = 4096
 """Steps whose forces are evaluated at once."""
 
-FAINT = 1e-3
-"""What rates lack of a path's slope is looked at closely from this share of the slope's size on."""
+LEAST_DEPARTURE = 1e-3
+"""Share of the size of a path's slope from which on a departure of the rates from it is looked at closely."""
 
-NOWHERE = np.zeros((0, 2), int)
-"""No sample."""
+NO_SAMPLES = np.zeros((0, 2), int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class Segments:
 
     def _respond(self, forced: Callable[[slice], np.ndarray], learned: int) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
-        n_step, span = (n_node - 1) // 2, max(1, CHUNK // n_segment)
+        n_step, span = (n_node - 1) // 2, max(1, STEPS_AT_ONCE // n_segment)
         b = self.response.b[..., self.driven[learned]]
         whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
@@ -119,14 +119,14 @@ def departures(
         points: Time, states and inputs at the nodes.
         slope: Of the states there.
     """
-    n, least = points.shape[-1], FAINT * np.sqrt(np.mean(slope**2, axis=(0, 1)))
+    n, least = points.shape[-1], LEAST_DEPARTURE * np.sqrt(np.mean(slope**2, axis=(0, 1)))
     both = np.concatenate([points, slope], axis=-1)
     return forces(lambda at: rates(at[:, :n]) - at[:, n:], both, least)
 
 
 def segments_of(
     rate: ForcedRate, grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"], outputs: tuple[int, ...],
-    end: Int[np.ndarray, "n_sample 2"] = NOWHERE,
+    end: Int[np.ndarray, "n_sample 2"] = NO_SAMPLES,
 ) -> Segments:  # fmt: skip
     """The path through given ends of steps, and the linear equation along it.
 
@@ -137,15 +137,14 @@ def segments_of(
         outputs: Indices of the measured states.
         end: Segment and end of the step of each sample that is a row.
     """
-    at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
-    rates = rate.rates(at_ends)
+    rates = rate.rates(points_at_ends(grid, ends))
     path, _ = hermite(grid.time, ends, rates)
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
-    middles = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)[:, 1::2])
+    middles = rate.rates(points_at_nodes(grid, path)[:, 1::2])
     driven = list(rate.driven)
     rates[..., driven] += _at_ends(grid.time, _lacking(grid.time, ends, rates, middles)[..., driven])
     path, slope = hermite(grid.time, ends, rates)
-    points = np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)
+    points = points_at_nodes(grid, path)
     return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
 
 
@@ -162,15 +161,16 @@ def pieces_of(grown: Float[np.ndarray, "n_segment n_end n_state n_state"], sizes
     """Segments that a run is cut into, so that no change of a start grows by more than `GROWTH` within one."""
     size = np.abs(grown / sizes[:, None]).max(axis=(0, 1, 2, 3))
     largest = float(np.max(size)) if np.all(np.isfinite(size)) else math.inf
-    return 1 if largest <= GROWTH else int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(GROWTH)), 200))
+    if largest <= MOST_GROWTH:
+        return 1
+    return int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(MOST_GROWTH)), 200))
 
 
 def responses_to_starts(segments: Segments, sizes: np.ndarray) -> Float[np.ndarray, "n_row n_start"]:
     """Rows' change by one prior standard deviation of each start of each segment."""
-    rows = segments.rows(responses_to_unit_starts(segments, WIDE * sizes))
-    own = np.tile(segments.end[:, 0], len(segments.outputs))
-    n_segment = len(segments.grid.time)
-    return np.hstack([np.where((own == k)[:, None], rows, 0.0) for k in range(n_segment)])
+    rows = segments.rows(responses_to_unit_starts(segments, START_WIDTH * sizes))
+    segment = np.tile(segments.end[:, 0], len(segments.outputs))
+    return np.hstack([np.where((segment == k)[:, None], rows, 0.0) for k in range(len(segments.grid.time))])
 
 
 def gain_of(
