@@ -25,7 +25,7 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
         By state; empty where rows follow no path from its start, or an unknown force moves it.
     """
     model = posterior.model
-    if not model.rows.integrated:
+    if not model.rows.follows_path:
         return {}
     ((block, equation),) = posterior.equations.items()
     if equation.rows.noise.moved:

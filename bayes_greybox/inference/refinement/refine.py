@@ -55,7 +55,7 @@ def refine(
         InputError: Rows of rates; a fit of a stream; an unknown force; noise of one sensor alone; f without weights; no
             path at the estimate; paths that no steps follow accurately; a checkpoint of something else.
     """
-    if posterior.whole is not None and posterior.model.rows.integrated:
+    if posterior.whole is not None and posterior.model.rows.follows_path:
         raise InputError(
             "Fit.refine follows the exact path of every run at each step of its sampler, and this fit has read "
             f"{posterior.n_obs:,} samples in chunks: refine a fit of as many runs as memory holds, such as "
