@@ -16,7 +16,7 @@ from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 from bayes_greybox.running.errors import InputError
 
-from .design import Design
+from .design import Design, FeatureDesign
 from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
@@ -123,7 +123,10 @@ class SamplingProgram:
                 if design.coefficients.bounded:
                     raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
                 theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
-                mean = design.Phi @ theta + design.uncollapsed_discrepancy(hyper)
+                weight = design.sampled_weights(hyper)
+                # Other designs have refused to sample weights.
+                assert isinstance(design, FeatureDesign)
+                mean = design.Phi @ theta + design.Psi @ weight
                 # Rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size
                 numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))

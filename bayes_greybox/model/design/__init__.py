@@ -1,4 +1,4 @@
-"""What the likelihood knows of the rows of one equation: as compressed features, or by a dense covariance matrix."""
+"""Designs: the rows of one equation as the likelihood sees them, by compressed features or a dense covariance."""
 
 from .dense import DenseDesign
 from .features import FeatureDesign
