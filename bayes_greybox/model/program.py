@@ -27,8 +27,8 @@ from .gp.discrepancy import OrthogonalGP
 from .noise.asked import Noise, find_noise, is_number, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
-from .rows.as_measured import AsMeasured
 from .rows.equation_rows import EquationRows, block_name
+from .rows.kinds import AsMeasured
 from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites

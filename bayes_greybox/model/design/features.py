@@ -192,7 +192,7 @@ class FeatureDesign(Design):
         return (rows.precision - jnp.sum(root.H**2, axis=0)) / hyper.sigma**2
 
     def removes(self, size: int) -> bool:
-        """Return whether there are more rows than columns: a block of C⁻¹ would be larger than the factor without them."""
+        """Return whether there are more rows than columns: a block of C⁻¹ would then be larger than a new factor."""
         return size > self.Phi.shape[1] + self.Psi.shape[1]
 
     def without(

@@ -61,7 +61,7 @@ class WeightedRows(NamedTuple):
 
 
 class Root(NamedTuple):
-    """H, g = C⁻¹y and J = cov(u, y) C⁻¹ at some observations, with θ = sd · u, u ~ N(0, I); for H see `Design.inverse`."""
+    """H, see `Design.inverse`, g = C⁻¹y and J = cov(u, y) C⁻¹ at some observations, with θ = sd · u, u ~ N(0, I)."""
 
     H: Float[Array, "n_left n_row"]
     g: Float[Array, " n_row"]

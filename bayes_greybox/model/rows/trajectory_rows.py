@@ -1,4 +1,4 @@
-"""Rows of a sensor's samples: what is modelled is the path that they are samples of.
+"""Rows of a sensor's samples, by a model of the path that they are samples of.
 
 A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for a learned state k and x(t₀) unknown. Along a
 reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ and δ̇ = A δ + e_k (Φθ + f − Φθ̄) is linear, so

@@ -177,7 +177,7 @@ class WeakRuns:
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows of some runs; none where these are shorter than a test function."""
         common = self.common
-        reading = Reading.given(data, np.array(common.sd), common.half_widths, common.radius)
+        reading = Reading.of_windows(data, np.array(common.sd), common.half_widths, common.radius)
         with_rows, whole = self.kind.frozen(data, equations, simulation)
         path = weak_path(reading, with_rows, simulation, whole, self.kind.white_share, common.levels)
         return _rows_of(path, equations, common.sizes)

@@ -1,4 +1,4 @@
-"""What the paths of runs have in common, whichever of them are followed together: sizes, noise, steps."""
+"""Findings on the paths of runs that all runs share, whichever are followed together: sizes, noise, steps."""
 
 import math
 from collections.abc import Mapping

@@ -50,18 +50,18 @@ class ReferencePath:
         ends: Segment and end of a step that each sample is at.
         learned: Size of the forces on each learned state, over the largest.
         rates: Rates of the learned states at the samples.
-        sensor_sd: Noise of each output [n_output], user's units, as the smoother found it.
-        simulated: Samples without any force, user's units [n_row].
-        starts: Change of the rows by one prior standard deviation of each start [n_row, n_start].
+        sensor_sd: Noise of each output, user's units, as the smoother found it.
+        simulated: Samples without any force, user's units.
+        starts: Change of the rows by one prior standard deviation of each start.
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
-        seen: Whether a sample is a row: where a sensor was at its end there is none.
+        seen: Samples that are rows; where a sensor was at its end there is none.
         sample: Sample of each row.
         place: Node of each row.
         own: Intensity of a force as large as the path's own.
         start_sd: Prior standard deviation of each state at the start of a segment.
-        unfollowed: What the model does not follow.
-        segments: With the linear equation along them.
-        common: What further runs have in common with these.
+        unfollowed: Force that the model lacks.
+        segments: Segments with the linear equation along them.
+        common: Findings that further runs share with these.
         acting_on: Number of the learned state that the forces of the operator act on.
     """
 
@@ -86,25 +86,21 @@ class ReferencePath:
 
     @property
     def pieces(self) -> int:
-        """Segments of each run."""
+        """Number of segments of each run."""
         return self.common.pieces
 
     @property
     def n_segment(self) -> int:
-        """Segments, each with a start of its own."""
+        """Number of segments, each with a start of its own."""
         return len(self.segments.grid.time)
 
     def motion(self, unit: float) -> Motion:
-        """How changes of the path go on from sample to sample.
-
-        Args:
-            unit: Standard deviation that variances are over.
-        """
+        """Return the changes of the path from sample to sample, with variances over the square of `unit`."""
         M, G, fresh = motion_of(self.segments, list(self.learned.values()))
         return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.own * FORCE_INTENSITIES)
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
-        """Response of the rows to forces."""
+        """Return the response of the rows to forces."""
         return self.segments.respond_to(table, self.acting_on) / self.gain
 
     def of(
@@ -112,11 +108,11 @@ class ReferencePath:
         evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
         columns: Mapping[str, Float[np.ndarray, " n_node"]],
     ) -> Float[np.ndarray, "n_row k"]:
-        """Response to forces that are evaluated a stretch of the path at a time."""
+        """Return the response to forces that are evaluated a stretch of the path at a time."""
         return self.segments.respond(evaluate, columns, self.acting_on) / self.gain
 
     def acting(self) -> dict[str, Acting]:
-        """The operator, and the size of forces, by the learned state that they act on."""
+        """Return the operator, and the size of forces, by the learned state that they act on."""
         return {name: Acting(replace(self, acting_on=k), size) for k, (name, size) in enumerate(self.learned.items())}
 
 
