@@ -1,6 +1,6 @@
-"""Noise that is not white: what residuals say of its correlation, of its size along the path, and of its tails.
+"""Noise that is not white: its correlation, its size along the path, and its tails, found on residuals.
 
-Each suspect is weighed against noise as it is, on residuals of an explanation, all parameters summed over a grid with σ
+Each suspect is weighed against noise as it is, on residuals of a hypothesis, all parameters summed over a grid with σ
 integrated out, and then held at its mode; see `noise_model`.
 """
 
@@ -16,14 +16,14 @@ from bayes_greybox.data.noise.weighted import WeightedNoise, correlation_and_sd,
 from bayes_greybox.model.estimate.evidence import log_white, log_white_each
 from bayes_greybox.model.gp.hyper import NoisePrior
 
-from .in_time import in_time
+from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion, weighed_on_grid
 from .unknown_force import force
 
 LEAST_ROWS = 20
 """Fewer residuals say nothing about their noise."""
 
-LEVELS = (0.05, 0.3, 1.0)
+NOISE_LEVELS = (0.05, 0.3, 1.0)
 """δ in σ(x) ∝ (δ² + (x/RMS)²)^(a/2): from where the noise grows, over the RMS of what it grows with."""
 
 EXPONENTS = (-1.0, -0.5, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
@@ -41,14 +41,14 @@ def suspicions(
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> list[Suspicion]:
-    """Weigh every suspect that is not yet in the noise.
+    """Weigh every kind of noise that is not yet in the noise model.
 
     Args:
         residual: Measured less explained rate, scaled units.
         known: Noise as it is; a process in time is weighed on independent rows only.
         time: Times, increasing within a run.
         run: Run of each row.
-        quantities: What the noise may grow with, by name.
+        quantities: Quantities that the noise may grow with, by name.
         prior: Prior of σ.
     """
     if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
@@ -56,10 +56,11 @@ def suspicions(
     found, whole = [], residual
     residual = known.noise.without_starts(residual[:, None])[:, 0]
     if not {CORRELATED, PROCESS} & set(known.names):
-        found.append(in_time(residual, known, time, run, prior, CORRELATED))
+        stamps = Stamps(time, run)
+        found.append(in_time(residual, known, stamps, prior, CORRELATED))
         # Where rows are samples of a path, a process of the system moves that.
         moved = len(known.noise.intensities) > 0
-        found.append(force(whole, known, prior) if moved else in_time(residual, known, time, run, prior, PROCESS))
+        found.append(force(whole, known, prior) if moved else in_time(residual, known, stamps, prior, PROCESS))
     if VARYING not in known.names:
         found.append(varying(residual, known, quantities, prior))
     if HEAVY not in known.names:
@@ -68,13 +69,7 @@ def suspicions(
 
 
 def below_floor(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> bool:
-    """Whether residuals are less than what rows are known to at best: nothing can be said of their noise.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        prior: Prior of σ, with its floor.
-    """
+    """Return whether residuals are below the noise floor of the prior, where nothing can be said of their noise."""
     return bool(np.mean(known.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
 
 
@@ -89,7 +84,7 @@ def varying(
     Args:
         residual: Measured less explained rate, scaled units.
         known: Noise as it is.
-        quantities: What x may be, by name.
+        quantities: Candidates for x, by name.
         prior: Prior of σ.
 
     Returns:
@@ -104,7 +99,7 @@ def varying(
         size = float(np.sqrt(np.mean(x**2)))
         if not size > 0 or not np.isfinite(size):
             continue
-        for level in LEVELS:
+        for level in NOISE_LEVELS:
             z = 0.5 * np.log(level**2 + (x / size) ** 2)
             z = z - np.mean(z)
             squares = np.array([np.sum(e**2 * np.exp(-2 * a * z)) for a in EXPONENTS])
@@ -129,7 +124,7 @@ def heavy(
 ) -> Suspicion | None:
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
-    Held are the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
+    The noise model holds the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
 
     Args:
         residual: Measured less explained rate, scaled units.

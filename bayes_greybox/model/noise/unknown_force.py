@@ -1,7 +1,7 @@
 """An unknown force along the path that samples are taken of, weighed on residuals by a Kalman filter.
 
 Sensor noise and such a force are told apart by the spectrum of the residual: what enters as a force rings as the system
-does. It is something that the model lacks, or a world that shakes it.
+does. It is something that the model lacks, or surroundings that shake it.
 """
 
 import numpy as np
@@ -12,11 +12,11 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import PROCESS, NoiseModel, Suspicion, weighed_on_grid
 
-SPLIT = 8
-"""Intensities that each neighbourhood of the best one is looked at again."""
+REFINED_INTERVALS = 8
+"""Intervals that the neighbourhood of the best intensity is split into."""
 
-CLOSE, ZOOMS = 1.0, 4
-"""Nats between the best intensity and its neighbours up to which the grid is fine, and how often it is refined."""
+FINE_NATS, MOST_REFINEMENTS = 1.0, 4
+"""Nats between the best intensity and its neighbours up to which the grid is fine, and its most refinements."""
 
 
 def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> Suspicion:
@@ -38,13 +38,13 @@ def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: Noise
     grid = np.asarray(known.noise.intensities, float)
     found = logs(grid)
     # In long records an intensity between two nodes is many nats likelier than either.
-    for _ in range(ZOOMS):
+    for _ in range(MOST_REFINEMENTS):
         best = int(np.argmax(found))
         beside = [k for k in (best - 1, best + 1) if 0 <= k < len(grid)]
-        if all(found[best] - found[k] < CLOSE for k in beside):
+        if all(found[best] - found[k] < FINE_NATS for k in beside):
             break
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        nearby = np.setdiff1d(np.geomspace(low, high, SPLIT + 1)[1:-1], grid)
+        nearby = np.setdiff1d(np.geomspace(low, high, REFINED_INTERVALS + 1)[1:-1], grid)
         order = np.argsort(np.concatenate([grid, nearby]))
         grid, found = (np.concatenate(pair)[order] for pair in ((grid, nearby), (found, logs(nearby))))
     intensity = float(grid[int(np.argmax(found))])
@@ -59,7 +59,7 @@ def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: Noise
 
 
 def _share(residual: np.ndarray, known: NoiseModel, intensity: float) -> float:
-    """Share of the residuals' variance that is the force's doing."""
+    """Return the share of the residuals' variance that the force makes."""
     noise = known.noise.forced(intensity)
     sigma2 = float(np.mean(noise.whiten(residual[:, None]) ** 2))
     left = noise.without_starts(residual[:, None])[:, 0]
