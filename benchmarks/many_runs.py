@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.model.streams.taken import taken
 
@@ -87,7 +87,7 @@ def cost(kind: str, n_run: int) -> Cost:
         kind: "weak" or "trajectory".
         n_run: Runs.
     """
-    model = Program(dictionary={"x": list(TRUE)}, discrepancy=None, rows=ROWS[kind]())
+    model = Program(dictionary={"x": list(TRUE)}, discrepancy=None, rows=ROW_KINDS[kind]())
     wall, processor = time.perf_counter(), time.process_time()
     with threadpool_limits(1):
         model, sample, rows = taken(model, RowStream(Growth(n_run)))

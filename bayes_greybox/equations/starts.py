@@ -7,7 +7,7 @@ import numpy as np
 from bayes_greybox.inference.path_starts import path_of, start_draws
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
-from bayes_greybox.model.exact_program import START
+from bayes_greybox.model.exact_program import START_SITE
 
 from .learned import Value
 
@@ -34,8 +34,8 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
     active = posterior.likeliest_pattern(block)
     patterns = values.get("gamma", np.ones((len(values["sigma"]), len(active)), bool))
     alike = np.all(patterns.astype(bool) == active, axis=1)
-    if START in values:
-        draws = values[START][alike]
+    if START_SITE in values:
+        draws = values[START_SITE][alike]
     else:
         drawn = posterior.draws(block)
         draws = start_draws(

@@ -14,7 +14,7 @@ from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 
-from .algebra.compression import CHUNK, triangular_factor
+from .algebra.compression import FACTOR_CHUNK, triangular_factor
 from .algebra.linalg import require_independent
 from .coefficient_priors import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
@@ -25,7 +25,7 @@ from .gp.hyper import Hyperparameters
 from .rows.equation_rows import EquationRows, Table
 from .scaling import box_columns, scaled_frame, with_measure
 
-FEWEST_STEPS = 8
+FEWEST_ROUNDING_STEPS = 8
 """Values on so many steps of a lattice, or more, count as rounded to it."""
 
 
@@ -164,7 +164,7 @@ def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: floa
         relative: Least noise standard deviation over the RMS of the target.
     """
     steps = np.diff(levels)
-    if steps.size < FEWEST_STEPS or steps.size == n_obs - 1:
+    if steps.size < FEWEST_ROUNDING_STEPS or steps.size == n_obs - 1:
         return relative
     multiples = steps / steps.min()
     rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
@@ -175,8 +175,8 @@ def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: floa
 def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, " n_term"]:
     """Of each term over the samples."""
     squares = np.zeros(len(dictionary))
-    for start in range(0, rows.n_sample, 16 * CHUNK):
-        part = rows.at(slice(start, start + 16 * CHUNK))
+    for start in range(0, rows.n_sample, 16 * FACTOR_CHUNK):
+        part = rows.at(slice(start, start + 16 * FACTOR_CHUNK))
         squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
     return squares / rows.n_sample
 
@@ -201,11 +201,11 @@ def scaled_table(frame: Frame, rows: EquationRows) -> Table:
 
     def table(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
         n = len(index)
-        if rows.n_row <= CHUNK:
+        if rows.n_row <= FACTOR_CHUNK:
             values = evaluate(rows.at(index))
         else:
             # A short last chunk is filled up, so that it does not compile anew.
-            index = np.concatenate([index, np.full(max(0, CHUNK - n), index[-1])])
+            index = np.concatenate([index, np.full(max(0, FACTOR_CHUNK - n), index[-1])])
             values = compiled({name: jnp.asarray(column) for name, column in rows.at(index).items()})
         return np.column_stack([np.asarray(values)[:n], y[index[:n]]])
 

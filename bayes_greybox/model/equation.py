@@ -15,7 +15,7 @@ from .design import Design, EquationDraws, WeightedRows
 from .frame import Frame
 from .rows.equation_rows import EquationRows, Table
 
-RIDGE = 1e-6
+ESTIMATE_RIDGE = 1e-6
 """Shrinkage of the estimate that rows are taken near, over the mean square of a column."""
 
 
@@ -133,7 +133,7 @@ class Equation:
         """Precision H and pull b of the rows and of what is stated, over the precision of the noise: H θ = b."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
         precision, pull = Phi.T @ Phi, Phi.T @ y
-        precision = precision + RIDGE * np.diag(np.diag(precision))
+        precision = precision + ESTIMATE_RIDGE * np.diag(np.diag(precision))
         if not stated.stated:
             return precision, pull
         variance = np.sum((y - Phi @ np.linalg.solve(precision, pull)) ** 2) / float(self.design.n_obs)

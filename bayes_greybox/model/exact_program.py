@@ -22,7 +22,7 @@ from .priors import Scales
 from .sampling_program import SamplingProgram
 from .sites import EquationSites, site
 
-PREDICTED, START, SENSOR = "predicted", "start", "sensor_sigma"
+PREDICTED_SITE, START_SITE, SENSOR_SITE = "predicted", "start", "sensor_sigma"
 """What the rows would be without noise, in the sensors' units; states at the starts of the segments; each sensor's own
 noise."""
 
@@ -116,11 +116,11 @@ class ExactLikelihood:
             drawn: Draws by variable.
             own: Names.
         """
-        starts = norm.logpdf(drawn[own[START]], self.start_mean, self.start_sd)
-        found = {own[START]: starts.sum(axis=(-2, -1))}
+        starts = norm.logpdf(drawn[own[START_SITE]], self.start_mean, self.start_sd)
+        found = {own[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
             median, spread = self.sensor_noise.T
-            found[own[SENSOR]] = lognorm.logpdf(drawn[own[SENSOR]], spread, scale=median).sum(axis=-1)
+            found[own[SENSOR_SITE]] = lognorm.logpdf(drawn[own[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
             # In its place σ has no prior of its own.
             found[own.noise] = np.zeros(starts.shape[:2])
         return found
@@ -172,7 +172,7 @@ def exact_model(
         if likelihood.sensor_noise is None:
             return None, jnp.ones(())
         median, spread = likelihood.sensor_noise.T
-        own = site(SENSOR, dist.LogNormal(jnp.log(median), spread).to_event(1))
+        own = site(SENSOR_SITE, dist.LogNormal(jnp.log(median), spread).to_event(1))
         return jnp.sqrt(jnp.mean(own**2)) / likelihood.unit, own
 
     def theta_of(scales: Scales) -> Array:
@@ -202,7 +202,7 @@ def exact_model(
             density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(own, hyper.sigma)))
             # A path that leaves all bounds has no probability.
             numpyro.factor("samples", jnp.where(jnp.isfinite(density), density, -jnp.inf))
-            told = {"theta": theta, "theta_sd": scales.sd * active, START: start, PREDICTED: predicted}
+            told = {"theta": theta, "theta_sd": scales.sd * active, START_SITE: start, PREDICTED_SITE: predicted}
             for name, value in told.items():
                 numpyro.deterministic(name, value)
 

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import evaluated
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.running.errors import InputError
 
 
@@ -95,7 +95,7 @@ def kept_amendment(amendment: Amendment) -> Amendment:
         discrepancy=None if f is None else replace(f, statistics=statistics, indices=moved(f.indices)),
         corrected=lost,
         # A file cannot hold the code of a kind of rows of the user's own.
-        rows=amendment.rows if type(amendment.rows) in ROWS.values() else None,
+        rows=amendment.rows if type(amendment.rows) in ROW_KINDS.values() else None,
     )
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.settings import Sampling
-from bayes_greybox.model.exact_program import PREDICTED, SENSOR
+from bayes_greybox.model.exact_program import PREDICTED_SITE, SENSOR_SITE
 from bayes_greybox.model.sites import VECTOR, EquationSites
 
 from .exact_paths import Course
@@ -149,10 +149,10 @@ class Paths(NamedTuple):
         return None, error, where
 
     def _errors(self, told: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], known: Known) -> Errors:
-        likelihood, predicted = known.likelihood, self.own[PREDICTED]
+        likelihood, predicted = known.likelihood, self.own[PREDICTED_SITE]
         beyond = self.method.beyond(likelihood.along.grid)
         finer = self.programs.tell(points, known.on(beyond))[predicted]
-        sigma = likelihood.sigma(told.get(self.own[SENSOR]), told[self.own.sigma])
+        sigma = likelihood.sigma(told.get(self.own[SENSOR_SITE]), told[self.own.sigma])
         with np.errstate(invalid="ignore", over="ignore"):
             e = np.asarray(likelihood.whitened(told[predicted] - finer, sigma))
             of_noise = np.sqrt(np.sum(e**2, axis=1))

@@ -21,7 +21,7 @@ from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
+from bayes_greybox.model.exact_program import PREDICTED_SITE, SENSOR_SITE, START_SITE, ExactLikelihood, GivenTerms
 from bayes_greybox.model.sites import EquationSites
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.running.errors import InputError
@@ -151,7 +151,7 @@ def _result(
     """The draws in the tree of a fit."""
     before, data = posterior.drawn(), posterior.data
     n_chain, n_draw = stats["lp"].shape
-    predicted = drawn[own[PREDICTED]]
+    predicted = drawn[own[PREDICTED_SITE]]
     if own.gamma in before:
         # The pattern is given; how probable each term is, linear rows tell.
         included = before[own.inclusion].to_numpy().mean(axis=(0, 1))
@@ -163,7 +163,7 @@ def _result(
     drawn.setdefault(own.placement, np.full(placed, 0.5))
     designs = {own.equation: equation.design}
     densities = posterior.programs.log_prior(designs, drawn) | likelihood.log_prior(drawn, own)
-    kept = {*map(str, before), own.theta_sd, own[START], own[SENSOR]}
+    kept = {*map(str, before), own.theta_sd, own[START_SITE], own[SENSOR_SITE]}
     groups = {
         "posterior": user_units({name: value for name, value in drawn.items() if name in kept}, posterior.equations),
         "sample_stats": stats,
@@ -182,7 +182,7 @@ def _result(
             tree[group] = posterior.idata[group].copy()
     found = replace(posterior, sampling=sampling, idata=tree, made=None)
     if predicted.size <= MOST_NUMBERS:
-        sigma = likelihood.sigma(drawn.get(own[SENSOR]), drawn[own.sigma])
+        sigma = likelihood.sigma(drawn.get(own[SENSOR_SITE]), drawn[own.sigma])
         rng, rows = np.random.default_rng(sampling.seed), equation.rows
         white = rng.standard_normal((n_chain * n_draw, rows.n_row))
         noise = rows.noise.error.correlated(white).reshape(predicted.shape)

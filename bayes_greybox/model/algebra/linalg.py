@@ -10,8 +10,8 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.running.errors import InputError
 
-JITTER = 1e-12
-"""Relative jitter: a matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
+RELATIVE_JITTER = 1e-12
+"""Jitter on the diagonal of a matrix that needs one, over the scale that its entries would have."""
 
 LEAF = 128
 """Triangular matrices up to this size are inverted by solving for the identity."""
@@ -21,14 +21,14 @@ RANK_TOLERANCE = 1e-7
 
 
 def jittered_cholesky(matrix: Float[Array, "n n"], scale: Float[Array, ""] | float) -> Float[Array, "n n"]:
-    """Lower Cholesky factor of `matrix + JITTER * scale * I`.
+    """Lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`.
 
     Args:
         matrix: Positive semi-definite; it may vanish.
         scale: What its entries are small or large against. Their own mean would do harm here: where a discrepancy is
             orthogonal to the dictionary anyway, they are rounding errors, and must count as zero.
     """
-    return jnp.linalg.cholesky(matrix + JITTER * scale * jnp.eye(matrix.shape[-1]))
+    return jnp.linalg.cholesky(matrix + RELATIVE_JITTER * scale * jnp.eye(matrix.shape[-1]))
 
 
 def solve_lower(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:

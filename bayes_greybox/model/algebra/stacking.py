@@ -13,8 +13,8 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-BLOCK = 1024
-"""Rows stacked at a time, few enough to stay in the processor's cache."""
+CACHED_ROWS = 1024
+"""Rows worked on at a time, few enough to stay in the processor's cache."""
 
 PANEL = 16
 """Columns that LAPACK reflects at a time; the fastest of 16, 32 and 64 for a hundred columns."""
@@ -36,8 +36,8 @@ def stacked(
     """
     (tpqrt,) = scipy.linalg.get_lapack_funcs(("tpqrt",), (R,))
     R = np.array(R, order="F")
-    for start in range(0, len(rows), BLOCK):
-        block = np.array(rows[start : start + BLOCK], order="F")
+    for start in range(0, len(rows), CACHED_ROWS):
+        block = np.array(rows[start : start + CACHED_ROWS], order="F")
         R, _, _, failed = tpqrt(0, min(PANEL, len(R)), R, block, overwrite_a=True, overwrite_b=True)
         assert not failed
     return R

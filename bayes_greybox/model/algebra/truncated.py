@@ -21,10 +21,10 @@ from jaxtyping import Array, Float
 
 from .subsets import patterns
 
-LEAST = -600.0
+LEAST_LOG_PROBABILITY = -600.0
 """Below this logarithm a probability is no number any more, and its quantile is found by Newton steps."""
 
-NEWTON = 4
+NEWTON_STEPS = 4
 """Newton steps for such a quantile, from its asymptote; each squares the relative error, which starts near 1e-3."""
 
 
@@ -183,11 +183,11 @@ def _log_density(z: Array) -> Array:
 
 def _quantile_of_log(log_p: Array) -> Array:
     """Φ⁻¹(exp log_p); far out by Newton steps on log Φ, which is concave."""
-    near = ndtri(jnp.exp(jnp.maximum(log_p, LEAST)))
-    far = jnp.minimum(log_p, LEAST)
+    near = ndtri(jnp.exp(jnp.maximum(log_p, LEAST_LOG_PROBABILITY)))
+    far = jnp.minimum(log_p, LEAST_LOG_PROBABILITY)
     # Φ(−x) ≈ φ(x)/x
     z = -jnp.sqrt(-2 * far - jnp.log(2 * math.pi) - jnp.log(-2 * far))
-    for _ in range(NEWTON):
+    for _ in range(NEWTON_STEPS):
         log_cdf = log_ndtr(z)
         z = z - (log_cdf - far) * jnp.exp(log_cdf - _log_density(z))
-    return jnp.where(log_p > LEAST, near, z)
+    return jnp.where(log_p > LEAST_LOG_PROBABILITY, near, z)

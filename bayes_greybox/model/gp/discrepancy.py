@@ -18,13 +18,15 @@ EXACT_LIMIT = 1500
 
 def _counts(features: Any) -> bool:
     counts = features if isinstance(features, list | tuple) else [features]
-    return all(type(count) is int and 0 < count <= MOST for count in counts)
+    return all(type(count) is int and 0 < count <= MOST_FEATURES for count in counts)
 
 
-MOST = 10_000
+MOST_FEATURES = 10_000
 """Features along a variable at most: no data tell that many apart, and a number without end asks for all memory."""
 
-COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000")
+FEATURE_COUNTS = Rule(
+    _counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000"
+)
 """What numbers of features are."""
 
 
@@ -33,7 +35,7 @@ def _contains_data(boundary: Any) -> bool:
     return all(isinstance(one, int | float) and one > 1 for one in each)
 
 
-OUTSIDE = Rule(_contains_data, "must exceed 1, the edge of the data")
+OUTSIDE_DATA = Rule(_contains_data, "must exceed 1, the edge of the data")
 """Where the features' domain may end, in half-widths of the data's box."""
 
 
@@ -72,8 +74,8 @@ class OrthogonalGP:
     kernel: Annotated[str, OneOf(KERNELS)] = "squared_exponential"
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
-    features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
-    boundary: Annotated[float | tuple[float, ...], OUTSIDE] = 2.0
+    features: Annotated[int | tuple[int, ...] | None, FEATURE_COUNTS] = None
+    boundary: Annotated[float | tuple[float, ...], OUTSIDE_DATA] = 2.0
     length_scale: Positive = 1.0
     length_scale_spread: Positive = 0.5
     amplitude: Positive = 1.0

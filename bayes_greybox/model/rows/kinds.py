@@ -30,7 +30,7 @@ class AsMeasured(RowKind):
         return DerivativeRows().rows(data, equation, simulation)
 
 
-ROWS: Mapping[str, type] = {
+ROW_KINDS: Mapping[str, type] = {
     "as-measured": AsMeasured,
     "derivative": DerivativeRows,
     "trajectory": TrajectoryRows,

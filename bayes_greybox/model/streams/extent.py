@@ -14,15 +14,15 @@ from bayes_greybox.physics.terms import Dictionary
 from ..algebra.stacking import empty_factor, joined
 from ..rows.equation_rows import EquationRows
 
-ROWS = 1 << 14
+ROWS_AT_ONCE = 1 << 14
 """Rows whose terms are evaluated at once."""
 
-LEVELS = 1 << 17
+MOST_LEVELS = 1 << 17
 """Different measured values up to which rows may be rounded: those of a converter of 17 bits. Steps of more of them are
 below the least noise that is assumed anyway."""
 
 Levels = Float[np.ndarray, " n_level"] | None
-"""Different measured values, in increasing order; None where there are more than `LEVELS`."""
+"""Different measured values, in increasing order; None where there are more than `MOST_LEVELS`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,8 @@ class Sizes:
     def of(cls, rows: EquationRows, dictionary: Dictionary) -> "Sizes":
         """Of some rows."""
         terms = np.zeros(len(dictionary))
-        for start in range(0, rows.n_sample, ROWS):
-            terms += np.sum(np.asarray(dictionary.evaluate(rows.at(slice(start, start + ROWS)))) ** 2, axis=0)
+        for start in range(0, rows.n_sample, ROWS_AT_ONCE):
+            terms += np.sum(np.asarray(dictionary.evaluate(rows.at(slice(start, start + ROWS_AT_ONCE)))) ** 2, axis=0)
         return cls(
             n_at=rows.n_sample,
             n_white=rows.n_white,
@@ -189,4 +189,4 @@ def _largest(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, 
 
 def _few(values: Float[np.ndarray, " n"]) -> Levels:
     different = np.unique(values)
-    return different if len(different) <= LEVELS else None
+    return different if len(different) <= MOST_LEVELS else None

@@ -20,7 +20,7 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
-from ..algebra.stacking import BLOCK, stacked
+from ..algebra.stacking import CACHED_ROWS, stacked
 from ..assemble import scaled_table, with_steps
 from ..blocks import by_block
 from ..frame import Frame
@@ -32,10 +32,10 @@ from .extent import Extent, Factors, Sizes, together
 from .sampled import of_the_sample
 from .statistics import RowStatistics
 
-RANGES, STATISTICS = "Reading ranges of the rows", "Reading the rows"
+READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
 """What bars say of the passes: the first, and a further one."""
 
-SAME = 1e-6
+SAME_WITHIN = 1e-6
 """Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
 errors, and far below what other random rows make of a hundred million."""
 
@@ -150,7 +150,7 @@ class Whole:
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
         parts = _over_parts(
-            self.stream, _factors_of_part, STATISTICS, model, measured_of(self.sample), self.runs, frames
+            self.stream, _factors_of_part, READING_ROWS, model, measured_of(self.sample), self.runs, frames
         )
         factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
         for part in parts:
@@ -168,7 +168,7 @@ class Whole:
     def _require_same(self, factors: Factors, block: str, n_term: int) -> None:
         # Terms of rates, and targets, were divided by their RMS over the rows of the first pass.
         squares = np.sum(factors.plain[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.sizes[block].n_white
-        if not np.all(np.abs(squares - 1.0) <= SAME):
+        if not np.all(np.abs(squares - 1.0) <= SAME_WITHIN):
             raise InputError(
                 f"The rows of {self.stream.source.where} were others when they were read again: let nothing write to "
                 "the files during a fit; a function must give the same rows each time, from a seed of the chunk's "
@@ -213,7 +213,9 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
             with of_the_sample(measured_of(sample), stream):
                 frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
     arguments = (model, measured_of(sample), runs, frames)
-    return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, *arguments)), runs, frames)
+    return Whole(
+        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, *arguments)), runs, frames
+    )
 
 
 def measured_of(sample: Trajectories) -> Trajectories:
@@ -285,13 +287,13 @@ def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
 def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
     n_term = len(frame.dictionary)
     y = rows.target / frame.target_scale
-    for start in range(0, rows.n_row, BLOCK):
-        columns = rows.at(slice(start, start + BLOCK))
-        table = np.empty((len(y[start : start + BLOCK]), len(R)), order="F")
+    for start in range(0, rows.n_row, CACHED_ROWS):
+        columns = rows.at(slice(start, start + CACHED_ROWS))
+        table = np.empty((len(y[start : start + CACHED_ROWS]), len(R)), order="F")
         # [Φ ψ y] by NumPy: XLA takes twice the processor's time for these few rows, and compiles before.
         table[:, :n_term] = frame.dictionary_rows(columns)
         table[:, n_term:-1] = frame.plain_features(columns)
-        table[:, -1] = y[start : start + BLOCK]
+        table[:, -1] = y[start : start + CACHED_ROWS]
         R = stacked(R, table)
     return R
 

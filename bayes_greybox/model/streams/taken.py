@@ -15,7 +15,7 @@ from .passes import Whole, whole_of
 from .sampled import of_the_sample
 from .statistics import equations_of
 
-TURNS = 5
+MOST_PASSES = 5
 """How often rows of paths are taken anew near what all runs say: each is a pass over them."""
 
 
@@ -66,11 +66,11 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
     model.simulator(measured)
     with of_the_sample(measured, data):
         model, sample = model.near(measured)
-    for turn in range(TURNS):
+    for turn in range(MOST_PASSES):
         whole = whole_of(data, model, sample)
         lean = replace(model, discrepancy=None)
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
-        found = nearer(model, equation, earlier, turn == TURNS - 1)
+        found = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
         if found is None:
             silent = _silent(model, whole.extent)
             return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
@@ -79,7 +79,8 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
             sample = model.complete(measured)
     raise InputError(
         f"The coefficients of {', '.join(model.equations)} do not settle: rows were taken near what all runs say "
-        f"{TURNS} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are near."
+        f"{MOST_PASSES} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are "
+        "near."
     )
 
 
