@@ -23,17 +23,16 @@ from .sampling_program import SamplingProgram
 from .sites import EquationSites, site
 
 PREDICTED_SITE, START_SITE, SENSOR_SITE = "predicted", "start", "sensor_sigma"
-"""What the rows would be without noise, in the sensors' units; states at the starts of the segments; each sensor's own
-noise."""
+"""Sites: rows without noise, in the sensors' units; states at the starts of the segments; each sensor's own noise."""
 
 
 @dataclass(frozen=True)
 class GivenTerms:
-    """The pattern of terms that are in, and which of them have bounds: what the sites of θ are made of.
+    """The pattern of terms that are in, and those of them that have bounds, which the sites of θ follow.
 
     Attributes:
-        active: Terms that are in.
-        bounded: Of the bounded terms among them the number, and whether there is a least and a largest value.
+        active: True for terms that are in.
+        bounded: Bounded terms among them: number, and whether there is a least and a largest value.
     """
 
     active: tuple[bool, ...]
@@ -41,12 +40,7 @@ class GivenTerms:
 
     @classmethod
     def of(cls, active: Bool[np.ndarray, " n_term"], coefficients: CoefficientPriors) -> "GivenTerms":
-        """A pattern under priors of coefficients.
-
-        Args:
-            active: Terms that are in.
-            coefficients: Their priors.
-        """
+        """Return the pattern of active terms under priors of coefficients."""
         limits = np.isfinite(np.stack([coefficients.lower, coefficients.upper], axis=-1)).tolist()
         return cls(tuple(map(bool, active)), tuple((j, *limits[j]) for j in coefficients.bounded if active[j]))
 
@@ -63,20 +57,20 @@ class ExactLikelihood:
     """Samples of sensors on exact paths; a pytree, so that what is compiled for one serves others of the same shapes.
 
     Attributes:
-        predict: From `along`, scaled θ, scaled weights of f and the starts of the segments to the rows, the sensors'
-            units.
+        predict: Function of `along`, scaled θ, scaled weights of f and the starts of the segments that returns the
+            rows, the sensors' units.
         measured: The rows, the sensors' units.
         sensor: Number of the sensor of each row.
         whiten: W₀ with W₀ R₀ W₀ᵀ = I, R₀ over the square of the noise of a typical sensor; of independent rows its
             diagonal.
         log_det: log|R₀|.
         unit: Noise of a typical sensor, in its unit, per scaled σ.
-        share: Noise of each sensor over that of a typical one, which R₀ has [n_sensor].
-        start_mean: Expected starts [n_segment, n_state].
+        share: Noise of each sensor over that of a typical one, which R₀ has.
+        start_mean: Expected starts.
         start_sd: Their standard deviations.
-        restated: Whether starts or noise have other priors than in the collapsed model.
-        sensor_noise: Median and logarithmic standard deviation of each sensor's σ, its own, [n_sensor, 2]; None where
-            the sensors have one σ, in the proportions that R₀ says.
+        restated: If true, starts or noise have other priors than in the collapsed model.
+        sensor_noise: Median and logarithmic standard deviation of each sensor's own σ; None where
+            the sensors have one σ, in the proportions of R₀.
         along: Arrays that `predict` needs.
     """
 
@@ -95,27 +89,22 @@ class ExactLikelihood:
 
     @property
     def independent(self) -> bool:
-        """Whether rows know nothing of each other."""
+        """True if the noise of each row is independent of the others."""
         return self.whiten.ndim == 1
 
     def sigma(self, sensors: Any, scaled: Any) -> Any:
-        """Noise of each row [..., n_row], its share in R₀ left out; the sensors' units.
+        """Return the noise of each row [..., n_row] without its share in R₀; the sensors' units.
 
         Args:
-            sensors: Of each sensor [..., n_sensor], where they have their own.
-            scaled: Of all, scaled units [...].
+            sensors: Noise of each sensor [..., n_sensor], where they have their own.
+            scaled: Noise of all sensors, scaled units [...].
         """
         if self.sensor_noise is not None:
             return (sensors / self.share)[..., self.sensor]
         return (scaled * self.unit)[..., None] * np.ones(len(self.measured))
 
     def log_prior(self, drawn: Mapping[str, np.ndarray], own: EquationSites) -> dict[str, np.ndarray]:
-        """Log prior densities of what the collapsed model has no sites for, or others; each [n_chain, n_draw].
-
-        Args:
-            drawn: Draws by variable.
-            own: Names.
-        """
+        """Return log prior densities that differ from the collapsed model's, each [n_chain, n_draw], from draws by variable."""
         starts = norm.logpdf(drawn[own[START_SITE]], self.start_mean, self.start_sd)
         found = {own[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
@@ -126,22 +115,12 @@ class ExactLikelihood:
         return found
 
     def whitened(self, change: Any, sigma: Any) -> Any:
-        """A change of the rows over their noise, W₀ change/σ [..., n_row].
-
-        Args:
-            change: The sensors' units [..., n_row].
-            sigma: From `sigma`.
-        """
+        """Return a change of the rows over their noise, W₀ change/σ [..., n_row], the change in the sensors' units."""
         z = change / sigma
         return z * self.whiten if self.independent else z @ self.whiten.T
 
     def log_density(self, predicted: Any, sigma: Any) -> Any:
-        """Of each row [..., n_row]; of rows that know of each other, of the innovations in their stead.
-
-        Args:
-            predicted: Rows without noise [..., n_row].
-            sigma: From `sigma`.
-        """
+        """Return the log density of each row [..., n_row]; of correlated rows that of the innovations in their stead."""
         xp = namespace([predicted, sigma, self.measured])
         z = self.whitened(self.measured - predicted, sigma)
         log_det = -2 * xp.log(self.whiten) if self.independent else self.log_det / len(self.measured)
@@ -151,7 +130,7 @@ class ExactLikelihood:
 def exact_model(
     program: SamplingProgram, block: str, design: Design, terms: GivenTerms, likelihood: ExactLikelihood
 ) -> Callable[[], None]:
-    """The NumPyro model, of no arguments, given the pattern of terms that are in.
+    """Return the NumPyro model, of no arguments, given the pattern of terms that are in.
 
         θ_j | scales as in the collapsed model,   x₀ ~ N(m, diag(s²)),   y ~ N(h(x(·; θ, f, x₀)), σ² R₀)
 
@@ -160,10 +139,10 @@ def exact_model(
 
     Args:
         program: Priors.
-        block: What the equations are called that share the rows.
-        design: Of the rows, for its priors.
-        terms: That are in.
-        likelihood: Of the samples.
+        block: Name of the equations that share the rows.
+        design: Design of the rows, for its priors.
+        terms: Terms that are in.
+        likelihood: Likelihood of the samples.
     """
     coefficients, free, active = design.coefficients, terms.free, np.array(terms.active)
 

@@ -6,7 +6,7 @@ result is the same to the last bit wherever they were read, on processors of one
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,27 +28,39 @@ from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
 from ..rows.row_kind import RunRows
 from ..scaling import scaled_frame
-from .extent import Extent, Factors, Sizes, together
-from .sampled import of_the_sample
+from .extent import Extent, Factors, Sizes, ends_of, together
 from .statistics import RowStatistics
 
 READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
-"""What bars say of the passes: the first, and a further one."""
+"""Labels of the progress bars of the passes: the first, and a further one."""
 
 SAME_WITHIN = 1e-6
 """Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
 errors, and far below what other random rows make of a hundred million."""
 
 
+@contextmanager
+def of_the_sample(sample: Trajectories, stream: RowStream) -> Iterator[None]:
+    """Say of errors within that they are of a sample of whole runs, as they were measured, and not of all."""
+    try:
+        yield
+    except InputError as error:
+        runs = "1 run" if sample.n_run == 1 else f"{sample.n_run} runs"
+        raise InputError(
+            f"In the sample of {runs} of {stream.source.where}: {error} If it is otherwise in other runs, look at "
+            "more of them: bg.stream(..., sample=...)."
+        ) from error
+
+
 @dataclass(frozen=True)
 class Rows:
-    """How chunks become rows of equations, wherever they are read.
+    """Rows of equations from chunks, wherever these are read.
 
     Attributes:
         source: The chunks.
         model: Model.
         sample: Some of the rows as they were measured, whose names and units are those of all.
-        runs: What makes rows of each block.
+        runs: Maker of the rows of each block.
     """
 
     source: Source
@@ -57,7 +69,7 @@ class Rows:
     runs: Mapping[str, RunRows]
 
     def of_part(self, part: int) -> Iterator[tuple[Trajectories, dict[str, EquationRows]]]:
-        """Chunks of a part, and rows by block."""
+        """Return the chunks of a part, each with its rows by block."""
         simulation, names = self.model.simulator(self.sample), set(self.sample.columns)
         for chunk in self.source.chunks(part):
             if set(chunk.columns) != names:
@@ -85,7 +97,7 @@ class Rows:
 
 
 def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
-    """Its runs one by one: a smoother is compiled for each number of runs that it is given at once."""
+    """Return the runs one by one: a smoother is compiled for each number of runs that it is given at once."""
     for run in range(chunk.n_run):
         yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
 
@@ -97,13 +109,13 @@ def _runs_in_words(piece: Trajectories) -> str:
 
 @dataclass(frozen=True)
 class Whole:
-    """All rows of a stream, of which ranges and sizes are known.
+    """All rows of a stream, with known ranges and sizes.
 
     Attributes:
         stream: The stream.
         sample: Rows that are looked at.
-        extent: What the first pass found.
-        runs: What makes rows of each block.
+        extent: Findings of the first pass.
+        runs: Maker of the rows of each block.
         first: Frames that the factors of the first pass were made in, where rows are of paths.
     """
 
@@ -114,10 +126,10 @@ class Whole:
     first: Mapping[str, Frame]
 
     def statistics(self, model: Program) -> dict[str, RowStatistics]:
-        """What all rows say under a model, by block: one pass over them, none where the first has told all.
+        """Return the statistics of all rows by block: one pass over them, none where those of the first are enough.
 
         Args:
-            model: One with the terms and the simulation of the first pass; its features may be others.
+            model: A model with the terms and the simulation of the first pass; its features may be others.
 
         Raises:
             InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
@@ -132,9 +144,9 @@ class Whole:
             factors = self._factors(model, frames)
         found = {}
         for block, frame in frames.items():
-            levels, floor, own = sizes[block].levels, model.noise_floor, sizes[block]
-            if levels is not None:
-                floor = with_steps(levels / frame.target_scale, own.n_white, floor)
+            own, floor = sizes[block], model.noise_floor
+            if own.levels is not None:
+                floor = with_steps(own.levels / frame.target_scale, own.n_white, floor)
             found[block] = RowStatistics(
                 n_row=self.extent.n_row,
                 ends=own.ends,
@@ -149,9 +161,8 @@ class Whole:
         return found
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
-        parts = _over_parts(
-            self.stream, _factors_of_part, READING_ROWS, model, measured_of(self.sample), self.runs, frames
-        )
+        rows = Rows(self.stream.source, model, measured_of(self.sample), self.runs)
+        parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
         factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
         for part in parts:
             factors = {block: factor.joined(part[block]) for block, factor in factors.items()}
@@ -191,7 +202,7 @@ class Whole:
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
-    """The first pass.
+    """Make the first pass.
 
     Args:
         stream: All rows; whole runs where they are of paths.
@@ -212,14 +223,14 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
             scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
             with of_the_sample(measured_of(sample), stream):
                 frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
-    arguments = (model, measured_of(sample), runs, frames)
+    rows = Rows(stream.source, model, measured_of(sample), runs)
     return Whole(
-        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, *arguments)), runs, frames
+        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, rows, frames)), runs, frames
     )
 
 
 def measured_of(sample: Trajectories) -> Trajectories:
-    """Rows as they were measured, of such as were completed."""
+    """Return rows as they were measured, if they were completed."""
     return sample.samples or sample
 
 
@@ -227,54 +238,35 @@ def _terms(model: Program, sample: Trajectories) -> dict[str, Dictionary]:
     return by_block(model.blocks, model.dictionaries(sample))
 
 
-def _extent_of_part(
-    source: Source,
-    part: int,
-    model: Program,
-    sample: Trajectories,
-    runs: Mapping[str, RunRows],
-    frames: Mapping[str, Frame],
-) -> Extent | None:
-    dictionaries = _terms(model, sample)
-    found: Extent | None = None
+def _extent_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> Extent | None:
+    dictionaries = _terms(rows.model, rows.sample)
+    total: Extent | None = None
     with threadpool_limits(1):
-        for chunk, rows in Rows(source, model, sample, runs).of_part(part):
-            own = Extent(
-                chunk.n_obs,
-                chunk.dropped,
-                chunk.n_run,
-                max(len(np.unique(each.run)) for each in rows.values()) if frames else chunk.n_run,
-                {name: float(column.min()) for name, column in chunk.columns.items()},
-                {name: float(column.max()) for name, column in chunk.columns.items()},
-                {block: Sizes.of(each, dictionaries[block]) for block, each in rows.items()},
-                {
-                    block: _with_rows(Factors.empty(_width(frame)), frame, rows[block])
-                    for block, frame in frames.items()
-                },
-            )
-            found = own if found is None else found + own
-    return found
+        for chunk, by_name in rows.of_part(part):
+            factors = {
+                block: _with_rows(Factors.empty(_width(frame)), frame, by_name[block])
+                for block, frame in frames.items()
+            }
+            n_telling = max(len(np.unique(each.run)) for each in by_name.values()) if frames else chunk.n_run
+            sizes = {block: Sizes.of(each, dictionaries[block]) for block, each in by_name.items()}
+            ends = ends_of(chunk.columns)
+            extent = Extent(chunk.n_obs, chunk.dropped, chunk.n_run, n_telling, ends, sizes, factors)
+            total = extent if total is None else total + extent
+    return total
 
 
-def _factors_of_part(
-    source: Source,
-    part: int,
-    model: Program,
-    sample: Trajectories,
-    runs: Mapping[str, RunRows],
-    frames: Mapping[str, Frame],
-) -> dict[str, Factors]:
+def _factors_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> dict[str, Factors]:
     factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
     # The last digits of a factor may depend on how many threads made it.
     with threadpool_limits(1):
-        for _, rows in Rows(source, model, sample, runs).of_part(part):
-            for block, each in rows.items():
+        for _, by_name in rows.of_part(part):
+            for block, each in by_name.items():
                 factors[block] = _with_rows(factors[block], frames[block], each)
     return factors
 
 
 def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
-    """Factors of more rows: of rates the same one twice, as each is white by itself."""
+    """Add rows to factors: to those of rates twice the same, as each is white by itself."""
     if rows.operator is None:
         R = _with_rates(factors.white, frame, rows)
         return Factors(R, R)
@@ -302,16 +294,18 @@ def _width(frame: Frame) -> int:
     return len(frame.dictionary) + 1 + (0 if frame.basis is None else frame.basis.size)
 
 
-def _over_parts(stream: RowStream, function: Callable[..., Any], what: str, *arguments: Any) -> Iterator[Any]:
-    """What a function gives of each part that has rows, in the order of the parts."""
+def _over_parts(
+    stream: RowStream, function: Callable[..., Any], label: str, rows: Rows, frames: Mapping[str, Frame]
+) -> Iterator[Any]:
+    """Return the results of a function for each part that has rows, in the order of the parts."""
     n_part = stream.source.n_part
-    tasks = {str(part): (stream.source, part, *arguments) for part in range(n_part)}
+    tasks = {str(part): (part, rows, frames) for part in range(n_part)}
     # Without a wish parts are read here: workers have to be paid for, and a part may hold all rows.
     workers = stream.workers if stream.scheduler is not None else stream.workers or 1
     waiting: dict[int, Any] = {}
     turn = 0
     with (
-        stage(what, n_part) as line,
+        stage(label, n_part) as line,
         closing(run_tasks(function, tasks, workers=workers, scheduler=stream.scheduler)) as done_tasks,
     ):
         for done in done_tasks:

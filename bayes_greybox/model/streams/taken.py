@@ -1,4 +1,4 @@
-"""What a fit takes: rows in memory, or a stream of them with a sample that is looked at."""
+"""The data of a fit: rows in memory, or a stream of them with a sample that is looked at."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,19 +11,18 @@ from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
 from .extent import Extent
-from .passes import Whole, whole_of
-from .sampled import of_the_sample
+from .passes import Whole, of_the_sample, whole_of
 from .statistics import equations_of
 
 MOST_PASSES = 5
-"""How often rows of paths are taken anew near what all runs say: each is a pass over them."""
+"""Most times that rows of paths are taken anew near the estimate on all runs: each is a pass over them."""
 
 
 class Taken(NamedTuple):
-    """What a fit is of.
+    """Model and data of a fit.
 
     Attributes:
-        model: With the kind of rows and the noise that the data have.
+        model: The model, with the kind of rows and the noise that the data have.
         data: Rows in memory: all, or some that are looked at.
         whole: All rows, where those are some of them.
     """
@@ -34,15 +33,11 @@ class Taken(NamedTuple):
 
 
 def taken(model: Program, data: Trajectories | RowStream) -> Taken:
-    """Model and data as a fit takes them.
-
-    Args:
-        model: Model.
-        data: Training data.
+    """Return model and training data as a fit takes them.
 
     Raises:
-        InputError: See `Program.near` and `Program.with_noise_found`; of a stream noise that is to be found, the exact
-            path, and coefficients of paths that do not settle.
+        InputError: See `Program.near` and `Program.with_noise_found`; with a stream, noise that is to be found, the
+            exact path, and coefficients of paths that do not settle.
     """
     if not isinstance(data, RowStream):
         return Taken(*Program.with_noise_found(*Program.near(model, data)))
@@ -59,7 +54,7 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
 
 
 def _runs_taken(model: Program, data: RowStream) -> Taken:
-    """Rows of paths, run by run: near what some whole runs say at first, then near what all do."""
+    """Take rows of paths, run by run, near the estimate on some whole runs at first, then near that on all."""
     measured, earlier = data.sample, None
     # Names are those of all runs.
     model.dictionaries(measured)
@@ -95,7 +90,7 @@ def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) 
 
 
 def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
-    """How many runs say nothing."""
+    """Return a sentence on runs without rows, if there are any."""
     silent = extent.n_run - extent.n_telling
     if not silent:
         return ()

@@ -206,8 +206,8 @@ def test_rows_are_rounded_where_those_in_memory_are():
 
 
 def test_of_many_different_values_none_is_kept():
-    few = Sizes(1, 1, 0.0, {}, {}, np.zeros(1), 0.0, 0.0, np.arange(MOST_LEVELS - 1.0))
-    more = Sizes(1, 1, 0.0, {}, {}, np.zeros(1), 0.0, 0.0, np.arange(5.0) + 0.5)
+    few = Sizes(1, 1, 0.0, {}, np.zeros(1), 0.0, 0.0, np.arange(MOST_LEVELS - 1.0))
+    more = Sizes(1, 1, 0.0, {}, np.zeros(1), 0.0, 0.0, np.arange(5.0) + 0.5)
     assert (few + more).levels is None and (more + more).levels is not None
     assert ((few + more) + more).levels is None
 
