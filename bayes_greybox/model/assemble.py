@@ -26,7 +26,7 @@ from .rows.equation_rows import EquationRows, Table
 from .scaling import box_columns, scaled_frame, with_measure
 
 FEWEST_ROUNDING_STEPS = 8
-"""Values on so many steps of a lattice, or more, count as rounded to it."""
+"""Least number of steps of a lattice on which values count as rounded to it."""
 
 
 def assemble(
@@ -87,17 +87,13 @@ def assemble(
 
 
 def common_of(
-    frame: Frame,
-    n_obs: int,
-    log_det: float,
-    noise_floor: float,
-    coefficients: Sequence[Coefficient | None] | None,
+    frame: Frame, n_obs: int, log_det: float, noise_floor: float, coefficients: Sequence[Coefficient | None] | None
 ) -> dict[str, Any]:
-    """What every design has beside its rows.
+    """Return the fields of every design beside its rows.
 
     Args:
         frame: Scaling of the equation.
-        n_obs: White numbers that the rows carry.
+        n_obs: Number of white numbers that the rows carry.
         log_det: log|R|.
         noise_floor: Least σ, scaled units.
         coefficients: Prior of each term, None where the model's holds alone.
@@ -118,13 +114,9 @@ def feature_design(
     factor: Float[np.ndarray, "n_kept n_column"],
     common: Mapping[str, Any],
 ) -> FeatureDesign:
-    """The design of rows of which the triangular factor of [Φ ψ y] is known.
+    """Return the design of rows with a known triangular factor of [Φ ψ y], whitened, in scaled units.
 
-    Args:
-        frame: Scaling and bases, the measure's among them.
-        discrepancy: The Gaussian process, or None.
-        factor: Of the whitened rows, scaled units.
-        common: From `common_of`.
+    The frame has the measure's bases; `common` is from `common_of`.
     """
     n_term = len(frame.dictionary)
     Phi, psi, y = np.split(factor, [n_term, factor.shape[1] - 1], axis=1)
@@ -143,7 +135,7 @@ def feature_design(
 
 
 def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
-    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
+    """Return the noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
 
     Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values the
     smallest difference says nothing but how many there are, and a signal of a few levels may well be exact.
@@ -156,13 +148,7 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
 
 
 def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: float) -> float:
-    """`with_rounding` of values of which the different ones are known.
-
-    Args:
-        levels: The different values, in increasing order.
-        n_obs: How many values there are.
-        relative: Least noise standard deviation over the RMS of the target.
-    """
+    """Return `with_rounding` of `n_obs` values from their different levels, in increasing order."""
     steps = np.diff(levels)
     if steps.size < FEWEST_ROUNDING_STEPS or steps.size == n_obs - 1:
         return relative
@@ -173,7 +159,7 @@ def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: floa
 
 
 def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, " n_term"]:
-    """Of each term over the samples."""
+    """Return the mean square of each term over the samples."""
     squares = np.zeros(len(dictionary))
     for start in range(0, rows.n_sample, 16 * FACTOR_CHUNK):
         part = rows.at(slice(start, start + 16 * FACTOR_CHUNK))
@@ -182,12 +168,7 @@ def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarra
 
 
 def scaled_table(frame: Frame, rows: EquationRows) -> Table:
-    """[Φ ψ y] in scaled units by index of the rows; of many chunks each is evaluated by one compiled program.
-
-    Args:
-        frame: Scaling and features.
-        rows: The rows.
-    """
+    """Return [Φ ψ y] in scaled units by index of the rows; many chunks are evaluated by one compiled program."""
     y = rows.target / frame.target_scale
 
     def evaluate(columns: Mapping[str, jax.Array | np.ndarray]) -> jax.Array | np.ndarray:

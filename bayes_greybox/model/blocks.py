@@ -8,7 +8,7 @@ from bayes_greybox.physics.terms import Dictionary, terms_of
 
 
 def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, Dictionary]) -> dict[str, Dictionary]:
-    """Return dictionaries by block, from those by learned state; those of equations that share their rows are joined."""
+    """Return dictionaries by block, from those by learned state; equations that share their rows have a joint one."""
     return {
         name: dictionaries[name]
         if name in dictionaries

@@ -104,7 +104,7 @@ class ExactLikelihood:
         return (scaled * self.unit)[..., None] * np.ones(len(self.measured))
 
     def log_prior(self, drawn: Mapping[str, np.ndarray], own: EquationSites) -> dict[str, np.ndarray]:
-        """Return log prior densities that differ from the collapsed model's, each [n_chain, n_draw], from draws by variable."""
+        """Return log prior densities [n_chain, n_draw] that the collapsed model has not, from draws by variable."""
         starts = norm.logpdf(drawn[own[START_SITE]], self.start_mean, self.start_sd)
         found = {own[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
@@ -115,12 +115,12 @@ class ExactLikelihood:
         return found
 
     def whitened(self, change: Any, sigma: Any) -> Any:
-        """Return a change of the rows over their noise, W₀ change/σ [..., n_row], the change in the sensors' units."""
+        """Return a change of the rows over their noise, W₀ change/σ [..., n_row]."""
         z = change / sigma
         return z * self.whiten if self.independent else z @ self.whiten.T
 
     def log_density(self, predicted: Any, sigma: Any) -> Any:
-        """Return the log density of each row [..., n_row]; of correlated rows that of the innovations in their stead."""
+        """Return the log density of each row [..., n_row]; of correlated rows that of the innovations instead."""
         xp = namespace([predicted, sigma, self.measured])
         z = self.whitened(self.measured - predicted, sigma)
         log_det = -2 * xp.log(self.whiten) if self.independent else self.log_det / len(self.measured)

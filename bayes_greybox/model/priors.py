@@ -19,7 +19,7 @@ from bayes_greybox.running.limits import Positive, Whole, require_limits
 from .sites import site
 
 ENUMERATION_LIMIT = 12
-"""Up to this many terms all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
+"""Most terms for which all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
 
 
 class Scales(NamedTuple):
@@ -148,7 +148,7 @@ class SpikeAndSlab:
         require_limits(self)
 
     def sums(self, n_term: int) -> bool:
-        """Whether the patterns of so many terms are summed."""
+        """Return whether the patterns of so many terms are summed."""
         return n_term <= self.enumerate_up_to
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
@@ -189,7 +189,7 @@ PRIORS: Mapping[str, type] = {
     "regularised_horseshoe": RegularisedHorseshoe,
     "normal": Normal,
 }
-"""Priors by the kind that configurations have for them; files of fits have the names of the classes.
+"""Priors by their kind in configurations; files of fits have the names of the classes.
 
 A prior that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
 """

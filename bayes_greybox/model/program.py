@@ -287,7 +287,7 @@ class Program(SamplingProgram):
         return replace(self, rows=self.rows.chosen(data))
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model with rows near its estimate on training data, and completed data; rates leave both as they are.
+        """Return the model with rows near its estimate on training data, and completed data; rates leave both alone.
 
         The rows are taken near the ridge estimate of the model's own terms: what matters is the path, which any
         estimate that fits follows; see `near.near_estimate`.
@@ -302,7 +302,7 @@ class Program(SamplingProgram):
         return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model and the training data with the parameters of the noise held, as a fit and its folds use them.
+        """Return the model and the training data with the parameters of the noise held, as a fit and its folds use it.
 
         The data carry R, so that a part of them carries its part.
 

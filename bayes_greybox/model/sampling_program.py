@@ -148,7 +148,7 @@ class SamplingProgram:
         return design.coefficients.complete(shared)
 
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
-        """Return scales and odds of θ at given draws, if the prior leaves inclusion patterns to be summed; else None.
+        """Return scales and odds of θ at given draws; None where the prior leaves no inclusion patterns to be summed.
 
         Args:
             design: Design of the equation.

@@ -23,7 +23,7 @@ def triangular_factor(
     n_row: int,
     chunk: int = FACTOR_CHUNK,
 ) -> Float[np.ndarray, "n_kept n_column"]:
-    """Upper triangular R with RᵀR = FᵀF for a tall matrix F that never exists as a whole.
+    """Return the upper triangular R with RᵀR = FᵀF for a tall matrix F that never exists as a whole.
 
     Up to one chunk this is a QR factorisation. Beyond, a Gram matrix alone would square the condition number,
     and a QR of every chunk costs three matrix products. Instead the rows are preconditioned by R₀, the factor
@@ -38,7 +38,7 @@ def triangular_factor(
     calling this again.
 
     Args:
-        rows: Gives the rows of F with these indices.
+        rows: Function from indices to these rows of F.
         n_row: Number of rows of F.
         chunk: Rows per block; memory is bounded by one block.
 

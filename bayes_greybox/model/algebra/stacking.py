@@ -21,18 +21,16 @@ PANEL = 16
 
 
 def empty_factor(n_column: int) -> Float[np.ndarray, "n_column n_column"]:
-    """R of no rows."""
+    """Return R of no rows."""
     return np.zeros((n_column, n_column), order="F")
 
 
 def stacked(
     R: Float[np.ndarray, "n_column n_column"], rows: Float[np.ndarray, "n_row n_column"]
 ) -> Float[np.ndarray, "n_column n_column"]:
-    """R of the rows behind R and of more, by a QR factorisation that knows of R's zeros (LAPACK's tpqrt).
+    """Return R of the rows behind R and of more, by a QR factorisation that knows of R's zeros (LAPACK's tpqrt).
 
-    Args:
-        R: Upper triangular; signs of its rows are free.
-        rows: Those that come next, of any number.
+    Signs of the rows of R are free.
     """
     (tpqrt,) = scipy.linalg.get_lapack_funcs(("tpqrt",), (R,))
     R = np.array(R, order="F")
@@ -44,7 +42,7 @@ def stacked(
 
 
 def joined(factors: Iterable[Float[np.ndarray, "n_column n_column"]]) -> Float[np.ndarray, "n_column n_column"]:
-    """R of several factors' rows, stacked in their order: another order rounds otherwise."""
+    """Return R of several factors' rows, stacked in their order: another order rounds otherwise."""
     parts = iter(factors)
     R = next(parts)
     for part in parts:

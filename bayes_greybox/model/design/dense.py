@@ -109,10 +109,7 @@ class DenseDesign(Design):
         self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_row"]:
         """Draw f at other points given θ and η, not given its values at the data."""
-        left = (
-            jnp.asarray(frame.position(columns)),
-            jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal),
-        )
+        left = (jnp.asarray(frame.position(columns)), jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal))
         keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
         def one(item: tuple[Array, Hyperparameters, Array]) -> Array:

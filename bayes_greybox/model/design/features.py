@@ -241,11 +241,7 @@ class FeatureDesign(Design):
             return np.column_stack([kept, np.linalg.norm(y - kept @ rotation.T, axis=1)])
 
         design = replace(
-            self,
-            Phi=jnp.asarray(R[:, : Phi.shape[1]]),
-            Psi=features,
-            gram=features.T @ features,
-            y=jnp.zeros(len(R)),
+            self, Phi=jnp.asarray(R[:, : Phi.shape[1]]), Psi=features, gram=features.T @ features, y=jnp.zeros(len(R))
         )
         return design, compress
 

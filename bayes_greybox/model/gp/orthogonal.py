@@ -32,15 +32,10 @@ LOW_DISCREPANCY_NODES = 4096
 def box_nodes(
     n_var: int, *, monte_carlo: int | None = None, seed: int = 0
 ) -> tuple[Float[np.ndarray, "n_node n_var"], Float[np.ndarray, " n_node"]]:
-    """Nodes and weights of the uniform probability measure on the box [−1, 1]^d.
+    """Return nodes and weights of the uniform probability measure on the box [−1, 1]^d.
 
     Tensor Gauss–Legendre for d ≤ 3, scrambled Sobol points beyond; with `monte_carlo` = n, n independent
     uniform points, as the seed paper integrates its Gram matrix.
-
-    Args:
-        n_var: Number of variables d.
-        monte_carlo: Number of plain Monte Carlo points, or None for quadrature.
-        seed: Seed of the random points.
 
     Returns:
         Nodes [n_node, d] in scaled units, and weights [n_node] that sum to one.
@@ -61,14 +56,10 @@ def box_nodes(
 def orthonormalise(
     Phi: Float[np.ndarray, "n_node n_term"], weights: Float[np.ndarray, " n_node"]
 ) -> Float[np.ndarray, "n_term n_rank"]:
-    """T such that Φ T is orthonormal under the measure with these nodes and weights.
+    """Return T such that Φ T is orthonormal under the measure with these nodes and weights, which sum to one.
 
     From the singular value decomposition of √w Φ, directions below 1e-10 of the largest singular value left
     out: a solve with the paper's Gram matrix H = ⟨Φ, Φᵀ⟩ that never forms H and reveals its rank.
-
-    Args:
-        Phi: Dictionary at the nodes.
-        weights: Weights that sum to one.
     """
     _, singular, Vt = np.linalg.svd(np.sqrt(weights)[:, None] * Phi, full_matrices=False)
     keep = singular > 1e-10 * singular[0]
@@ -84,10 +75,10 @@ def orthogonal_gram(
     right: tuple[Float[Array, "n_right n_var"], Float[Array, "n_right n_rank"]],
     nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]],
 ) -> Float[Array, "n_left n_right"]:
-    """k⊥(x_i, x'_j).
+    """Return k⊥(x_i, x'_j).
 
     Args:
-        variant: Which orthogonal kernel.
+        variant: Variant of the orthogonal kernel.
         kernel: Base kernel.
         amplitude: Standard deviation of the base kernel, scaled units.
         length_scale: Length scales, scaled units.

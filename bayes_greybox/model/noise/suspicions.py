@@ -117,10 +117,7 @@ def varying(
 
 
 def heavy(
-    residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
-    prior: NoisePrior,
-    degrees: Sequence[float] = DEGREES,
+    residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
 ) -> Suspicion | None:
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
