@@ -57,7 +57,7 @@ class Equation:
         return self.design.at_data(self.parts(index)[1], index, draws)
 
     def weighted(self) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """Return observations by number, weighted by the inverse noise correlation; see `Design.weighted`."""
+        """Return observations by number, weighted by the inverse noise correlation; see `FeatureDesign.weighted`."""
         return self.design.weighted(self.frame, self.rows, self.table)
 
     @cached_property
@@ -92,10 +92,6 @@ class Equation:
         theta, precision = self._least_squares
         sd = np.sqrt(self.variance * np.diag(np.linalg.inv(precision)))
         return float(np.max(np.abs(theta - self._scaled(before)) / sd))
-
-    def log_likelihood(self) -> float:
-        """Return the log likelihood of the samples at the estimate of `ridge`, σ profiled out, up to a constant."""
-        return self._log_likelihood(self._least_squares[0])
 
     def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
         """Return the log density of the samples and of stated priors at other coefficients, up to a constant."""

@@ -142,7 +142,7 @@ class SamplingProgram:
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
 
     def scales(self, design: Design, sigma: Any) -> Scales:
-        """Sample the scales of all terms: those that the prior has, and those that are stated; `sigma` in scaled units."""
+        """Sample the scales of all terms: those of the prior, and those that are stated; σ in scaled units."""
         n_shared = len(design.coefficients.shared)
         shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
         return design.coefficients.complete(shared)

@@ -2,6 +2,9 @@
 
 from .dense import DenseDesign
 from .features import FeatureDesign
-from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+from .protocol import Compress, EquationDraws, Root, WeightedRows
+
+Design = FeatureDesign | DenseDesign
+"""A design of either kind. Both have the same methods: remove f, draw f, evaluate f elsewhere, leave rows out."""
 
 __all__ = ["Compress", "DenseDesign", "Design", "EquationDraws", "FeatureDesign", "Root", "WeightedRows"]

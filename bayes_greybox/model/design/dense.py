@@ -19,7 +19,7 @@ from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.running.errors import InputError
 
-from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
 
 MOST_WORTHWHILE = 100
 """Most posterior draws that are worth their cost, a dense factorisation each."""
@@ -27,11 +27,11 @@ MOST_WORTHWHILE = 100
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class DenseDesign(Design):
+class DenseDesign(DesignRows):
     """Rows of one equation on the exact path: f is in the model by its covariance matrix at the rows.
 
     Attributes:
-        expands: See `Design`: f has values where it was drawn only.
+        expands: See `DesignRows`: f has values where it was drawn only.
         points: Variables of f and Φₒ at the samples of the data.
         nodes: Nodes of the measure, and w Φₒ there.
         whitening: W, or None where the rows are independent.
@@ -84,7 +84,11 @@ class DenseDesign(Design):
         return singular_root(self.covariance(hyper)) @ jax.random.normal(key, self.y.shape)
 
     def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """Refuse: f has no weights."""
+        """Refuse: f has no weights.
+
+        Raises:
+            InputError: Always.
+        """
         raise InputError("f has no weights to sample: use OrthogonalGP(path='hsgp').")
 
     def standardised(
@@ -182,13 +186,20 @@ class DenseDesign(Design):
             log_det_R=self.log_det_R + removal.log_det,
         )
 
+    def padded(self) -> "DenseDesign":
+        """Return the design itself: its covariance matrix is as large as it has rows."""
+        return self
+
     def first_densities(
         self,
         order: Int[np.ndarray, " n_obs"],
         counts: Int[np.ndarray, " n_count"],
         parameters: tuple[Hyperparameters, Scales],
     ) -> Float[np.ndarray, "n_draw n_count"]:
-        """Compute all densities from one Cholesky factorisation of K⊥ + σ²R in this order."""
+        """Return log p(y_A | η) of the first rows A in an order, for increasing numbers of them, without log|R_AA|.
+
+        One Cholesky factorisation of K⊥ + σ²R in this order serves them all. `parameters` are stacked over draws.
+        """
         return np.asarray(_first_densities(self, jnp.asarray(order), jnp.asarray(counts), parameters))
 
     def open(

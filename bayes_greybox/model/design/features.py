@@ -19,11 +19,12 @@ from bayes_greybox.model.algebra.linalg import solve_lower_transposed
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
+from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
 from bayes_greybox.running.arrays import on_device
 
-from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
 
 LEAST_WEIGHT_SD = 1e-100
 """Prior standard deviation below which nothing is left of a weight that could be standardised."""
@@ -31,14 +32,19 @@ LEAST_WEIGHT_SD = 1e-100
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class FeatureDesign(Design):
+class FeatureDesign(DesignRows):
     """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
 
     The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
     discrepancy the features have no columns.
 
+    Arguments of the methods, here and in `DenseDesign`, have the same meaning throughout: `hyper` is η, `theta` the
+    coefficients, `frame` the scaling and bases of the equation, `rows` its rows, `table` [Φ Ψ̃ y] at rows of the data
+    in scaled units, `draws` posterior draws, `Psi` orthogonal features, `weight` and `f` the weights of f or its values
+    at the data, without columns where f has the other.
+
     Attributes:
-        expands: See `Design`: f is a sum of features.
+        expands: See `DesignRows`: f is a sum of features.
         Psi: Orthogonal features Ψ̃.
         gram: Ψ̃ᵀΨ̃.
         frequency: √λ of each feature in every direction.
@@ -58,6 +64,10 @@ class FeatureDesign(Design):
     def n_var(self) -> int:
         """Number of variables that f depends on."""
         return self.frequency.shape[1]
+
+    def worthwhile(self, draws: int) -> int:
+        """Return the number of so many posterior draws that are worth their cost: all, since one costs a product."""
+        return draws
 
     def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
         """Return ½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
@@ -86,7 +96,7 @@ class FeatureDesign(Design):
         return z if U is None else z + U @ (U.T @ fresh)
 
     def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, FeatureSolve]:
-        """Integrate out the weights of f."""
+        """Integrate out the weights of f: return the regression left for θ, and what `draw_discrepancy` needs."""
         log_root, U = self.weight_prior(hyper)
         regression, solve = remove_features(self.Phi, self.Psi, self.gram, y, log_root, hyper.sigma, U)
         log_det = regression.log_det + 2 * self.n_obs * jnp.log(hyper.sigma) + self.log_det_R
@@ -110,7 +120,7 @@ class FeatureDesign(Design):
     def draw_discrepancy(
         self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
     ) -> dict[str, Array]:
-        """Draw the weights from their posterior: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹)."""
+        """Draw the weights from their posterior: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), with L and Z in `solve`."""
         L, Z = solve
         z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key, L.shape[:1]))
         return self._named(self.weights(z, hyper))
@@ -143,7 +153,7 @@ class FeatureDesign(Design):
     def weighted(
         self, frame: Frame, rows: EquationRows, table: Table
     ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """Return R⁻¹[Φ Ψ̃ y] and diag R⁻¹ by observation."""
+        """Return a function from numbers of observations to R⁻¹[Φ Ψ̃ y] and diag R⁻¹ there."""
         values, precision = rows.weighted(table)
         n_term = len(frame.dictionary)
 
@@ -184,7 +194,7 @@ class FeatureDesign(Design):
     def inverse(
         self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
     ) -> Float[Array, "n m"]:
-        """Return σ⁻² (R⁻¹ − HᵀH)."""
+        """Return σ⁻² (R⁻¹ − HᵀH), blocks of C⁻¹ from columns H_i and H_j of `Root`, and blocks of R⁻¹."""
         return (precision - left @ right.T) / hyper.sigma**2
 
     def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
@@ -192,13 +202,13 @@ class FeatureDesign(Design):
         return (rows.precision - jnp.sum(root.H**2, axis=0)) / hyper.sigma**2
 
     def removes(self, size: int) -> bool:
-        """Return whether there are more rows than columns: a block of C⁻¹ would then be larger than a new factor."""
+        """Return whether leaving out so many observations is cheaper by a new factor than by a block of C⁻¹."""
         return size > self.Phi.shape[1] + self.Psi.shape[1]
 
     def without(
         self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
     ) -> "FeatureDesign":
-        """Return the factor of the whitened rows that are left."""
+        """Return the factor of the whitened rows without the observations `out`; `removal` is `rows.without(out)`."""
         kept, directions = removal.kept, removal.directions
         white = rows.whitened(table)
         if directions is None:
@@ -225,10 +235,20 @@ class FeatureDesign(Design):
         Phi, Psi, y = (np.pad(a, [(0, short), (0, 0)][: a.ndim]) for a in (self.Phi, self.Psi, self.y))
         return replace(self, Phi=jnp.asarray(Phi), Psi=jnp.asarray(Psi), y=jnp.asarray(y))
 
+    def first_densities(
+        self, order: Int[np.ndarray, " n_obs"], counts: Int[np.ndarray, " n_count"],
+        parameters: tuple[Hyperparameters, Scales],
+    ) -> Float[np.ndarray, "n_draw n_count"] | None:  # fmt: skip
+        """Return None: each number of first rows has a factor of its own; see `DenseDesign.first_densities`."""
+        return None
+
     def open(
         self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
     ) -> tuple["FeatureDesign", Compress]:
-        """Factorise [Φ Ψ̃] = Q R: the sampler sees R, Qᵀy, and the norm of what Q cannot say as one more row."""
+        """Return the design for other targets, and a function that makes its targets of whitened ones.
+
+        [Φ Ψ̃] = Q R: the sampler sees R, Qᵀy, and the norm of what Q cannot say as one more row.
+        """
         rotation, R = np.linalg.qr(np.column_stack([Phi, Psi]))
         R = np.vstack([R, np.zeros((int(len(Phi) > R.shape[1]), R.shape[1]))])
         features = jnp.asarray(R[:, Phi.shape[1] :])
@@ -248,7 +268,11 @@ class FeatureDesign(Design):
     def simulate(
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """Draw w ~ N(0, S), or given C w = 0."""
+        """Draw w ~ N(0, S), or given C w = 0, in plain NumPy, for simulation-based calibration of the likelihood.
+
+        Returns:
+            The weights by quantity (empty without a discrepancy), and f at the whitened rows.
+        """
         n = len(hyper.sigma)
         if Psi.shape[1] == 0:
             return {}, np.zeros((n, len(Psi)))

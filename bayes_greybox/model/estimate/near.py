@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -45,20 +45,6 @@ FOLLOWED_NATS = 3.0
 
 Model = TypeVar("Model", bound=Any)
 """A `Program`, which is made of this."""
-
-
-class Turned(NamedTuple):
-    """A model with rows near its estimate on the rows before.
-
-    Attributes:
-        model: The model.
-        equation: Its equation on the rows before.
-        moved: Change of the estimate by the last outer iteration, in standard deviations.
-    """
-
-    model: Any
-    equation: Equation
-    moved: float
 
 
 def near_estimate(model: Model, data: Trajectories) -> Model:
@@ -170,9 +156,9 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
         lean = replace(lean, rows=model.rows)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = _turned(lean, data, FORCED_ITERATIONS, SETTLED_WITHIN)
-            if found.moved > STAYING_WITHIN:
-                found = _turned(found.model, data, MOST_ITERATIONS - FORCED_ITERATIONS, STAYING_WITHIN)
+            near, moved = _turned(lean, data, FORCED_ITERATIONS, SETTLED_WITHIN)
+            if moved > STAYING_WITHIN:
+                near, moved = _turned(near, data, MOST_ITERATIONS - FORCED_ITERATIONS, STAYING_WITHIN)
     except (InputError, np.linalg.LinAlgError) as error:
         # What is refused at once is not for where the turns have led.
         lean.assemble(data)
@@ -180,9 +166,9 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
             raise _unsettled(model, MOST_ITERATIONS, math.inf) from error
         # Without the force no path can be followed to its end: there is the one that it keeps to the samples.
         return replace(model, rows=lean.rows)
-    if found.moved > UNSETTLED_BEYOND:
-        raise _unsettled(model, MOST_ITERATIONS, found.moved)
-    return replace(model, rows=found.model.rows)
+    if moved > UNSETTLED_BEYOND:
+        raise _unsettled(model, MOST_ITERATIONS, moved)
+    return replace(model, rows=near.rows)
 
 
 def _nearer(model: Any, data: Trajectories) -> Any:
@@ -209,7 +195,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
     found = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
-            forced, _, moved = _turned(forced, data, tried - done, SETTLED_WITHIN)
+            forced, moved = _turned(forced, data, tried - done, SETTLED_WITHIN)
         except (InputError, np.linalg.LinAlgError):
             if not found:
                 raise
@@ -266,19 +252,21 @@ def _follows(model: Any, data: Trajectories) -> bool:
     return unfollowed is None or unfollowed.nats < FOLLOWED_NATS
 
 
-def _turned(model: Any, data: Trajectories, most: int, settled: float) -> Turned:
-    """Return the model after so many outer iterations, or after the first that moves the estimate less."""
-    equation, moved = None, math.inf
+def _turned(model: Any, data: Trajectories, most: int, settled: float) -> tuple[Any, float]:
+    """Return the model after so many outer iterations, or after the first that moves the estimate less, and the move.
+
+    A move is in standard deviations of the coefficients.
+    """
+    before, moved = None, math.inf
     for _ in range(most):
-        before = equation
         # Rows that are linear near a model only are of one block.
         (equation,) = model.assemble(data).values()
-        moved = math.inf if before is None else equation.moved(before.ridge())
-        model = replace(model, rows=model.rows.around(*_terms(equation)))
+        moved = math.inf if before is None else equation.moved(before)
+        before = equation.ridge()
+        model = replace(model, rows=model.rows.around(before, equation.frame.dictionary.acts_on))
         if moved < settled:
             break
-    assert equation is not None
-    return Turned(model, equation, moved)
+    return model, moved
 
 
 def _terms(equation: Equation) -> tuple[Any, Any]:

@@ -26,7 +26,7 @@ from .path.reference_path import ReferencePath
 from .row_kind import Remembered, RowKind
 from .weak_path import Common, Reading, WeakPath, weak_path
 
-_READINGS, _PATHS = Remembered(), Remembered()
+_READINGS, _WEAK_PATHS = Remembered(), Remembered()
 """Readings and paths by the samples that they are of."""
 
 Share = Annotated[NotNegative, Lt(1)]
@@ -148,7 +148,7 @@ class WeakRows(RowKind):
             with_rows, whole = self.frozen(samples, equations, simulation)
             return weak_path(_read(samples, self.radius), with_rows, simulation, whole, self.white_share)
 
-        return _PATHS.result(samples, (self, equations, simulation.key), near)
+        return _WEAK_PATHS.result(samples, (self, equations, simulation.key), near)
 
     def frozen(
         self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation
