@@ -72,11 +72,15 @@ def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
 
 def frozen(model: Any, equation: Equation) -> list[tuple[Any, float]]:
     """Return the coefficients of an equation's terms that its rows are near; zero for those that they do not have."""
-    dictionary, rows = equation.frame.dictionary, model.rows
-    to = rows.added_to or model.equations * len(rows.added)
-    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
-    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
-    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]
+    dictionary, added = equation.frame.dictionary, added_terms(model)
+    acts_on = dictionary.acts_on or model.equations[:1] * len(dictionary.terms)
+    return [(term, added.get((name, term.text), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=True)]
+
+
+def added_terms(model: Any) -> dict[tuple[str, str], float]:
+    """Return the coefficients of the model that rows are near, by learned state and term."""
+    to = model.rows.added_to or model.equations[:1] * len(model.rows.added)
+    return {(name, text): value for (text, value), name in zip(model.rows.added, to, strict=True)}
 
 
 def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing | None:

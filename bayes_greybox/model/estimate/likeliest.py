@@ -57,21 +57,6 @@ class Likeliest:
     weighed: dict[Set, float]
     inclusion: Float[np.ndarray, " n_term"]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the terms, by which sets are compared."""
-        texts = [term.text for term, _ in self.terms]
-        return tuple(f"{to}: {text}" for to, text in zip(self.acts_on or [""] * len(texts), texts, strict=True))
-
-    def stays(self, before: "Likeliest", within: float) -> bool:
-        """Return whether another set has the same terms, with coefficients within so many standard deviations."""
-        return self.names == before.names and bool(np.all(np.abs(self.mean - before.mean) <= within * self.sd))
-
-    @property
-    def mean(self) -> Float[np.ndarray, " n_in"]:
-        """Posterior means."""
-        return np.array([value for _, value in self.terms])
-
 
 def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
     """Find the likeliest set of terms of an equation without f; all of them where single coefficients have priors.

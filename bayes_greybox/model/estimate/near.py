@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.running.errors import InputError
 
-from .descent import SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND, descended, frozen, likeliest_of
+from .descent import SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND, added_terms, descended, frozen, likeliest_of
 from .likeliest import Likeliest, likeliest
 
 TERMS_STAY_WITHIN = 0.3
@@ -85,27 +85,22 @@ def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = Fal
         at = equation.ridge() if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
         return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
     found = likeliest(equation)
+    if _stays(model, found, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
+        return None
+    near = replace(model, rows=model.rows.around(found.terms, found.acts_on))
+    changed = added_terms(model).keys() ^ added_terms(near).keys()
+    if len(changed) == 1 and earlier is not None and _stays(earlier, found, UNSETTLED_BEYOND):
+        return None
+    return near
+
+
+def _stays(model: Any, found: Likeliest, within: float) -> bool:
+    """Return whether a frozen model has the terms of a set, with coefficients within so many standard deviations."""
+    before = added_terms(model)
     acts_on = found.acts_on or model.equations[:1] * len(found.terms)
     names = [(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)]
-    if _stays(model, names, found, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
-        return None
-    changed = _added(model).keys() ^ set(names)
-    if len(changed) == 1 and earlier is not None and _stays(earlier, names, found, UNSETTLED_BEYOND):
-        return None
-    return replace(model, rows=model.rows.around(found.terms, found.acts_on))
-
-
-def _added(model: Any) -> dict[tuple[str, str], float]:
-    """Return the coefficients of the frozen model by learned state and term."""
-    to = model.rows.added_to or model.equations[:1] * len(model.rows.added)
-    return {(name, text): value for (text, value), name in zip(model.rows.added, to, strict=True)}
-
-
-def _stays(model: Any, names: list[tuple[str, str]], found: Likeliest, within: float) -> bool:
-    """Return whether a frozen model has these terms, with coefficients within so many standard deviations."""
-    known = _added(model)
-    off = [abs(value - known.get(name, np.inf)) for name, value in zip(names, found.mean.tolist(), strict=True)]
-    return known.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
+    off = [abs(value - before.get(name, np.inf)) for (_, value), name in zip(found.terms, names, strict=True)]
+    return before.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
 
 
 def _alternated(model: Any, data: Trajectories) -> Any:
@@ -118,18 +113,19 @@ def _alternated(model: Any, data: Trajectories) -> Any:
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
-    before: Likeliest | None = None
-    changed: set[str] = set()
-    for turn in range(MOST_SEARCHES):
-        rows = lean.rows.from_afar(turn)
+    # The model before, where its terms were sought as thoroughly.
+    before, changed = None, set()
+    for iteration in range(MOST_SEARCHES):
+        rows = lean.rows.from_afar(iteration)
         close = rows == lean.rows
         (equation,) = replace(lean, rows=rows).assemble(data).values()
         found = likeliest(equation, thorough=close)
         lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
-        if before is not None and found.stays(before, TERMS_STAY_WITHIN):
-            break
-        changed = set(found.names) ^ set(before.names) if before is not None else changed
-        before = found if close else None
+        if before is not None:
+            if _stays(before, found, TERMS_STAY_WITHIN):
+                break
+            changed = added_terms(lean).keys() ^ added_terms(before).keys()
+        before = lean if close else None
     else:
         if len(changed) > 1:
             raise InputError(
