@@ -91,12 +91,7 @@ def common_of(
 ) -> dict[str, Any]:
     """Return the fields of every design beside its rows.
 
-    Args:
-        frame: Scaling of the equation.
-        n_obs: Number of white numbers that the rows carry.
-        log_det: log|R|.
-        noise_floor: Least σ, scaled units.
-        coefficients: Prior of each term, None where the model's holds alone.
+    σ, R and the white numbers `n_obs` are those of the rows; `noise_floor` is in scaled units.
     """
     given = [None] * len(frame.dictionary) if coefficients is None else coefficients
     return {

@@ -22,11 +22,6 @@ def used_states(
 ) -> tuple[str, ...]:
     """Return learned states without data that another equation uses; one that nothing uses is a slip of the pen.
 
-    Args:
-        dictionary: Terms by learned state, as the user gave them.
-        simulation: Expressions by state.
-        columns: Names of the data's columns.
-
     Raises:
         InputError: Terms or expressions that cannot be read.
     """

@@ -30,12 +30,6 @@ class StatedTerms(NamedTuple):
 def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> StatedTerms:
     """Read the terms of one equation and the priors of their coefficients.
 
-    Args:
-        terms: Terms as the user gave them.
-        stated: Priors of single terms.
-        names: States and inputs.
-        equation: The learned state.
-
     Raises:
         InputError: See `Dictionary.of` and `matched`.
     """
@@ -49,10 +43,6 @@ def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[
 
 def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, dict[str, Coefficient]]:
     """Read the priors of single coefficients that a model was given, and those that terms of its dictionary state.
-
-    Args:
-        stated: Priors by equation and term.
-        dictionary: Dictionary of the model.
 
     Raises:
         InputError: No such equation, or not a mapping from terms to `Coefficient`; two priors of one term.

@@ -88,12 +88,7 @@ class CoefficientPriors:
         return standardised(self.lower[index], mean, sd), standardised(self.upper[index], mean, sd)
 
     def placed(self, full: Ridge, scales: Scales) -> BoundedPatterns:
-        """Return the inclusion patterns, or the only one without odds, with the bounded coefficients placed.
-
-        Args:
-            full: Posterior of u without bounds, all terms in.
-            scales: Scales with `uniform`.
-        """
+        """Return the inclusion patterns, or the only one without odds, with the bounded coefficients placed."""
         assert scales.uniform is not None
         bounds = Bounds(*self.limits(scales), scales.uniform)
         return bounded_patterns(full.mean, full.covariance, scales.log_odds, bounds, self.bounded, self.certain)
@@ -144,10 +139,6 @@ class CoefficientPriors:
         """Return mean and standard deviation of θ a priori, the bounded coefficients held at their draws.
 
         Given these the target is normal, which a bounded coefficient does not leave it.
-
-        Args:
-            theta: Draws of the coefficients.
-            sd: Their prior standard deviations, zero where they are out.
         """
         mean, spread = np.broadcast_to(np.asarray(self.mean), theta.shape).copy(), np.array(sd)
         index = list(self.bounded)

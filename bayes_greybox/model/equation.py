@@ -103,10 +103,6 @@ class Equation:
 
         (H + μ diag H) θ' = b + μ diag H θ within the bounds, with H θ = b the equation of `ridge`: all the way to that
         for μ = 0. The gain is that on these rows.
-
-        Args:
-            at: The other coefficients, user's units.
-            damping: μ.
         """
         (precision, pull), extra = self._normal, damping * np.diag(self._normal[0])
         whole = self._bounded(precision + np.diag(extra), pull + extra * self._scaled(at))

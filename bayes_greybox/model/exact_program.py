@@ -95,9 +95,7 @@ class ExactLikelihood:
     def sigma(self, sensors: Any, scaled: Any) -> Any:
         """Return the noise of each row [..., n_row] without its share in R₀; the sensors' units.
 
-        Args:
-            sensors: Noise of each sensor [..., n_sensor], where they have their own.
-            scaled: Noise of all sensors, scaled units [...].
+        `sensors` is the noise of each, where they have their own, and `scaled` that of all, scaled units.
         """
         if self.sensor_noise is not None:
             return (sensors / self.share)[..., self.sensor]
@@ -136,13 +134,6 @@ def exact_model(
 
     Sites are those of the collapsed model and, each with the block's prefix, `theta_free`, `theta_j` for the j-th term
     where it has bounds, `start_unit`, standardised weights `z` of f, and `sensor_sigma` where sensors have their own.
-
-    Args:
-        program: Priors.
-        block: Name of the equations that share the rows.
-        design: Design of the rows, for its priors.
-        terms: Terms that are in.
-        likelihood: Likelihood of the samples.
     """
     coefficients, free, active = design.coefficients, terms.free, np.array(terms.active)
 

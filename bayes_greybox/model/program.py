@@ -220,10 +220,6 @@ class Program(SamplingProgram):
     def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
         """Return the model with more hidden states in its simulation; f does not depend on them.
 
-        Args:
-            states: Hidden states, of formulas that are to be added.
-            data: Data, which f depends on by default.
-
         Raises:
             InputError: The simulation is a function.
         """

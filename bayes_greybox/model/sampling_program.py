@@ -132,9 +132,7 @@ class SamplingProgram:
     def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
         """Return the prior of η of an equation.
 
-        Args:
-            floor: Least σ, scaled units.
-            n_var: Number of variables that f depends on.
+        `floor` is the least σ, scaled units.
         """
         noise, gp = NoisePrior(floor, self._noise_scale), self.discrepancy
         if gp is None:

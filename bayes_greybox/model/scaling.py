@@ -25,13 +25,7 @@ def scaled_frame(
 ) -> Frame:
     """Return scaling and features of an equation, before the measure is known.
 
-    Args:
-        equation: Its name.
-        dictionary: Its terms.
-        discrepancy: The Gaussian process, or None.
-        columns: States and inputs; their ends are enough.
-        term_scale: RMS of each term over the samples.
-        target_scale: RMS of the target.
+    The ends of the columns are enough. Terms and target are scaled by their RMS.
 
     Raises:
         InputError: A term that is not finite, or zero; a variable of f that the data do not have or that is constant.

@@ -31,12 +31,7 @@ def site(name: str, distribution: dist.Distribution) -> Array:
 
 
 def density_model(log_density: Callable[[Array, Any], Array], size: int) -> Callable[[Any], None]:
-    """Return a model of one real vector whose log density, up to a constant, is the given function.
-
-    Args:
-        log_density: Function of the vector and of the model's argument.
-        size: Length of the vector.
-    """
+    """Return a model of one real vector whose log density, up to a constant, is the given function."""
 
     def model(argument: Any) -> None:
         eta = site(VECTOR, dist.ImproperUniform(dist.constraints.real_vector, (), (size,)))
@@ -130,11 +125,6 @@ class Sites(Mapping[str, EquationSites]):
         return next(iter((*exact, *fitting)), None)
 
     def owned(self, equation: str, variables: Iterable[str]) -> dict[str, str]:
-        """Return the variables of an equation, by quantity: {"tau": "ydot_tau", ...}.
-
-        Args:
-            equation: One of the equations.
-            variables: Names of sites or results.
-        """
+        """Return the variables of an equation, by quantity: {"tau": "ydot_tau", ...}."""
         owned = [name for name in variables if self.owner(name) == equation]
         return {name.removeprefix(self[equation][""]): name for name in owned}

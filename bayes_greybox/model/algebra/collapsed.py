@@ -183,11 +183,6 @@ def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Arra
     """Integrate out θ = sd · u, u ~ N(0, I); a term with sd = 0 is out of the model.
 
     log p(y | η, sd) = −½ (‖q − T sd m‖² + ‖m‖² + log|I + sd TᵀT sd| + log_det + n log 2π).
-
-    Args:
-        regression: The regression left for θ.
-        sd: Prior standard deviation of each coefficient, scaled units.
-        n_obs: Number of observations n behind the rows.
     """
     T = regression.T * sd
     L = jnp.linalg.cholesky(jnp.eye(T.shape[1]) + T.T @ T)

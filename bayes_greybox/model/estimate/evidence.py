@@ -47,12 +47,7 @@ class Spectrum:
     ) -> "Spectrum":  # fmt: skip
         """Decompose hypotheses; a column with sd = 0 is out of its hypothesis.
 
-        Args:
-            gram: XᵀR⁻¹X.
-            product: XᵀR⁻¹y.
-            square: yᵀR⁻¹y.
-            n_obs: Number of observations.
-            sd: Prior standard deviations, the root of diag D.
+        `gram` is XᵀR⁻¹X, `product` XᵀR⁻¹y, `square` yᵀR⁻¹y, and sd² the diagonal of D.
         """
         values, vectors = np.linalg.eigh(sd[..., :, None] * gram * sd[..., None, :])
         back = sd[..., :, None] * vectors

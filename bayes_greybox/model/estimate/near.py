@@ -54,10 +54,6 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     by an unknown force at first, and whatever is near enough then is brought to the least squares of the whole
     equations, on paths without that force; of several such estimates the likeliest counts.
 
-    Args:
-        model: The model.
-        data: Samples.
-
     Raises:
         InputError: See `Program.assemble`; coefficients that do not settle.
     """

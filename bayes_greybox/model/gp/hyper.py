@@ -69,8 +69,7 @@ class HyperPrior:
 
         Without f there is neither amplitude nor length scale; the placeholders multiply no features.
 
-        Args:
-            sigma: σ, where it has another prior.
+        σ is given where it has another prior.
         """
         if sigma is None:
             noise = site("noise", dist.HalfNormal(self.noise.scale))

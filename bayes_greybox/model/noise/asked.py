@@ -112,12 +112,7 @@ def find_noise(
 ) -> NoiseModel:
     """Find R at the mode on the residuals of a ridge fit.
 
-    Args:
-        noise: Noise that is asked for.
-        rows: Rows of the equation with the noise that they come with.
-        dictionary: Terms of its equation.
-        discrepancy: f of the model.
-        floor: Least σ over the RMS of the target.
+    `floor` is the least σ over the RMS of the target.
 
     Raises:
         InputError: Too few rows; a column that the data do not have; noise whose correlation is known already.

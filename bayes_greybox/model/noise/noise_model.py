@@ -69,14 +69,8 @@ def weighed_on_grid(
 ) -> Suspicion:
     """Return a suspect with its parameters summed over a grid.
 
-    Args:
-        name: Name of the suspect.
-        logs: Log p of the residuals at each node.
-        log_prior: Log prior of each node.
-        before: Log p of the residuals under noise as it is.
-        noise: R with the parameters of the best node.
-        known: Noise as it is.
-        about: Parameters of the suspect.
+    `logs` and `log_prior` are log p of the residuals and the log prior at each node, `before` is log p under the
+    known noise, and `noise` has the parameters of the best node.
     """
     total = float(np.logaddexp.reduce((logs + log_prior).ravel()))
     constant = known.constant + total - float(np.max(logs))

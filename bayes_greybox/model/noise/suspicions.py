@@ -41,16 +41,7 @@ def suspicions(
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> list[Suspicion]:
-    """Weigh every kind of noise that is not yet in the noise model.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is; a process in time is weighed on independent rows only.
-        time: Times, increasing within a run.
-        run: Run of each row.
-        quantities: Quantities that the noise may grow with, by name.
-        prior: Prior of σ.
-    """
+    """Weigh every kind of noise that is not yet in the noise model."""
     if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
         return []
     found, whole = [], residual
@@ -80,12 +71,6 @@ def varying(
     prior: NoisePrior,
 ) -> Suspicion | None:
     """Weigh noise that depends on the state, sd ∝ (δ² + (x/RMS)²)^(a/2); x, δ and a on a grid.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        quantities: Candidates for x, by name.
-        prior: Prior of σ.
 
     Returns:
         The suspicion; None where nothing varies.
@@ -122,12 +107,6 @@ def heavy(
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
     The noise model holds the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        prior: Prior of σ, here of s.
-        degrees: Grid of ν.
 
     Returns:
         The suspicion; None for whitened coefficients that are no rows.

@@ -24,10 +24,7 @@ def force(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: Noise
 
         p(e | λ) = ∫ N(e | 0, σ² R(λ)) p(σ) dσ
 
-    Args:
-        residual: Samples less the explained path, scaled units, unknown starts in them.
-        known: Noise as it is, of rows with a path.
-        prior: Prior of σ.
+    Unknown starts of the path are in the residual.
     """
 
     def logs(intensities: np.ndarray) -> np.ndarray:

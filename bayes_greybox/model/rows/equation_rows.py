@@ -241,12 +241,7 @@ class EquationRows:
         return table if self.operator is None else self.operator(table)
 
     def at_samples(self, evaluate: Evaluate, jumps: "Jumps | None" = None) -> Float[np.ndarray, "n_sample k"]:
-        """Return values at the samples, or means over what these stand for; `operate` makes rows of them.
-
-        Args:
-            evaluate: Function from columns [n] to values [n, k].
-            jumps: Values of these that may jump.
-        """
+        """Return values at the samples, or means over what these stand for; `operate` makes rows of them."""
         values = np.array(evaluate(self.columns), float)
         if self.spread is not None and jumps is not None and jumps.places:
             values[:, jumps.places] = self.spread.mean(jumps.evaluate, self.spread.beside(self.columns), jumps.jumping)
@@ -300,8 +295,7 @@ class EquationRows:
     ) -> Callable[[Int[np.ndarray, "n_fold size"]], Float[np.ndarray, "n_fold size size"]]:
         """Return a function from folds of observations, by their numbers, to (R⁻¹)_FF.
 
-        Args:
-            folds: All folds that will be asked for, each in increasing order.
+        The folds are all that will be asked for, each in increasing order.
         """
         if self.noise.local or not self.noise.square:
             return lambda index: np.broadcast_to(np.eye(index.shape[1]), (*index.shape, index.shape[1]))

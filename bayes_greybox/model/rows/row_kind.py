@@ -41,13 +41,7 @@ class RunRows(Protocol):
     """Rows of runs that come one after another: together they are the rows of all runs at once."""
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """Return the rows of some runs; none where these are too short for any.
-
-        Args:
-            data: The runs.
-            equations: The learned states that share their rows.
-            simulation: The known rates.
-        """
+        """Return the rows of some runs; none where these are too short for any."""
         ...
 
 

@@ -35,12 +35,6 @@ def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: S
     Truncation: what the filter takes from the simulation's rate when the states pass through it once more, against the
     gap. Sampling: samples per period of the frequency below which 99 % of the rate's power lies.
 
-    Args:
-        kind: Kind of the rows.
-        data: Measurements.
-        equation: The learned state.
-        simulation: The known rates.
-
     Returns:
         At most one sentence on each state's noise, one on truncation and one on sampling.
     """

@@ -204,11 +204,7 @@ class TrajectoryRows(RowKind):
     ) -> ReferencePath:
         """Return the path through samples.
 
-        Args:
-            samples: Samples of the sensors.
-            equations: The learned states.
-            simulation: The known rates of all states.
-            common: Findings of other runs that these share; found from these if left out.
+        Findings in `common` are shared with other runs; left out, they are found from these.
         """
         to = self.added_to or (equations[0],) * len(self.added)
         states = [simulation.states.index(name) for name in to]

@@ -128,8 +128,7 @@ class Whole:
     def statistics(self, model: Program) -> dict[str, RowStatistics]:
         """Return the statistics of all rows by block: one pass over them, none where those of the first are enough.
 
-        Args:
-            model: A model with the terms and the simulation of the first pass; its features may be others.
+        The model has the terms and the simulation of the first pass; its features may be others.
 
         Raises:
             InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
@@ -203,11 +202,6 @@ class Whole:
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     """Make the first pass.
-
-    Args:
-        stream: All rows; whole runs where they are of paths.
-        model: Model, which chose its kind of rows.
-        sample: Some of the rows.
 
     Raises:
         InputError: Chunks that cannot be read; a column that is the same everywhere; a term that is not finite, or

@@ -66,12 +66,6 @@ class RowStatistics:
     ) -> Equation:
         """Return the equation as the likelihood sees it, with a design of all rows, and some of them to look at.
 
-        Args:
-            sample: Some of the rows.
-            dictionary: Terms of the equation.
-            discrepancy: The Gaussian process, or None.
-            coefficients: Prior of each term, None where the model's holds alone.
-
         Raises:
             InputError: Collinear terms; statistics of another model.
         """
@@ -95,11 +89,6 @@ class RowStatistics:
 
 def equations_of(model: Program, sample: Trajectories, statistics: Mapping[str, RowStatistics]) -> dict[str, Equation]:
     """Return equations by block, in the place of `model.assemble(data)` with all rows in `data`.
-
-    Args:
-        model: Model.
-        sample: Rows that are looked at.
-        statistics: Statistics of all rows, by block.
 
     Raises:
         InputError: See `RowStatistics.equation`.

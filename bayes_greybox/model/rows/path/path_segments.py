@@ -63,13 +63,7 @@ class Segments:
         self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray],
         learned: int = 0,
     ) -> Float[np.ndarray, "n_row k"]:  # fmt: skip
-        """Return the response to forces that are evaluated a stretch of all segments at a time, to bound the memory.
-
-        Args:
-            evaluate: Function from columns [n] to forces [n, k].
-            columns: Columns at all nodes.
-            learned: Number of the learned state that they act on.
-        """
+        """Return the response to forces that are evaluated a stretch of all segments at a time, to bound the memory."""
         names, values = list(columns), np.stack(list(columns.values()), axis=-1)
         by_node = values.reshape(*self.grid.time.shape, -1)
 
@@ -119,15 +113,7 @@ def segments_of(
     rate: ForcedRate, grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"], outputs: tuple[int, ...],
     end: Int[np.ndarray, "n_sample 2"] = NO_SAMPLES,
 ) -> Segments:  # fmt: skip
-    """Return the path through given ends of steps, and the linear equation along it.
-
-    Args:
-        rate: Rates of all states.
-        grid: Nodes.
-        ends: The path at the ends of steps.
-        outputs: Indices of the measured states.
-        end: Segment and end of the step of each sample that is a row.
-    """
+    """Return the path through given ends of steps, and the linear equation along it."""
     rates = rate.rates(points_at_ends(grid, ends))
     path, _ = hermite(grid.time, ends, rates)
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
@@ -169,12 +155,7 @@ def gain_of(
 ) -> float:
     """Return the RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns.
 
-    Args:
-        segments: Segments of the path.
-        columns: Columns of the path at its nodes.
-        starts: Responses to starts.
-        sd: Noise of each row.
-        sizes: Size of the forces on each learned state.
+    `sd` is the noise of each row, and `sizes` are those of the forces on each learned state.
     """
     powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
     scaled = [(name, k, size) for name, k, size in powers if size > 0]

@@ -144,11 +144,7 @@ def follow_samples(
 ) -> ReferencePath:
     """Smooth the samples, and take everything along the smoothed path.
 
-    Args:
-        samples: Samples of the sensors.
-        rate: Rates of all states, with the terms of the model.
-        settings: Settings of the path.
-        shared: Findings of other runs that these share; found from these if left out.
+    Findings in `shared` are those of other runs; left out, they are found from these.
 
     Raises:
         InputError: See `TrajectoryRows.path`.

@@ -79,10 +79,8 @@ class PathSmoother:
     ) -> Smoothed:  # fmt: skip
         """Return the smoothed path at the likeliest intensity of the unknown force.
 
-        Args:
-            first: Path to begin with, NaN where there is none.
-            process_noise: If true, the intensity may be more than the least.
-            shared: Intensity and passes of other runs, which these share.
+        The path `first` to begin with is NaN where there is none. If `process_noise`, the intensity may be more than
+        the least. Intensity and passes in `shared` are those of other runs.
 
         Raises:
             InputError: The path leaves the domain of the equations.
