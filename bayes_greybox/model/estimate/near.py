@@ -174,7 +174,7 @@ def _nearer(model: Any, data: Trajectories) -> Any:
         (forced,) = replace(model, rows=model.rows.moved_by(unfollowed.intensity)).assemble(data).values()
         moved = math.inf if before is None else forced.moved(before)
         before = forced.ridge()
-        model = replace(model, rows=model.rows.around(*_terms(forced)))
+        model = _near(model, forced)
         if moved < UNSETTLED_BEYOND:
             break
     return model
@@ -199,7 +199,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
             # and what three do in any case: the noise is then none that these equations explain.
             again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING_WITHIN for other in found)
             found.append(unforced)
-            if again + 1 >= ENOUGH_ALIKE or (again and _follows(_beside(forced, unforced.equation), data)):
+            if again + 1 >= ENOUGH_ALIKE or (again and _follows(_near(forced, unforced.equation), data)):
                 break
         if moved < SETTLED_WITHIN:
             break
@@ -223,9 +223,9 @@ def _unsettled(model: Any, turns: int, moved: float) -> InputError:
     )
 
 
-def _beside(forced: Any, equation: Equation) -> Any:
-    """Return a model with the force of one and the coefficients of another."""
-    return replace(forced, rows=forced.rows.around(*_terms(equation)))
+def _near(model: Any, equation: Equation) -> Any:
+    """Return a model with rows near the estimate of an equation."""
+    return replace(model, rows=model.rows.around(equation.ridge(), equation.frame.dictionary.acts_on))
 
 
 def _close(equation: Equation) -> bool:
@@ -254,12 +254,7 @@ def _turned(model: Any, data: Trajectories, most: int, settled: float) -> tuple[
         # Rows that are linear near a model only are of one block.
         (equation,) = model.assemble(data).values()
         moved = math.inf if before is None else equation.moved(before)
-        before = equation.ridge()
-        model = replace(model, rows=model.rows.around(before, equation.frame.dictionary.acts_on))
+        before, model = equation.ridge(), _near(model, equation)
         if moved < settled:
             break
     return model, moved
-
-
-def _terms(equation: Equation) -> tuple[Any, Any]:
-    return equation.ridge(), equation.frame.dictionary.acts_on

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol, TypeVar, runtime_checkable
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -36,13 +36,9 @@ class Remembered:
         return results[key]
 
 
-@runtime_checkable
-class RunRows(Protocol):
-    """Rows of runs that come one after another: together they are the rows of all runs at once."""
-
-    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """Return the rows of some runs; none where these are too short for any."""
-        ...
+RowsOfRuns = Callable[[Trajectories, tuple[str, ...], Simulation], EquationRows]
+"""Function from runs, their learned states and the known rates to rows, none where the runs are too short for any; rows
+of runs that come one after another are together the rows of all runs at once."""
 
 
 class RowKind(ABC):
@@ -81,9 +77,9 @@ class RowKind(ABC):
         (equation,) = equations
         return self.rows(data, equation, simulation)
 
-    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RunRows:
-        """Return a maker of rows of further runs, which share with these all that runs have in common."""
-        return self
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
+        """Return a function to rows of further runs, which share with these all that runs have in common."""
+        return self.shared_rows
 
     def chosen(self, data: Trajectories) -> "RowKind":
         """Return the kind of rows for training data: this one, unless it leaves that to the data."""

@@ -15,7 +15,7 @@ path that the model allows. States that no sensor measures are part of x all the
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -36,7 +36,7 @@ from .path.common import Common, ends_of_sensors
 from .path.exact_path import exact_samples
 from .path.forced_rate import Force, ForcedRate
 from .path.reference_path import PathSettings, ReferencePath, follow_samples
-from .row_kind import Remembered, RowKind
+from .row_kind import Remembered, RowKind, RowsOfRuns
 
 _PATHS = Remembered()
 """Reference paths by the samples that they were found from."""
@@ -183,10 +183,16 @@ class TrajectoryRows(RowKind):
         sensor = None if data.samples is None else data.noise.get(block_name(equations))
         return _rows_of(path, samples, equations, simulation, sensor, self.force)
 
-    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "TrajectoryRuns":
-        """Return a maker of rows with noise, sizes, steps and the unknown force as these samples have them."""
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
+        """Return a function to rows with noise, sizes, steps and the unknown force as these samples have them."""
         common = self.path(data, equations, simulation).common
-        return TrajectoryRuns(self, replace(common, clipped=ends_of_sensors(data.samples or data)))
+        return partial(self._rows_like, replace(common, clipped=ends_of_sensors(data.samples or data)))
+
+    def _rows_like(
+        self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> EquationRows:
+        path = self.followed(data, equations, simulation, common)
+        return _rows_of(path, data, equations, simulation, None, self.force)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Return the reference path through samples, or through those of completed data.
@@ -215,24 +221,6 @@ class TrajectoryRows(RowKind):
         )  # fmt: skip
         driven = tuple(simulation.states.index(name) for name in equations)
         return follow_samples(samples, ForcedRate(simulation, driven, terms), settings, common)
-
-
-@dataclass(frozen=True)
-class TrajectoryRuns:
-    """Rows of runs one by one, which together are those of all runs at once.
-
-    Attributes:
-        kind: The kind of rows.
-        common: Findings that the runs share.
-    """
-
-    kind: TrajectoryRows
-    common: Common
-
-    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """Return the rows of some runs."""
-        path = self.kind.followed(data, equations, simulation, self.common)
-        return _rows_of(path, data, equations, simulation, None, self.kind.force)
 
 
 def _rows_of(

@@ -164,10 +164,9 @@ class WeakPath:
         measured: −V̇ Y − V J (Y − X).
         simulated: V g(X), g without the frozen model's own terms.
         noise: R, whose `scale` is that of the rows.
-        sizes: RMS of the measured rows of each equation.
         time: Centres of the rows.
         run: Their runs.
-        levels: Level of each pass.
+        common: Findings that further runs share with these.
     """
 
     reading: Reading
@@ -177,16 +176,9 @@ class WeakPath:
     measured: Float[np.ndarray, " n_row"]
     simulated: Float[np.ndarray, " n_row"]
     noise: OverlappingNoise
-    sizes: Mapping[str, float]
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
-    levels: tuple[Level, ...]
-
-    @property
-    def common(self) -> Common:
-        """Findings that further runs share with these."""
-        reading = self.reading
-        return Common(tuple(reading.sd.tolist()), reading.half_widths, reading.bumps.radius, self.levels, self.sizes)
+    common: Common
 
 
 def weak_path(
@@ -228,6 +220,10 @@ def weak_path(
         parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(states))]
         weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(states))[rows])
     of = rows // max(len(bumps), 1)
+    sizes = {
+        name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
+        for i, name in enumerate(equations)
+    }
     return WeakPath(
         reading=reading,
         states=X,
@@ -236,13 +232,9 @@ def weak_path(
         measured=measured,
         simulated=np.concatenate([bumps.values @ g[:, k] for k in states])[rows],
         noise=near.noise,
-        sizes={
-            name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
-            for i, name in enumerate(equations)
-        },
         time=np.tile(bumps.centre, len(states))[rows],
         run=np.tile(bumps.run, len(states))[rows],
-        levels=tuple(found),
+        common=Common(tuple(reading.sd.tolist()), reading.half_widths, bumps.radius, tuple(found), sizes),
     )
 
 

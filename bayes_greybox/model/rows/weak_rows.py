@@ -9,6 +9,7 @@ is taken anew near the likeliest one. Bumps overlap: n is the number of rows tha
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -23,7 +24,7 @@ from bayes_greybox.running.limits import NotNegative, Positive, require_limits
 
 from .equation_rows import Acting, EquationRows, block_name
 from .path.reference_path import ReferencePath
-from .row_kind import Remembered, RowKind
+from .row_kind import Remembered, RowKind, RowsOfRuns
 from .weak_path import Common, Reading, WeakPath, weak_path
 
 _READINGS, _WEAK_PATHS = Remembered(), Remembered()
@@ -125,11 +126,19 @@ class WeakRows(RowKind):
                 f"{2 * FEWEST_STEPS + 1} samples without a gap: give longer runs or a smaller "
                 "WeakRows(radius=...), or use GreyBox(rows=bg.TrajectoryRows()), which needs no test functions."
             )
-        return _rows_of(path, equations, path.sizes)
+        return _rows_of(path, equations, path.common.sizes)
 
-    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "WeakRuns":
-        """Return a maker of rows with noise, windows and scales as these samples have them."""
-        return WeakRuns(self, self._near(data, equations, simulation).common)
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
+        """Return a function to rows with noise, windows and scales as these samples have them."""
+        return partial(self._rows_like, self._near(data, equations, simulation).common)
+
+    def _rows_like(
+        self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> EquationRows:
+        reading = Reading.of_windows(data, np.array(common.sd), common.half_widths, common.radius)
+        with_rows, whole = self.frozen(data, equations, simulation)
+        path = weak_path(reading, with_rows, simulation, whole, self.white_share, common.levels)
+        return _rows_of(path, equations, common.sizes)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Refuse: weak rows follow no path."""
@@ -160,27 +169,6 @@ class WeakRows(RowKind):
         for (text, value), name in zip(self.added, to, strict=True):
             added.setdefault(name, []).append((Term(text), value))
         return with_rows, simulation.beside(added)
-
-
-@dataclass(frozen=True)
-class WeakRuns:
-    """Rows of runs one by one, which together are those of all runs at once.
-
-    Attributes:
-        kind: The kind of rows.
-        common: Findings that the runs share.
-    """
-
-    kind: WeakRows
-    common: Common
-
-    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """Return the rows of some runs; none where these are shorter than a test function."""
-        common = self.common
-        reading = Reading.of_windows(data, np.array(common.sd), common.half_widths, common.radius)
-        with_rows, whole = self.kind.frozen(data, equations, simulation)
-        path = weak_path(reading, with_rows, simulation, whole, self.kind.white_share, common.levels)
-        return _rows_of(path, equations, common.sizes)
 
 
 def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, float]) -> EquationRows:

@@ -26,7 +26,7 @@ from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
-from ..rows.row_kind import RunRows
+from ..rows.row_kind import RowsOfRuns
 from ..scaling import scaled_frame
 from .extent import Extent, Factors, Sizes, ends_of, together
 from .statistics import RowStatistics
@@ -60,13 +60,13 @@ class Rows:
         source: The chunks.
         model: Model.
         sample: Some of the rows as they were measured, whose names and units are those of all.
-        runs: Maker of the rows of each block.
+        runs: Function to the rows of each block.
     """
 
     source: Source
     model: Program
     sample: Trajectories
-    runs: Mapping[str, RunRows]
+    runs: Mapping[str, RowsOfRuns]
 
     def of_part(self, part: int) -> Iterator[tuple[Trajectories, dict[str, EquationRows]]]:
         """Return the chunks of a part, each with its rows by block."""
@@ -78,7 +78,7 @@ class Rows:
             blocks = self.model.blocks.items()
             for piece in _alone(chunk) if self.model.rows.follows_path else [chunk]:
                 try:
-                    rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
+                    rows = {name: self.runs[name](piece, of, simulation) for name, of in blocks}
                 except InputError as error:
                     if self.model.rows.linear:
                         raise
@@ -115,14 +115,14 @@ class Whole:
         stream: The stream.
         sample: Rows that are looked at.
         extent: Findings of the first pass.
-        runs: Maker of the rows of each block.
+        runs: Function to the rows of each block.
         first: Frames that the factors of the first pass were made in, where rows are of paths.
     """
 
     stream: RowStream
     sample: Trajectories
     extent: Extent
-    runs: Mapping[str, RunRows]
+    runs: Mapping[str, RowsOfRuns]
     first: Mapping[str, Frame]
 
     def statistics(self, model: Program) -> dict[str, RowStatistics]:
