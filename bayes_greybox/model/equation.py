@@ -21,13 +21,7 @@ ESTIMATE_RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Equation:
-    """One learned equation, or several that share their rows.
-
-    Attributes:
-        rows: Measurements with their noise.
-        frame: Scaling and bases, fixed by the data.
-        design: The rows as the likelihood sees them.
-    """
+    """One learned equation, or several that share their rows, with a frame fixed by the data and a design."""
 
     rows: EquationRows
     frame: Frame

@@ -28,11 +28,9 @@ PREDICTED_SITE, START_SITE, SENSOR_SITE = "predicted", "start", "sensor_sigma"
 
 @dataclass(frozen=True)
 class GivenTerms:
-    """The pattern of terms that are in, and those of them that have bounds, which the sites of θ follow.
+    """The pattern of terms that are in, which the sites of θ follow.
 
-    Attributes:
-        active: True for terms that are in.
-        bounded: Bounded terms among them: number, and whether there is a least and a largest value.
+    Bounded terms among them have a number, and whether there is a least and a largest value.
     """
 
     active: tuple[bool, ...]

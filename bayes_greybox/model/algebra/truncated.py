@@ -29,13 +29,7 @@ NEWTON_STEPS = 4
 
 
 class Bounds(NamedTuple):
-    """Bounds of some coefficients, u = (θ − mean)/sd in their units, and the uniform numbers that place them.
-
-    Attributes:
-        lower: Least values.
-        upper: Largest values.
-        uniform: Numbers between 0 and 1.
-    """
+    """Least and largest values of some u = (θ − mean)/sd, and the numbers between 0 and 1 that place them."""
 
     lower: Float[Array, " n_bounded"]
     upper: Float[Array, " n_bounded"]

@@ -14,7 +14,7 @@ from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS
-from bayes_greybox.model.gp.orthogonal import Variant, orthogonal_gram
+from bayes_greybox.model.gp.orthogonal import Points, Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.running.errors import InputError
@@ -40,8 +40,8 @@ class DenseDesign(DesignRows):
 
     expands = False
 
-    points: tuple[Float[Array, "n_sample n_var"], Float[Array, "n_sample n_rank"]]
-    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]]
+    points: Points
+    nodes: Points
     whitening: Float[Array, "n_row n_obs"] | None
     operator: Float[Array, "n_obs n_sample"] | None
     kernel: str = field(metadata={"static": True})
@@ -60,15 +60,11 @@ class DenseDesign(DesignRows):
         """Return k⊥ at the (whitened) rows."""
         return self._to_rows(self._to_rows(self.cross_covariance(self.points, hyper)).T)
 
-    def cross_covariance(
-        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
-    ) -> Float[Array, "n_left n_sample"]:
+    def cross_covariance(self, left: Points, hyper: Hyperparameters) -> Float[Array, "n_left n_sample"]:
         """Return k⊥ between other points and the samples of the data."""
         return self._gram(left, self.points, hyper)
 
-    def covariance_at(
-        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
-    ) -> Float[Array, "n_left n_left"]:
+    def covariance_at(self, left: Points, hyper: Hyperparameters) -> Float[Array, "n_left n_left"]:
         """Return k⊥ among other points."""
         return self._gram(left, left, hyper)
 
@@ -220,7 +216,7 @@ class DenseDesign(DesignRows):
             f[i] = vectors @ (np.sqrt(np.maximum(values, 0.0)) * generator.standard_normal(len(values)))
         return {"f": f}, np.asarray(self._to_rows(f))
 
-    def _gram(self, left: tuple[Array, Array], right: tuple[Array, Array], hyper: Hyperparameters) -> Array:
+    def _gram(self, left: Points, right: Points, hyper: Hyperparameters) -> Array:
         kernel = KERNELS[self.kernel]
         return orthogonal_gram(self.variant, kernel, hyper.amplitude, hyper.length_scale, left, right, self.nodes)
 
@@ -236,7 +232,7 @@ class DenseDesign(DesignRows):
         key: Array,
         hyper: Hyperparameters,
         theta: Float[Array, " n_term"],
-        left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
+        left: Points,
         prior: Float[Array, "n_left n_left"],
     ) -> Float[Array, " n_left"]:
         """Draw f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""

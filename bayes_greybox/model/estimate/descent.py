@@ -25,14 +25,10 @@ will do where many have not ended them, as where a path has kinks, and one that 
 
 
 class Standing(NamedTuple):
-    """A model with rows near given coefficients.
+    """A model with rows near the coefficients `at`.
 
-    Attributes:
-        model: The model.
-        equation: Its equation on these rows.
-        at: The coefficients.
-        density: Log density of the samples there, and of the stated coefficients.
-        moved: Distance of the estimate on these rows, in standard deviations.
+    `density` is the log density of the samples and of stated coefficients there; the estimate on these rows is `moved`
+    standard deviations away.
     """
 
     model: Any

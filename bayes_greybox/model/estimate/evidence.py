@@ -75,7 +75,7 @@ class Spectrum:
 
 
 class Marginal(NamedTuple):
-    """A hypothesis without f, σ integrated out: log evidence, and the grid with its posterior weights.
+    """A hypothesis without f, σ integrated out.
 
     Attributes:
         log_evidence: log p(y), up to −½ log|R|, [*batch].

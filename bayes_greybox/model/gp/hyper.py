@@ -50,12 +50,7 @@ class NoisePrior(NamedTuple):
 class HyperPrior:
     """Prior of η.
 
-    Attributes:
-        noise: Prior of σ.
-        amplitude: Scale of the half-normal prior of the amplitude.
-        length_scale: Median of the length scales.
-        spread: Standard deviation of their logarithm.
-        n_var: Number of variables that f depends on; None where there is no f.
+    `spread` is the standard deviation of log ℓ; `n_var` is None where there is no f.
     """
 
     noise: NoisePrior

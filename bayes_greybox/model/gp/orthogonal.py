@@ -22,6 +22,9 @@ Variant = Literal["projected", "conditioned", "printed", "none"]
 
 Measure = Literal["empirical", "unweighted", "box", "box-monte-carlo"]
 
+Points = tuple[Float[Array, "_ n_var"], Float[Array, "_ n_rank"]]
+"""Points in scaled units, and Φₒ there."""
+
 QUADRATURE_NODES = {1: 64, 2: 32, 3: 16}
 """Gauss–Legendre nodes per variable; exact for polynomials of degree 2n − 1."""
 
@@ -67,24 +70,12 @@ def orthonormalise(
 
 
 def orthogonal_gram(
-    variant: Variant,
-    kernel: Kernel,
-    amplitude: Float[Array, ""] | float,
-    length_scale: Float[Array, " n_var"],
-    left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
-    right: tuple[Float[Array, "n_right n_var"], Float[Array, "n_right n_rank"]],
-    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]],
-) -> Float[Array, "n_left n_right"]:
-    """Return k⊥(x_i, x'_j).
+    variant: Variant, kernel: Kernel, amplitude: Float[Array, ""] | float, length_scale: Float[Array, " n_var"],
+    left: Points, right: Points, nodes: Points,
+) -> Float[Array, "n_left n_right"]:  # fmt: skip
+    """Return k⊥(x_i, x'_j), lengths and amplitude in scaled units.
 
-    Args:
-        variant: Variant of the orthogonal kernel.
-        kernel: Base kernel.
-        amplitude: Standard deviation of the base kernel, scaled units.
-        length_scale: Length scales, scaled units.
-        left: Points and Φₒ there.
-        right: Points and Φₒ there.
-        nodes: Nodes of μ, and w Φₒ there (weights multiplied in).
+    Beside the nodes of μ are w Φₒ there, with the weights multiplied in.
     """
 
     def k(a: Array, b: Array) -> Array:

@@ -51,13 +51,7 @@ class NoiseModel:
 
 @dataclass(frozen=True, eq=False)
 class Suspicion:
-    """One suspect, weighed on residuals.
-
-    Attributes:
-        name: Name of the suspect.
-        log_bayes_factor: Log Bayes factor over noise as it is.
-        model: The noise with the suspect in it.
-    """
+    """One suspect, weighed on residuals: log Bayes factor over noise as it is, and the noise with the suspect in it."""
 
     name: str
     log_bayes_factor: float

@@ -89,12 +89,7 @@ class Jumps(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """V for forces on one of the learned states that share rows.
-
-    Attributes:
-        operator: V.
-        size: Size of such forces, over that of the learned state with the largest.
-    """
+    """V for forces on one of the learned states that share rows, and their size over that of the largest."""
 
     operator: Operator
     size: float

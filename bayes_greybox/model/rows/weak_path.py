@@ -81,7 +81,6 @@ class Reading:
     """Noise, windows and test functions of samples, before any model.
 
     Attributes:
-        samples: The samples.
         sd: Noise of each state.
         half_widths: Number of neighbours on either side in the cubics of each state.
         fits: These cubics.
@@ -126,9 +125,7 @@ class Reading:
 class Weighing:
     """V, from values at the samples to the rows of one equation among those of all.
 
-    Attributes:
-        table: V [n_row, n_sample]; empty lines where rows are of other equations.
-        sample: Sample nearest to the centre of each row.
+    `table` has empty lines where rows are of other equations; `sample` is the one nearest to the centre of each row.
     """
 
     table: csr_matrix

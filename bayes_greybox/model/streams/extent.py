@@ -128,12 +128,9 @@ class Extent:
     """Numbers, ranges and sizes of all rows.
 
     Attributes:
-        n_row: Number of rows.
         dropped: Number of rows with missing values, left out.
         n_run: Number of runs, each as often as chunks have a part of it.
         n_telling: Number of those that have a row of an equation.
-        ends: Least and largest value of each state and input.
-        sizes: Sizes by equation.
         factors: Factors of [Φ y] by equation, where rows are of paths, in the units of a sample.
     """
 

@@ -54,13 +54,9 @@ def of_the_sample(sample: Trajectories, stream: RowStream) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of equations from chunks, wherever these are read.
+    """Rows of equations from chunks of a source, wherever these are read, by functions to the rows of each block.
 
-    Attributes:
-        source: The chunks.
-        model: Model.
-        sample: Some of the rows as they were measured, whose names and units are those of all.
-        runs: Function to the rows of each block.
+    The sample has some of the rows as they were measured, with the names and units of all.
     """
 
     source: Source
@@ -109,14 +105,9 @@ def _runs_in_words(piece: Trajectories) -> str:
 
 @dataclass(frozen=True)
 class Whole:
-    """All rows of a stream, with known ranges and sizes.
+    """All rows of a stream, with a sample to look at and the extent that the first pass found.
 
-    Attributes:
-        stream: The stream.
-        sample: Rows that are looked at.
-        extent: Findings of the first pass.
-        runs: Function to the rows of each block.
-        first: Frames that the factors of the first pass were made in, where rows are of paths.
+    Where rows are of paths, `first` are the frames in which the first pass made factors.
     """
 
     stream: RowStream

@@ -27,14 +27,12 @@ class RowStatistics:
     """All rows of one equation: a frame and a design are made of them without the rows.
 
     Attributes:
-        n_row: Number of rows of the data.
         ends: Least and largest value of each state and input, user's units.
         term_scale: RMS of each term, user's units.
         target_scale: RMS of the target, user's units.
         noise_floor: Least σ, scaled units.
         factor: Triangular factor of [Φ ψ y], whitened, scaled units.
         n_white: Number of white numbers that the rows carry.
-        log_det: log|R|.
         plain: The same factor without whitening, where that is another one.
     """
 

@@ -19,12 +19,9 @@ MOST_PASSES = 5
 
 
 class Taken(NamedTuple):
-    """Model and data of a fit.
+    """Model, with the kind of rows and the noise that the data have, and data of a fit.
 
-    Attributes:
-        model: The model, with the kind of rows and the noise that the data have.
-        data: Rows in memory: all, or some that are looked at.
-        whole: All rows, where those are some of them.
+    Where the data are some of the rows only, `whole` are all.
     """
 
     model: Program

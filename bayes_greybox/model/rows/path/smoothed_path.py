@@ -38,13 +38,9 @@ NO_PATH = (
 
 
 class Smoothed(NamedTuple):
-    """A smoothed path.
+    """A smoothed path at the ends of steps.
 
-    Attributes:
-        ends: States at the ends of steps.
-        ratio: Intensity of the unknown force.
-        gained: Log likelihood that the force gains over the least one, nats.
-        passes: Passes of the smoother.
+    The unknown force has the intensity `ratio` and gains `gained` nats over the least one.
     """
 
     ends: Float[np.ndarray, "n_segment n_end n_state"]
@@ -58,10 +54,6 @@ class PathSmoother:
     """Smoother of samples along the equations.
 
     Attributes:
-        rate: Rates of all states.
-        grid: Nodes.
-        observed: Samples.
-        outputs: Indices of the measured states.
         own: Intensity of a force as large as the path's own.
         E: Rates of the states by each unknown force.
     """
