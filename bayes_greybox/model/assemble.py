@@ -50,11 +50,7 @@ def assemble(
             too many rows for the exact path; a kernel that is not a covariance.
     """
     equation, n_term = rows.equation, len(dictionary)
-    if rows.n_white < n_term:
-        raise InputError(
-            f"Equation {equation!r} has {n_term} terms but only {rows.n_white} rows of data: give at "
-            f"least as many rows as terms."
-        )
+    require_rows(equation, rows.n_white, n_term)
     target_scale = rows.scale
     # A state in small units moves by small forces.
     sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
@@ -86,6 +82,15 @@ def assemble(
     return Equation(rows, frame, feature_design(frame, discrepancy, factor, common))
 
 
+def require_rows(equation: str, n_row: int, n_term: int) -> None:
+    """Refuse an equation with fewer rows than terms."""
+    if n_row < n_term:
+        raise InputError(
+            f"Equation {equation!r} has {n_term} terms but only {n_row} rows of data: give at least as many rows as "
+            "terms."
+        )
+
+
 def common_of(
     frame: Frame, n_obs: int, log_det: float, noise_floor: float, coefficients: Sequence[Coefficient | None] | None
 ) -> dict[str, Any]:
@@ -93,13 +98,13 @@ def common_of(
 
     σ, R and the white numbers `n_obs` are those of the rows; `noise_floor` is in scaled units.
     """
-    given = [None] * len(frame.dictionary) if coefficients is None else coefficients
+    priors = [None] * len(frame.dictionary) if coefficients is None else coefficients
     return {
         "n_obs": on_device(np.float64(n_obs)),
         "n_prior": on_device(np.float64(n_obs)),
         "log_det_R": on_device(np.float64(log_det)),
         "noise_floor": on_device(np.float64(noise_floor)),
-        "coefficients": CoefficientPriors.of(given, frame.coefficient_scale),
+        "coefficients": CoefficientPriors.of(priors, frame.coefficient_scale),
     }
 
 

@@ -12,8 +12,8 @@ def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, D
     return {
         name: dictionaries[name]
         if name in dictionaries
-        else Dictionary.joined({each: dictionaries[each] for each in own})
-        for name, own in blocks.items()
+        else Dictionary.joined({each: dictionaries[each] for each in equations})
+        for name, equations in blocks.items()
     }
 
 

@@ -69,11 +69,11 @@ def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, d
     for equation, terms in dictionary.items():
         for term in stating(terms):
             assert term.stated is not None
-            own = found.setdefault(str(equation), {})
-            if own.setdefault(term.name, term.stated) != term.stated:
+            priors = found.setdefault(str(equation), {})
+            if priors.setdefault(term.name, term.stated) != term.stated:
                 raise InputError(
                     f"The coefficient of the term {term.name!r} of {equation!r} is stated twice, {term.stated} and "
-                    f"{own[term.name]}: state it once, in the term or in coefficients=...."
+                    f"{priors[term.name]}: state it once, in the term or in coefficients=...."
                 )
     return found
 

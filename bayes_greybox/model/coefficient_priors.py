@@ -53,12 +53,12 @@ class CoefficientPriors:
         """
         everything = (-math.inf, math.inf)
         limits = np.array([everything if c is None else c.interval for c in stated]).reshape(-1, 2) / scale[:, None]
-        own = [c is not None and c.mean is not None for c in stated]
+        has_mean = [c is not None and c.mean is not None for c in stated]
         numbers = [(c.mean, c.sd) if c is not None and c.mean is not None else (0.0, 0.0) for c in stated]
         mean, sd = np.array(numbers, float).reshape(-1, 2).T / scale
         return cls(
-            *on_device((mean, np.where(own, sd, 1.0), limits[:, 0], limits[:, 1])),
-            shared=tuple(j for j, has_own in enumerate(own) if not has_own),
+            *on_device((mean, np.where(has_mean, sd, 1.0), limits[:, 0], limits[:, 1])),
+            shared=tuple(j for j, stands in enumerate(has_mean) if not stands),
             certain=tuple(j for j, c in enumerate(stated) if c is not None and c.certain),
             bounded=tuple(j for j, c in enumerate(stated) if c is not None and c.bounded),
         )

@@ -99,15 +99,15 @@ class ExactLikelihood:
             return (sensors / self.share)[..., self.sensor]
         return (scaled * self.unit)[..., None] * np.ones(len(self.measured))
 
-    def log_prior(self, drawn: Mapping[str, np.ndarray], own: EquationSites) -> dict[str, np.ndarray]:
+    def log_prior(self, drawn: Mapping[str, np.ndarray], names: EquationSites) -> dict[str, np.ndarray]:
         """Return log prior densities [n_chain, n_draw] that the collapsed model has not, from draws by variable."""
-        starts = norm.logpdf(drawn[own[START_SITE]], self.start_mean, self.start_sd)
-        found = {own[START_SITE]: starts.sum(axis=(-2, -1))}
+        starts = norm.logpdf(drawn[names[START_SITE]], self.start_mean, self.start_sd)
+        found = {names[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
             median, spread = self.sensor_noise.T
-            found[own[SENSOR_SITE]] = lognorm.logpdf(drawn[own[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
+            found[names[SENSOR_SITE]] = lognorm.logpdf(drawn[names[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
             # In its place σ has no prior of its own.
-            found[own.noise] = np.zeros(starts.shape[:2])
+            found[names.noise] = np.zeros(starts.shape[:2])
         return found
 
     def whitened(self, change: Any, sigma: Any) -> Any:
@@ -140,8 +140,8 @@ def exact_model(
         if likelihood.sensor_noise is None:
             return None, jnp.ones(())
         median, spread = likelihood.sensor_noise.T
-        own = site(SENSOR_SITE, dist.LogNormal(jnp.log(median), spread).to_event(1))
-        return jnp.sqrt(jnp.mean(own**2)) / likelihood.unit, own
+        sensors = site(SENSOR_SITE, dist.LogNormal(jnp.log(median), spread).to_event(1))
+        return jnp.sqrt(jnp.mean(sensors**2)) / likelihood.unit, sensors
 
     def theta_of(scales: Scales) -> Array:
         mean = coefficients.mean if scales.mean is None else scales.mean
@@ -156,7 +156,7 @@ def exact_model(
 
     def model() -> None:
         with scope(prefix=block, divider="_"):
-            scaled, own = sigma_of()
+            scaled, sensors = sigma_of()
             hyper = program.hyper_prior(design.noise_floor, design.n_var).sample(scaled)
             with condition(data={"gamma": jnp.asarray(active, int)}):
                 scales = program.scales(design, hyper.sigma)
@@ -167,11 +167,11 @@ def exact_model(
             unit = site("start_unit", dist.Normal(0.0, 1.0).expand(shape).to_event(2))
             start = likelihood.start_mean + likelihood.start_sd * unit
             predicted = likelihood.predict(likelihood.along, theta, weight, start)
-            density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(own, hyper.sigma)))
+            density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(sensors, hyper.sigma)))
             # A path that leaves all bounds has no probability.
             numpyro.factor("samples", jnp.where(jnp.isfinite(density), density, -jnp.inf))
-            told = {"theta": theta, "theta_sd": scales.sd * active, START_SITE: start, PREDICTED_SITE: predicted}
-            for name, value in told.items():
+            derived = {"theta": theta, "theta_sd": scales.sd * active, START_SITE: start, PREDICTED_SITE: predicted}
+            for name, value in derived.items():
                 numpyro.deterministic(name, value)
 
     return model

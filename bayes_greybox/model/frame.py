@@ -67,14 +67,14 @@ class Frame:
         if not self.dictionary.parts:
             return {self.equation: Share(self, slice(None))}
         found, start = {}, 0
-        for state, own in self.dictionary.parts:
-            columns = slice(start, start + len(own))
+        for state, dictionary in self.dictionary.parts:
+            columns = slice(start, start + len(dictionary))
             frame = replace(
                 self,
                 equation=state,
-                dictionary=own,
+                dictionary=dictionary,
                 term_scale=self.term_scale[columns],
-                orthonormal=np.zeros((len(own), 0)),
+                orthonormal=np.zeros((len(dictionary), 0)),
             )
             found[state], start = Share(frame, columns), columns.stop
         return found

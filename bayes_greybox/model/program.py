@@ -118,8 +118,8 @@ class Program(SamplingProgram):
         Raises:
             InputError: There is no such equation.
         """
-        for block, own in self.blocks.items():
-            if equation in (None, block, *own):
+        for block, equations in self.blocks.items():
+            if equation in (None, block, *equations):
                 return block
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(self.equations)}.")
 
@@ -165,8 +165,8 @@ class Program(SamplingProgram):
     @property
     def prior_text(self) -> str:
         """The prior in words: its name, and the priors of single coefficients."""
-        said = stated_in_words(self.coefficients, several=len(self.equations) > 1)
-        return type(self.prior).__name__ + (f" ({said})" if said else "")
+        stated = stated_in_words(self.coefficients, several=len(self.equations) > 1)
+        return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 
     @property
     def sites(self) -> Sites:
@@ -199,11 +199,11 @@ class Program(SamplingProgram):
         Raises:
             InputError: An expression for an unknown state or output, or one that cannot be read.
         """
-        states, outputs, given = self.states(data), data.output_names, self.simulation
+        states, outputs, simulation = self.states(data), data.output_names, self.simulation
         if lacking:
-            outputs = tuple(name for name in (*outputs, *named_outputs(given)) if name not in states)
-        given = simulation_of(given, states, data.input_names, outputs, data.units)
-        return given.beside({name: self.stated(name, data).known for name in self.coefficients})
+            outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
+        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units)
+        return simulation.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
         """Return the measured states, then those that the rows allow to be hidden.

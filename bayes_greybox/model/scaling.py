@@ -128,13 +128,13 @@ def features_per_variable(
     Raises:
         InputError: A number of features below one, or not one for each variable.
     """
-    given = discrepancy.features
-    if given is None:
+    features = discrepancy.features
+    if features is None:
         return default or default_features(n_var)
-    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
+    per_variable = (features,) * n_var if isinstance(features, int) else tuple(features)
     if len(per_variable) != n_var or min(per_variable) < 1:
         raise InputError(
-            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
+            f"OrthogonalGP(features={features!r}) must be a positive number, or one for each of the {n_var} variables."
         )
     return per_variable
 

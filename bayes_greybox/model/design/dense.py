@@ -257,8 +257,8 @@ def _first_densities(
 
         def first(count: Array) -> Array:
             # L is triangular: what f leaves of the first rows does not know the later ones.
-            known = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
-            regression = Regression(known[:, :-1], known[:, -1], log_det[count]).beside(scales.mean)
+            first_rows = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
+            regression = Regression(first_rows[:, :-1], first_rows[:, -1], log_det[count]).beside(scales.mean)
             return log_evidence(regression, scales.sd, scales.log_odds, 1.0 * count, design.coefficients.certain)
 
         return jax.lax.map(first, counts)

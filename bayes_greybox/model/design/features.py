@@ -91,8 +91,8 @@ class FeatureDesign(DesignRows):
     ) -> Float[Array, " n_basis"]:
         """Return z of weights: `fresh` where they do not determine it, zero where a weight has next to no variance."""
         log_root, U = self.weight_prior(hyper)
-        known = log_root > math.log(LEAST_WEIGHT_SD)
-        z = jnp.where(known, weight * jnp.exp(-jnp.where(known, log_root, 0.0)), 0.0)
+        usable = log_root > math.log(LEAST_WEIGHT_SD)
+        z = jnp.where(usable, weight * jnp.exp(-jnp.where(usable, log_root, 0.0)), 0.0)
         return z if U is None else z + U @ (U.T @ fresh)
 
     def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, FeatureSolve]:

@@ -139,9 +139,9 @@ def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, n
     Given σ, β ~ N(D^½U b/(σ² + λ), σ² D^½U diag 1/(σ² + λ) UᵀD^½); the mean hardly moves with σ, so the covariance is
     the average of the conditional ones plus that of the conditional means.
     """
-    both, given, centre = _conditional(spectrum, posterior)
+    both, means_at, centre = _conditional(spectrum, posterior)
     within = np.sum(posterior.weight[..., None] * posterior.sigma[..., None] ** 2 / both, axis=-2)
-    away = given - centre[..., None, :]
+    away = means_at - centre[..., None, :]
     between = np.einsum("...n,...ni,...nj->...ij", posterior.weight, away, away)
     inner = between + np.eye(within.shape[-1]) * within[..., None, :]
     mean = np.einsum("...ij,...j->...i", spectrum.back, centre)
@@ -151,5 +151,5 @@ def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, n
 def _conditional(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the latter's mean over the nodes."""
     both = posterior.sigma[..., None] ** 2 + spectrum.eigenvalues[..., None, :]
-    given = spectrum.loading[..., None, :] / both
-    return both, given, np.sum(posterior.weight[..., None] * given, axis=-2)
+    means_at = spectrum.loading[..., None, :] / both
+    return both, means_at, np.sum(posterior.weight[..., None] * means_at, axis=-2)

@@ -117,9 +117,9 @@ def find_noise(
     Raises:
         InputError: Too few rows; a column that the data do not have; noise whose correlation is known already.
     """
-    model = known = NoiseModel(rows.noise)
+    model = plain = NoiseModel(rows.noise)
     if noise.white:
-        return known
+        return plain
     check_asked(noise, rows)
     quantities = _quantities(noise, rows)
     prior = NoisePrior(floor, noise.scale)
@@ -132,7 +132,7 @@ def find_noise(
 
     def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
         residual = y - both @ ridge(noise_so_far)[1]
-        return _found(noise, residual, known, rows, quantities, prior, evidence)
+        return _found(noise, residual, plain, rows, quantities, prior, evidence)
 
     for _ in range(MOST_ALTERNATIONS):
         before, model = model, found_under(model.noise)
@@ -192,7 +192,7 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
 
 
 def _found(
-    noise: Noise, residual: Float[np.ndarray, " n_row"], known: NoiseModel, rows: EquationRows,
+    noise: Noise, residual: Float[np.ndarray, " n_row"], plain: NoiseModel, rows: EquationRows,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]], prior: NoisePrior,
     evidence: Callable[[RowNoise], float] | None,
 ) -> NoiseModel:  # fmt: skip
@@ -200,9 +200,9 @@ def _found(
 
     A fitted option is kept only if it explains the residuals better.
     """
-    model, whole = known, residual
-    residual = known.noise.without_starts(residual[:, None])[:, 0]
-    if below_floor(residual, known, prior):
+    model, whole = plain, residual
+    residual = plain.noise.without_starts(residual[:, None])[:, 0]
+    if below_floor(residual, plain, prior):
         # There is nothing that could be found; what is given is given.
         noise = replace(noise, **{name: None for name in NOISE_OPTIONS if getattr(noise, name) == FIT})
     if noise.depends_on is not None:

@@ -45,14 +45,14 @@ class Stamps(NamedTuple):
 
 
 def in_time(
-    residual: Float[np.ndarray, " n_obs"], known: NoiseModel, stamps: Stamps, prior: NoisePrior, name: str,
+    residual: Float[np.ndarray, " n_obs"], current: NoiseModel, stamps: Stamps, prior: NoisePrior, name: str,
     time_scale: float | None = None, evidence: Callable[[RowNoise], float] | None = None,
 ) -> Suspicion | None:  # fmt: skip
     """Weigh a process in time, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
     Args:
         residual: Measured less explained rate, scaled units.
-        known: Noise as it is, without a process in time.
+        current: Noise as it is, without a process in time.
         stamps: Times and runs of the rows.
         prior: Prior of σ.
         name: `CORRELATED` or `PROCESS`.
@@ -64,7 +64,7 @@ def in_time(
         The suspicion; None where each run has one row.
     """
     process = "exponential" if name == CORRELATED else "matern32"
-    sd = correlation_and_sd(known.noise)[1]
+    sd = correlation_and_sd(current.noise)[1]
     e = residual / sd
     time, run = stamps
     stretches = _stretches(e, stamps)
@@ -90,7 +90,7 @@ def in_time(
 
     def noise_of(k: int, m: int) -> RowNoise:
         tau, white = float(fine_tau[k] * typical), float(fine_share[m])
-        return known.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
+        return current.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
 
     if evidence is not None:
         # One after the other: they depend on each other by little.
@@ -104,7 +104,7 @@ def in_time(
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
     about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
-    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), known, about)
+    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
     lift = float(np.max(logs)) - float(fine[k, m])
     return replace(found, model=replace(found.model, constant=found.model.constant + lift))
 

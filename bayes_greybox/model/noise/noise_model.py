@@ -59,7 +59,7 @@ class Suspicion:
 
 
 def weighed_on_grid(
-    name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, known: NoiseModel, about: dict
+    name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, current: NoiseModel, about: dict
 ) -> Suspicion:
     """Return a suspect with its parameters summed over a grid.
 
@@ -67,8 +67,8 @@ def weighed_on_grid(
     known noise, and `noise` has the parameters of the best node.
     """
     total = float(np.logaddexp.reduce((logs + log_prior).ravel()))
-    constant = known.constant + total - float(np.max(logs))
+    constant = current.constant + total - float(np.max(logs))
     model = replace(
-        known, noise=noise, names=(*known.names, name), constant=constant, about={**known.about, name: about}
+        current, noise=noise, names=(*current.names, name), constant=constant, about={**current.about, name: about}
     )
     return Suspicion(name, total - before, model)

@@ -35,38 +35,38 @@ DEGREES = (1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
 
 def suspicions(
     residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
+    current: NoiseModel,
     time: Float[np.ndarray, " n_obs"],
     run: Int[np.ndarray, " n_obs"],
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> list[Suspicion]:
     """Weigh every kind of noise that is not yet in the noise model."""
-    if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
+    if len(residual) < LEAST_ROWS or below_floor(residual, current, prior):
         return []
     found, whole = [], residual
-    residual = known.noise.without_starts(residual[:, None])[:, 0]
-    if not {CORRELATED, PROCESS} & set(known.names):
+    residual = current.noise.without_starts(residual[:, None])[:, 0]
+    if not {CORRELATED, PROCESS} & set(current.names):
         stamps = Stamps(time, run)
-        found.append(in_time(residual, known, stamps, prior, CORRELATED))
+        found.append(in_time(residual, current, stamps, prior, CORRELATED))
         # Where rows are samples of a path, a process of the system moves that.
-        moved = len(known.noise.intensities) > 0
-        found.append(force(whole, known, prior) if moved else in_time(residual, known, stamps, prior, PROCESS))
-    if VARYING not in known.names:
-        found.append(varying(residual, known, quantities, prior))
-    if HEAVY not in known.names:
-        found.append(heavy(residual, known, prior))
+        moved = len(current.noise.intensities) > 0
+        found.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
+    if VARYING not in current.names:
+        found.append(varying(residual, current, quantities, prior))
+    if HEAVY not in current.names:
+        found.append(heavy(residual, current, prior))
     return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
 
 
-def below_floor(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> bool:
+def below_floor(residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior) -> bool:
     """Return whether residuals are below the noise floor of the prior, where nothing can be said of their noise."""
-    return bool(np.mean(known.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
+    return bool(np.mean(current.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
 
 
 def varying(
     residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
+    current: NoiseModel,
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> Suspicion | None:
@@ -75,7 +75,7 @@ def varying(
     Returns:
         The suspicion; None where nothing varies.
     """
-    inner, sd = correlation_and_sd(known.noise)
+    inner, sd = correlation_and_sd(current.noise)
     e = inner.whiten((residual / sd)[:, None])[:, 0]
     if not inner.square:
         return None
@@ -95,14 +95,14 @@ def varying(
         return None
     every = np.concatenate(logs)
     name, level, z, a = choices[int(np.argmax(every))]
-    noise = known.noise.with_error(with_sd(inner, sd * np.exp(a * z)))
+    noise = current.noise.with_error(with_sd(inner, sd * np.exp(a * z)))
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"variable": name, "exponent": float(a), "level": level}
-    return weighed_on_grid(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, known, about)
+    return weighed_on_grid(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, current, about)
 
 
 def heavy(
-    residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
+    residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
 ) -> Suspicion | None:
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
@@ -111,7 +111,7 @@ def heavy(
     Returns:
         The suspicion; None for whitened coefficients that are no rows.
     """
-    inner, sd = correlation_and_sd(known.noise)
+    inner, sd = correlation_and_sd(current.noise)
     if not inner.square:
         return None
     e, n = inner.whiten((residual / sd)[:, None])[:, 0], len(residual)
@@ -141,11 +141,11 @@ def heavy(
     held = WeightedNoise(inner, sd / np.sqrt(weight))
     # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.
     square = float(np.sum(held.whiten(residual[:, None]) ** 2))
-    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - known.noise.error.log_det)
+    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - current.noise.error.log_det)
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"degrees": nu, "scale": scale}
     model = replace(
-        known, noise=known.noise.with_error(held), names=(*known.names, HEAVY), tail_weights=weight,
-        constant=known.constant + total - at_mode, about={**known.about, HEAVY: about},
+        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY), tail_weights=weight,
+        constant=current.constant + total - at_mode, about={**current.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)

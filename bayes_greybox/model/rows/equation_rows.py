@@ -260,8 +260,8 @@ class EquationRows:
             return lambda index: whole[index]
         shared = np.empty((self.n_row, len(acts_on)))
         for name, acting in self.learned.items():
-            own = np.array([each == name for each in acts_on])
-            shared[:, own] = acting.operator.of(lambda at, own=own: np.asarray(evaluate(at))[:, own], self.columns)
+            on = np.array([each == name for each in acts_on])
+            shared[:, on] = acting.operator.of(lambda at, on=on: np.asarray(evaluate(at))[:, on], self.columns)
         return lambda index: shared[index]
 
     def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
@@ -347,10 +347,10 @@ class EquationRows:
         """Return the number of rows of each run, if these are the first ones of each run; else None."""
         counts, start = [], 0
         for n in self.noise.run_lengths:
-            own = kept[(kept >= start) & (kept < start + n)]
-            if not np.array_equal(own, start + np.arange(len(own))):
+            of_run = kept[(kept >= start) & (kept < start + n)]
+            if not np.array_equal(of_run, start + np.arange(len(of_run))):
                 return None
-            counts.append(len(own))
+            counts.append(len(of_run))
             start += n
         return counts
 

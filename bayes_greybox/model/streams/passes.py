@@ -21,7 +21,7 @@ from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
 from ..algebra.stacking import CACHED_ROWS, stacked
-from ..assemble import scaled_table, with_steps
+from ..assemble import require_rows, scaled_table, with_steps
 from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
@@ -134,18 +134,18 @@ class Whole:
             factors = self._factors(model, frames)
         found = {}
         for block, frame in frames.items():
-            own, floor = sizes[block], model.noise_floor
-            if own.levels is not None:
-                floor = with_steps(own.levels / frame.target_scale, own.n_white, floor)
+            size, floor = sizes[block], model.noise_floor
+            if size.levels is not None:
+                floor = with_steps(size.levels / frame.target_scale, size.n_white, floor)
             found[block] = RowStatistics(
                 n_row=self.extent.n_row,
-                ends=own.ends,
+                ends=size.ends,
                 term_scale=frame.term_scale,
                 target_scale=frame.target_scale,
                 noise_floor=floor,
                 factor=factors[block].white,
-                n_white=own.n_white,
-                log_det=own.log_det,
+                n_white=size.n_white,
+                log_det=size.log_det,
                 plain=factors[block].plain if self.first else None,
             )
         return found
@@ -178,11 +178,7 @@ class Whole:
 
     def _frame(self, model: Program, rows: EquationRows, dictionary: Dictionary) -> Frame:
         sizes = self.extent.sizes[rows.equation]
-        if sizes.n_white < len(dictionary):
-            raise InputError(
-                f"Equation {rows.equation!r} has {len(dictionary)} terms but only {sizes.n_white} rows of data: give "
-                "at least as many rows as terms."
-            )
+        require_rows(rows.equation, sizes.n_white, len(dictionary))
         if nothing_left(np.sqrt(sizes.target), np.sqrt(sizes.measured)):
             raise rows.nothing_to_learn()
         scales = sizes.scales(rows, dictionary)

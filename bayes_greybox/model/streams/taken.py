@@ -77,13 +77,13 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
 
 
 def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) -> Trajectories:
-    said = (
+    remark = (
         f"{whole.extent.n_row:,} rows of {data.source.where} were read in chunks; of these, {sample.n_obs} rows in "
         f"{sample.n_run} {pieces}, evenly spaced over its parts, are looked at one by one"
     )
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
-    return sample.remarked(said, *left_out)
+    return sample.remarked(remark, *left_out)
 
 
 def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
