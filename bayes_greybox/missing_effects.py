@@ -314,7 +314,7 @@ def _found(
             )  # fmt: skip
         except InputError as error:
             # What the study found stands.
-            if found.model.rows.rates_measured:
+            if not found.model.rows.follows_path:
                 raise
             found = replace(found, warnings=(*found.warnings, f"The amended model was not sampled. {error}"))
         else:

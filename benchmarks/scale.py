@@ -131,11 +131,11 @@ def statistics_of_runs(kind: str, n_run: int) -> dict[str, Any]:
     # Imported here: these bring JAX.
     from bayes_greybox.data.streams.row_stream import RowStream
     from bayes_greybox.model.program import Program
-    from bayes_greybox.model.rows.kinds import ROWS
+    from bayes_greybox.model.rows.kinds import ROW_KINDS
     from bayes_greybox.model.streams.statistics import equations_of
     from bayes_greybox.model.streams.taken import taken
 
-    model = Program(dictionary={"x": list(GROWTH)}, discrepancy=None, rows=ROWS[kind]())
+    model = Program(dictionary={"x": list(GROWTH)}, discrepancy=None, rows=ROW_KINDS[kind]())
     clock = Clock()
     model, sample, rows = taken(model, RowStream(Growth(n_run)))
     assert rows is not None

@@ -19,7 +19,7 @@ from bayes_greybox.model.gp.discrepancy import Path as PathKind
 from bayes_greybox.model.gp.kernels import KERNELS
 from bayes_greybox.model.gp.orthogonal import Measure, Variant
 from bayes_greybox.model.priors import PRIORS
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.running.errors import InputError
 
 CONFIGS = Path(__file__).parents[1] / "configs"
@@ -235,7 +235,7 @@ def test_what_a_file_leaves_out_has_the_default_of_the_package(tmp_path):
     "table",
     [
         *(f"[prior]\nkind = '{kind}'" for kind in PRIORS),
-        *(f"[rows]\nkind = '{kind}'" for kind in ROWS),
+        *(f"[rows]\nkind = '{kind}'" for kind in ROW_KINDS),
         "[discrepancy]",
         "[study]\nodds = {",
     ],

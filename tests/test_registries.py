@@ -14,7 +14,7 @@ from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.model.gp.kernels import KERNELS, Kernel
 from bayes_greybox.model.priors import PRIORS, Scales
 from bayes_greybox.model.rows.derivative_rows import DerivativeRows
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.running.limits import Count, Positive, require_limits
 
@@ -62,7 +62,7 @@ def lists(monkeypatch):
     kernel = Kernel("rational", lambda r2: 1 / (1 + r2), KERNELS["matern52"].log_spectral_shape, 3.0)
     monkeypatch.setitem(KERNELS, "rational", kernel)
     monkeypatch.setitem(PRIORS, "cauchy", Cauchy)
-    monkeypatch.setitem(ROWS, "every_second", EverySecond)
+    monkeypatch.setitem(ROW_KINDS, "every_second", EverySecond)
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_rows_of_the_users_own_are_refused_in_words_once_they_are_read_again(dat
 def test_registered_classes_are_what_their_lists_are_of():
     for kind in PRIORS.values():
         assert hasattr(kind(), "scales")
-    for kind in ROWS.values():
+    for kind in ROW_KINDS.values():
         assert isinstance(kind(), RowKind)
     for name, kernel in KERNELS.items():
         assert kernel.name == name

@@ -143,9 +143,9 @@ def _priors() -> Mapping[str, type]:
 
 
 def _rows() -> Mapping[str, type]:
-    from bayes_greybox.model.rows.kinds import ROWS
+    from bayes_greybox.model.rows.kinds import ROW_KINDS
 
-    return ROWS
+    return ROW_KINDS
 
 
 def _discrepancy(given: Any) -> type[Section]:

@@ -43,7 +43,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
     if any(found.source.n_sensor > 1 for found in findings.values()):
         # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.
         named &= {PROCESS}
-    if model.rows.rates_measured:
+    if not model.rows.follows_path:
         # What a process in time adds to rates is f's in the posterior.
         named -= {PROCESS}
     if not named:

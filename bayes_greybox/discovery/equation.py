@@ -114,7 +114,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     def settled(source: Source, start: Point) -> tuple[Source, Near]:
         return source, settle(source.near, source.quantities, start, odds, reach, question.seed, say)
 
-    if model.rows.rates_measured:
+    if not model.rows.follows_path:
         return settled(RateRows(model, train, name, question.effects), Point())
     found = settled(SampleRows(model, train, name, question.effects), Point())
     if model.rows.interpolation is not None or not train.input_names:
@@ -149,9 +149,7 @@ def _amendment(
 
     sigma = float(np.mean(coefficients.sigma)) * regressors.target_scale
     alike, hidden = _of_one_memory(regressors, coefficients, point.hidden)
-    forced = (
-        near.weighed.grid.points[verdict.hypothesis.point].kind == "time" and not near.rows.model.rows.rates_measured
-    )
+    forced = near.weighed.grid.points[verdict.hypothesis.point].kind == "time" and near.rows.model.rows.follows_path
     amendment = Amendment(
         regressors, _free_alone(regressors), coefficients, sigma, None, put_right, source.row_kind(point), sensors,
         train, hidden, alike, regressors.rows.gain, forced,

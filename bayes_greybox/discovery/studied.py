@@ -20,7 +20,7 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
             )
         return model.equations
     simulation = model.simulator(data)
-    if not model.rows.rates_measured:
+    if model.rows.shared:
         found = tuple(name for name in simulation.equations if not simulation.kinematic(name))
         if len(found) != 1:
             raise InputError(

@@ -264,7 +264,7 @@ def investigate(
                 measured.append(gap_rows(model, amendments, data, part, runs))
             except InputError as error:
                 # The answer stands, but not against them.
-                if part == "train" or model.rows.rates_measured:
+                if part == "train" or not model.rows.follows_path:
                     raise
                 lost = [f"The amended model could not be compared with held-out data: {error}"]
         seconds["gap"] = time.perf_counter() - start
@@ -349,7 +349,7 @@ def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
     """Why effects with memory cannot be weighed; empty where they can."""
     if data.is_output(equation):
         return "it remembers, and rows of an output follow no path: what it did before is not in them"
-    if model.rows.rates_measured:
+    if not model.rows.follows_path:
         return (
             "it remembers, and rows of rates follow no path along which that can be said: give samples, "
             'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'

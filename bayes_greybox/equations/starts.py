@@ -7,7 +7,7 @@ import numpy as np
 from bayes_greybox.inference.path_starts import path_of, start_draws
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.remembering import remembered
-from bayes_greybox.model.exact_program import START
+from bayes_greybox.model.exact_program import START_SITE
 
 from .learned import Value
 
@@ -20,15 +20,15 @@ def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
     no path from its start, or an unknown force moves it.
     """
     model = posterior.model
-    if not model.rows.integrated:
+    if not model.rows.follows_path:
         return {}
     ((block, equation),) = posterior.equations.items()
     if equation.rows.noise.moved:
         return {}
     values = posterior.values(block)
     alike = np.all(posterior.patterns(block) == posterior.likeliest_pattern(block), axis=1)
-    if START in values:
-        draws = values[START][alike]
+    if START_SITE in values:
+        draws = values[START_SITE][alike]
     else:
         drawn = posterior.draws(block)
         theta, weight, sigma = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))

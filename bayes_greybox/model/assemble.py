@@ -14,7 +14,7 @@ from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 
-from .algebra.compression import CHUNK, triangular_factor
+from .algebra.compression import FACTOR_CHUNK, triangular_factor
 from .algebra.linalg import require_independent
 from .coefficient_priors import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
@@ -25,8 +25,8 @@ from .gp.hyper import Hyperparameters
 from .rows.equation_rows import EquationRows, Table
 from .scaling import box_columns, scaled_frame, with_measure
 
-FEWEST_STEPS = 8
-"""Values on so many steps of a lattice, or more, count as rounded to it."""
+FEWEST_ROUNDING_STEPS = 8
+"""Least number of steps of a lattice on which values count as rounded to it."""
 
 
 def assemble(
@@ -50,11 +50,7 @@ def assemble(
             too many rows for the exact path; a kernel that is not a covariance.
     """
     equation, n_term = rows.equation, len(dictionary)
-    if rows.n_white < n_term:
-        raise InputError(
-            f"Equation {equation!r} has {n_term} terms but only {rows.n_white} rows of data: give at "
-            f"least as many rows as terms."
-        )
+    require_rows(equation, rows.n_white, n_term)
     target_scale = rows.scale
     # A state in small units moves by small forces.
     sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
@@ -86,29 +82,29 @@ def assemble(
     return Equation(rows, frame, feature_design(frame, discrepancy, factor, common))
 
 
-def common_of(
-    frame: Frame,
-    n_obs: int,
-    log_det: float,
-    noise_floor: float,
-    coefficients: Sequence[Coefficient | None] | None,
-) -> dict[str, Any]:
-    """What every design has beside its rows.
+def require_rows(equation: str, n_row: int, n_term: int) -> None:
+    """Refuse an equation with fewer rows than terms."""
+    if n_row < n_term:
+        raise InputError(
+            f"Equation {equation!r} has {n_term} terms but only {n_row} rows of data: give at least as many rows as "
+            "terms."
+        )
 
-    Args:
-        frame: Scaling of the equation.
-        n_obs: White numbers that the rows carry.
-        log_det: log|R|.
-        noise_floor: Least σ, scaled units.
-        coefficients: Prior of each term, None where the model's holds alone.
+
+def common_of(
+    frame: Frame, n_obs: int, log_det: float, noise_floor: float, coefficients: Sequence[Coefficient | None] | None
+) -> dict[str, Any]:
+    """Return the fields of every design beside its rows.
+
+    σ, R and the white numbers `n_obs` are those of the rows; `noise_floor` is in scaled units.
     """
-    given = [None] * len(frame.dictionary) if coefficients is None else coefficients
+    priors = [None] * len(frame.dictionary) if coefficients is None else coefficients
     return {
         "n_obs": on_device(np.float64(n_obs)),
         "n_prior": on_device(np.float64(n_obs)),
         "log_det_R": on_device(np.float64(log_det)),
         "noise_floor": on_device(np.float64(noise_floor)),
-        "coefficients": CoefficientPriors.of(given, frame.coefficient_scale),
+        "coefficients": CoefficientPriors.of(priors, frame.coefficient_scale),
     }
 
 
@@ -118,13 +114,9 @@ def feature_design(
     factor: Float[np.ndarray, "n_kept n_column"],
     common: Mapping[str, Any],
 ) -> FeatureDesign:
-    """The design of rows of which the triangular factor of [Φ ψ y] is known.
+    """Return the design of rows with a known triangular factor of [Φ ψ y], whitened, in scaled units.
 
-    Args:
-        frame: Scaling and bases, the measure's among them.
-        discrepancy: The Gaussian process, or None.
-        factor: Of the whitened rows, scaled units.
-        common: From `common_of`.
+    The frame has the measure's bases; `common` is from `common_of`.
     """
     n_term = len(frame.dictionary)
     Phi, psi, y = np.split(factor, [n_term, factor.shape[1] - 1], axis=1)
@@ -143,7 +135,7 @@ def feature_design(
 
 
 def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
-    """Noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
+    """Return the noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
 
     Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values the
     smallest difference says nothing but how many there are, and a signal of a few levels may well be exact.
@@ -156,15 +148,9 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
 
 
 def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: float) -> float:
-    """`with_rounding` of values of which the different ones are known.
-
-    Args:
-        levels: The different values, in increasing order.
-        n_obs: How many values there are.
-        relative: Least noise standard deviation over the RMS of the target.
-    """
+    """Return `with_rounding` of `n_obs` values from their different levels, in increasing order."""
     steps = np.diff(levels)
-    if steps.size < FEWEST_STEPS or steps.size == n_obs - 1:
+    if steps.size < FEWEST_ROUNDING_STEPS or steps.size == n_obs - 1:
         return relative
     multiples = steps / steps.min()
     rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
@@ -173,21 +159,16 @@ def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: floa
 
 
 def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, " n_term"]:
-    """Of each term over the samples."""
+    """Return the mean square of each term over the samples."""
     squares = np.zeros(len(dictionary))
-    for start in range(0, rows.n_sample, 16 * CHUNK):
-        part = rows.at(slice(start, start + 16 * CHUNK))
+    for start in range(0, rows.n_sample, 16 * FACTOR_CHUNK):
+        part = rows.at(slice(start, start + 16 * FACTOR_CHUNK))
         squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
     return squares / rows.n_sample
 
 
 def scaled_table(frame: Frame, rows: EquationRows) -> Table:
-    """[Φ ψ y] in scaled units by index of the rows; of many chunks each is evaluated by one compiled program.
-
-    Args:
-        frame: Scaling and features.
-        rows: The rows.
-    """
+    """Return [Φ ψ y] in scaled units by index of the rows; many chunks are evaluated by one compiled program."""
     y = rows.target / frame.target_scale
 
     def evaluate(columns: Mapping[str, jax.Array | np.ndarray]) -> jax.Array | np.ndarray:
@@ -201,11 +182,11 @@ def scaled_table(frame: Frame, rows: EquationRows) -> Table:
 
     def table(index: Int[np.ndarray, " n_chunk"]) -> Float[np.ndarray, "n_chunk n_column"]:
         n = len(index)
-        if rows.n_row <= CHUNK:
+        if rows.n_row <= FACTOR_CHUNK:
             values = evaluate(rows.at(index))
         else:
             # A short last chunk is filled up, so that it does not compile anew.
-            index = np.concatenate([index, np.full(max(0, CHUNK - n), index[-1])])
+            index = np.concatenate([index, np.full(max(0, FACTOR_CHUNK - n), index[-1])])
             values = compiled({name: jnp.asarray(column) for name, column in rows.at(index).items()})
         return np.column_stack([np.asarray(values)[:n], y[index[:n]]])
 

@@ -1,4 +1,4 @@
-"""Equations that share their rows: whose terms stand side by side, and which states only other equations speak of."""
+"""Equations that share their rows: their joint dictionary, and states that only other equations mention."""
 
 from collections.abc import Container, Mapping
 from typing import Any
@@ -8,29 +8,19 @@ from bayes_greybox.physics.terms import Dictionary, terms_of
 
 
 def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, Dictionary]) -> dict[str, Dictionary]:
-    """Dictionaries by block; those of equations that share their rows are joined.
-
-    Args:
-        blocks: Learned states by what their rows are called.
-        dictionaries: By learned state.
-    """
+    """Return dictionaries by block, from those by learned state; equations that share their rows have a joint one."""
     return {
         name: dictionaries[name]
         if name in dictionaries
-        else Dictionary.joined({each: dictionaries[each] for each in own})
-        for name, own in blocks.items()
+        else Dictionary.joined({each: dictionaries[each] for each in equations})
+        for name, equations in blocks.items()
     }
 
 
 def used_states(
     dictionary: Mapping[str, Any], simulation: Mapping[str, str], columns: Container[str]
 ) -> tuple[str, ...]:
-    """Learned states without data that another equation uses; one that nothing uses is a slip of the pen.
-
-    Args:
-        dictionary: Terms by learned state, as the user gave them.
-        simulation: Expressions by state.
-        columns: Names of the data's columns.
+    """Return learned states without data that another equation uses; one that nothing uses is a slip of the pen.
 
     Raises:
         InputError: Terms or expressions that cannot be read.

@@ -10,13 +10,13 @@ from bayes_greybox.running.errors import InputError
 
 
 class StatedTerms(NamedTuple):
-    """The terms of one equation, and what is stated of their coefficients.
+    """The terms of one equation, and the priors that are stated of their coefficients.
 
     Attributes:
         all: Every term of the dictionary.
         learned: Terms whose coefficients are learned.
         fixed: The other terms, with their coefficients.
-        known: What the simulation has of the terms: the fixed ones, and means that are taken off.
+        known: Terms in the simulation: the fixed ones, and means that are taken off.
         priors: Priors of single terms by name.
     """
 
@@ -30,12 +30,6 @@ class StatedTerms(NamedTuple):
 def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> StatedTerms:
     """Read the terms of one equation and the priors of their coefficients.
 
-    Args:
-        terms: As the user gave them.
-        stated: Priors of single terms.
-        names: States and inputs.
-        equation: The learned state.
-
     Raises:
         InputError: See `Dictionary.of` and `matched`.
     """
@@ -48,11 +42,7 @@ def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[
 
 
 def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, dict[str, Coefficient]]:
-    """Priors of single coefficients as a model was given them, and those that terms of its dictionary state, checked.
-
-    Args:
-        stated: Priors by equation and term.
-        dictionary: Of the model.
+    """Read the priors of single coefficients that a model was given, and those that terms of its dictionary state.
 
     Raises:
         InputError: No such equation, or not a mapping from terms to `Coefficient`; two priors of one term.
@@ -79,22 +69,17 @@ def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, d
     for equation, terms in dictionary.items():
         for term in stating(terms):
             assert term.stated is not None
-            own = found.setdefault(str(equation), {})
-            if own.setdefault(term.name, term.stated) != term.stated:
+            priors = found.setdefault(str(equation), {})
+            if priors.setdefault(term.name, term.stated) != term.stated:
                 raise InputError(
                     f"The coefficient of the term {term.name!r} of {equation!r} is stated twice, {term.stated} and "
-                    f"{own[term.name]}: state it once, in the term or in coefficients=...."
+                    f"{priors[term.name]}: state it once, in the term or in coefficients=...."
                 )
     return found
 
 
 def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> dict[str, Coefficient]:
-    """Priors by the names of the dictionary's terms, which blanks in a key do not change.
-
-    Args:
-        stated: As the user gave them.
-        names: Of the terms.
-        equation: The learned state.
+    """Return priors by the names of the dictionary's terms, which blanks in a key do not change.
 
     Raises:
         InputError: A key that is no term, or two for one term.
@@ -116,7 +101,7 @@ def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: s
 
 
 def centred(stated: Mapping[str, Mapping[str, Coefficient]]) -> dict[str, dict[str, Coefficient]]:
-    """The priors beside a simulation that has every term with its mean, by equation and term.
+    """Return the priors beside a simulation that has every term with its mean, by equation and term.
 
     Raises:
         InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
@@ -133,12 +118,7 @@ def centred(stated: Mapping[str, Mapping[str, Coefficient]]) -> dict[str, dict[s
 
 
 def stated_in_words(stated: Mapping[str, Mapping[str, Coefficient]], several: bool) -> str:
-    """The priors in a few signs: `y N(-2, 0.1²); y**3 ≤ 0`.
-
-    Args:
-        stated: By equation and term.
-        several: Whether equations need their names.
-    """
+    """Return the priors in a few signs, `y N(-2, 0.1²); y**3 ≤ 0`, with names of equations if there are several."""
     return "; ".join(
         f"{term} of {equation} {prior}" if several else f"{term} {prior}"
         for equation, terms in stated.items()

@@ -1,4 +1,4 @@
-"""Priors of the single terms of one equation in scaled units: what the likelihood and the exact draws make of them."""
+"""Priors of the single terms of one equation in scaled units, for the likelihood and the exact draws."""
 
 import math
 from collections.abc import Sequence
@@ -45,35 +45,31 @@ class CoefficientPriors:
 
     @classmethod
     def of(cls, stated: Sequence[Coefficient | None], scale: Float[np.ndarray, " n_term"]) -> "CoefficientPriors":
-        """Scaled priors of the terms of an equation.
+        """Return scaled priors of the terms of an equation.
 
         Args:
-            stated: Of each term, None where the model's prior holds alone.
+            stated: Prior of each term, None where the model's prior holds alone.
             scale: User's coefficient per scaled coefficient.
         """
         everything = (-math.inf, math.inf)
         limits = np.array([everything if c is None else c.interval for c in stated]).reshape(-1, 2) / scale[:, None]
-        own = [c is not None and c.mean is not None for c in stated]
+        has_mean = [c is not None and c.mean is not None for c in stated]
         numbers = [(c.mean, c.sd) if c is not None and c.mean is not None else (0.0, 0.0) for c in stated]
         mean, sd = np.array(numbers, float).reshape(-1, 2).T / scale
         return cls(
-            *on_device((mean, np.where(own, sd, 1.0), limits[:, 0], limits[:, 1])),
-            shared=tuple(j for j, has_own in enumerate(own) if not has_own),
+            *on_device((mean, np.where(has_mean, sd, 1.0), limits[:, 0], limits[:, 1])),
+            shared=tuple(j for j, stands in enumerate(has_mean) if not stands),
             certain=tuple(j for j, c in enumerate(stated) if c is not None and c.certain),
             bounded=tuple(j for j, c in enumerate(stated) if c is not None and c.bounded),
         )
 
     @property
     def stated(self) -> bool:
-        """Whether any term has more than the model's prior."""
+        """True if any term has more than the model's prior."""
         return bool(self.certain or self.bounded)
 
     def complete(self, shared: Scales | None) -> Scales:
-        """Scales of all terms from those under the model's prior.
-
-        Args:
-            shared: A draw of the model's prior for its terms; None where it has none.
-        """
+        """Return the scales of all terms, given a draw of the model's prior for its terms; None where it has none."""
         if not self.stated and shared is not None:
             return shared
         if shared is None:
@@ -86,18 +82,13 @@ class CoefficientPriors:
         return Scales(self.sd.at[index].set(shared.sd), odds, self.mean)
 
     def limits(self, scales: Scales) -> tuple[Float[Array, " n_bounded"], Float[Array, " n_bounded"]]:
-        """Bounds of u = (θ − mean)/sd, of the bounded terms."""
+        """Return the bounds of u = (θ − mean)/sd of the bounded terms."""
         index = np.array(self.bounded, int)
         sd, mean = scales.sd[index], self.mean[index]
         return standardised(self.lower[index], mean, sd), standardised(self.upper[index], mean, sd)
 
     def placed(self, full: Ridge, scales: Scales) -> BoundedPatterns:
-        """The inclusion patterns, or the one there is without odds, with the bounded coefficients placed.
-
-        Args:
-            full: Posterior of u without bounds, all terms in.
-            scales: With `uniform`.
-        """
+        """Return the inclusion patterns, or the only one without odds, with the bounded coefficients placed."""
         assert scales.uniform is not None
         bounds = Bounds(*self.limits(scales), scales.uniform)
         return bounded_patterns(full.mean, full.covariance, scales.log_odds, bounds, self.bounded, self.certain)
@@ -105,10 +96,10 @@ class CoefficientPriors:
     def draw(
         self, scales: Scales, key_gamma: Array, key_theta: Array
     ) -> tuple[Float[Array, " n_term"], Float[Array, " n_term"]]:
-        """θ from its prior, and its standard deviations, zero where a term is out.
+        """Draw θ from its prior, and return it with its standard deviations, zero where a term is out.
 
         Args:
-            scales: Of all terms.
+            scales: Scales of all terms.
             key_gamma: Random key of the pattern.
             key_theta: Random key of the coefficients.
         """
@@ -126,13 +117,13 @@ class CoefficientPriors:
         return jnp.where(sd > 0, mean + sd * z, 0.0), sd
 
     def log_restriction(self, sd: Float[Array, "*draws n_term"], power: float = 1.0) -> Float[Array, "*draws"]:
-        """−Σ_j log P(lower_j ≤ θ_j ≤ upper_j), θ_j ~ N(mean_j, sd_j²/power), over the bounded terms that are in.
+        """Return −Σ_j log P(lower_j ≤ θ_j ≤ upper_j), θ_j ~ N(mean_j, sd_j²/power), over the bounded terms that are in.
 
-        What restricting a normal prior adds to its log density inside the bounds.
+        This is what restricting a normal prior adds to its log density inside the bounds.
 
         Args:
             sd: Prior standard deviations, zero where a term is out.
-            power: That the normal density is raised to.
+            power: Power that the normal density is raised to.
         """
         total = jnp.zeros(sd.shape[:-1])
         for j in self.bounded:
@@ -145,13 +136,9 @@ class CoefficientPriors:
     def given(
         self, theta: Float[np.ndarray, "n_draw n_term"], sd: Float[np.ndarray, "n_draw n_term"]
     ) -> tuple[Float[np.ndarray, "n_draw n_term"], Float[np.ndarray, "n_draw n_term"]]:
-        """Mean and standard deviation of θ a priori, the bounded coefficients held at their draws.
+        """Return mean and standard deviation of θ a priori, the bounded coefficients held at their draws.
 
         Given these the target is normal, which a bounded coefficient does not leave it.
-
-        Args:
-            theta: Draws of the coefficients.
-            sd: Their prior standard deviations, zero where they are out.
         """
         mean, spread = np.broadcast_to(np.asarray(self.mean), theta.shape).copy(), np.array(sd)
         index = list(self.bounded)

@@ -15,19 +15,13 @@ from .design import Design, EquationDraws, WeightedRows
 from .frame import Frame
 from .rows.equation_rows import EquationRows, Table
 
-RIDGE = 1e-6
+ESTIMATE_RIDGE = 1e-6
 """Shrinkage of the estimate that rows are taken near, over the mean square of a column."""
 
 
 @dataclass(frozen=True)
 class Equation:
-    """One learned equation, or several that share their rows.
-
-    Attributes:
-        rows: What was measured, and with what noise.
-        frame: Scaling and bases, fixed by the data.
-        design: What the likelihood sees of the rows.
-    """
+    """One learned equation, or several that share their rows, with a frame fixed by the data and a design."""
 
     rows: EquationRows
     frame: Frame
@@ -35,29 +29,29 @@ class Equation:
 
     @property
     def target(self) -> Float[np.ndarray, " n_row"]:
-        """Measured less simulated, scaled units."""
+        """Measured less simulated values, scaled units."""
         return self.rows.target / self.frame.target_scale
 
     def table(self, index: Int[np.ndarray, " n"] | slice = slice(None)) -> Float[np.ndarray, "n n_column"]:
-        """[Φ Ψ̃ y] in scaled units at rows, neither whitened nor compressed."""
+        """Return [Φ Ψ̃ y] in scaled units at rows, neither whitened nor compressed."""
         index = np.arange(self.rows.n_row)[index]
         return np.column_stack([self._terms(index), self.target[index]])
 
     def parts(
         self, index: Int[np.ndarray, " n"] | slice = slice(None)
     ) -> tuple[Float[np.ndarray, "n n_term"], Float[np.ndarray, "n n_basis"], Float[np.ndarray, " n"]]:
-        """Φ, Ψ̃ and y of `table`."""
+        """Return Φ, Ψ̃ and y of `table`."""
         table, n_term = self.table(index), len(self.frame.dictionary)
         return table[:, :n_term], table[:, n_term:-1], table[:, -1]
 
     def discrepancy(
         self, draws: EquationDraws, index: Int[np.ndarray, " n"] | slice = slice(None)
     ) -> Float[np.ndarray, "n_draw n"]:
-        """Posterior draws of f at rows of the data, scaled units."""
+        """Return posterior draws of f at rows of the data, scaled units."""
         return self.design.at_data(self.parts(index)[1], index, draws)
 
     def weighted(self) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """Observations by number, weighted by the inverse noise correlation; see `Design.weighted`."""
+        """Return observations by number, weighted by the inverse noise correlation; see `FeatureDesign.weighted`."""
         return self.design.weighted(self.frame, self.rows, self.table)
 
     @cached_property
@@ -80,7 +74,7 @@ class Equation:
         return table
 
     def ridge(self) -> list[tuple[Term, float]]:
-        """Its terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units.
+        """Return the terms with coefficients by least squares on the whitened rows, hardly shrunk; user's units.
 
         Coefficients with a normal prior of their own are drawn to it, and those with bounds are kept between them.
         """
@@ -88,29 +82,21 @@ class Equation:
         return list(zip(self.frame.dictionary.terms, theta.tolist(), strict=True))
 
     def moved(self, before: Sequence[tuple[Term, float]]) -> float:
-        """Largest change of a coefficient of `ridge` from others, in its standard deviations."""
+        """Return the largest change of a coefficient of `ridge` from others, in its standard deviations."""
         theta, precision = self._least_squares
         sd = np.sqrt(self.variance * np.diag(np.linalg.inv(precision)))
         return float(np.max(np.abs(theta - self._scaled(before)) / sd))
 
-    def log_likelihood(self) -> float:
-        """Of the samples behind the rows at the estimate of `ridge`, σ profiled out, up to a constant; user's units."""
-        return self._log_likelihood(self._least_squares[0])
-
     def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
-        """That of the samples at other coefficients, and of what is stated of them, up to a constant; user's units."""
+        """Return the log density of the samples and of stated priors at other coefficients, up to a constant."""
         theta, stated = self._scaled(at), self.design.coefficients
         return self._log_likelihood(theta) - 0.5 * float(self._stated_weight @ (theta - np.asarray(stated.mean)) ** 2)
 
     def damped(self, at: Sequence[tuple[Term, float]], damping: float) -> tuple[list[tuple[Term, float]], float]:
-        """Coefficients after a step of Levenberg and Marquardt's from others, and what it promises, nats.
+        """Return coefficients after a Levenberg–Marquardt step from others, and the gain that it promises, nats.
 
         (H + μ diag H) θ' = b + μ diag H θ within the bounds, with H θ = b the equation of `ridge`: all the way to that
-        for μ = 0. What it promises is on these rows.
-
-        Args:
-            at: The other coefficients, user's units.
-            damping: μ.
+        for μ = 0. The gain is that on these rows.
         """
         (precision, pull), extra = self._normal, damping * np.diag(self._normal[0])
         whole = self._bounded(precision + np.diag(extra), pull + extra * self._scaled(at))
@@ -130,10 +116,10 @@ class Equation:
 
     @cached_property
     def _normal(self) -> tuple[Float[np.ndarray, "n_term n_term"], Float[np.ndarray, " n_term"]]:
-        """Precision H and pull b of the rows and of what is stated, over the precision of the noise: H θ = b."""
+        """Precision H and pull b of the rows and of the stated priors, over the precision of the noise: H θ = b."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
         precision, pull = Phi.T @ Phi, Phi.T @ y
-        precision = precision + RIDGE * np.diag(np.diag(precision))
+        precision = precision + ESTIMATE_RIDGE * np.diag(np.diag(precision))
         if not stated.stated:
             return precision, pull
         variance = np.sum((y - Phi @ np.linalg.solve(precision, pull)) ** 2) / float(self.design.n_obs)
@@ -143,7 +129,7 @@ class Equation:
     def _bounded(
         self, precision: Float[np.ndarray, "n_term n_term"], pull: Float[np.ndarray, " n_term"]
     ) -> Float[np.ndarray, " n_term"]:
-        """Least ½ θᵀHθ − bᵀθ within the bounds that are stated."""
+        """Minimise ½ θᵀHθ − bᵀθ within the stated bounds."""
         theta, stated = np.linalg.solve(precision, pull), self.design.coefficients
         lower, upper = np.asarray(stated.lower), np.asarray(stated.upper)
         if not stated.stated or np.all((theta >= lower) & (theta <= upper)):
@@ -156,14 +142,14 @@ class Equation:
 
     @cached_property
     def variance(self) -> float:
-        """Of the whitened rows about the estimate of `ridge`, scaled units."""
+        """Variance of the whitened rows about the estimate of `ridge`, scaled units."""
         theta, _ = self._least_squares
         square = np.sum((np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta) ** 2)
         return float(square) / max(float(self.design.n_obs) - len(theta), 1.0)
 
     @property
     def _stated_weight(self) -> Float[np.ndarray, " n_term"]:
-        """Precision of what is stated of each coefficient; none of those that all blocks share."""
+        """Precision of the stated prior of each coefficient; zero under the model's prior."""
         stated = self.design.coefficients
         weight = 1.0 / np.asarray(stated.sd) ** 2
         weight[list(stated.shared)] = 0.0
@@ -173,10 +159,9 @@ class Equation:
         return np.array([value for _, value in coefficients]) / self.frame.coefficient_scale
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
-        """The equation without the targets of some observations; the frame (scaling, measure, features) stays.
+        """Return the equation without the targets of some observations; the frame (scaling, measure, features) stays.
 
-        Args:
-            out: Observations to leave out: rows of the data, or whitened coefficients where R is singular.
+        Observations are rows of the data, or whitened coefficients where R is singular.
         """
         gone = np.unique(np.asarray(out, int))
         removal = self.rows.without(gone)

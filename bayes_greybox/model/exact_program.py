@@ -22,18 +22,15 @@ from .priors import Scales
 from .sampling_program import SamplingProgram
 from .sites import EquationSites, site
 
-PREDICTED, START, SENSOR = "predicted", "start", "sensor_sigma"
-"""What the rows would be without noise, in the sensors' units; states at the starts of the segments; each sensor's own
-noise."""
+PREDICTED_SITE, START_SITE, SENSOR_SITE = "predicted", "start", "sensor_sigma"
+"""Sites: rows without noise, in the sensors' units; states at the starts of the segments; each sensor's own noise."""
 
 
 @dataclass(frozen=True)
 class GivenTerms:
-    """The pattern of terms that are in, and which of them have bounds: what the sites of θ are made of.
+    """The pattern of terms that are in, which the sites of θ follow.
 
-    Attributes:
-        active: Terms that are in.
-        bounded: Of the bounded terms among them the number, and whether there is a least and a largest value.
+    Bounded terms among them have a number, and whether there is a least and a largest value.
     """
 
     active: tuple[bool, ...]
@@ -41,12 +38,7 @@ class GivenTerms:
 
     @classmethod
     def of(cls, active: Bool[np.ndarray, " n_term"], coefficients: CoefficientPriors) -> "GivenTerms":
-        """A pattern under priors of coefficients.
-
-        Args:
-            active: Terms that are in.
-            coefficients: Their priors.
-        """
+        """Return the pattern of active terms under priors of coefficients."""
         limits = np.isfinite(np.stack([coefficients.lower, coefficients.upper], axis=-1)).tolist()
         return cls(tuple(map(bool, active)), tuple((j, *limits[j]) for j in coefficients.bounded if active[j]))
 
@@ -63,20 +55,20 @@ class ExactLikelihood:
     """Samples of sensors on exact paths; a pytree, so that what is compiled for one serves others of the same shapes.
 
     Attributes:
-        predict: From `along`, scaled θ, scaled weights of f and the starts of the segments to the rows, the sensors'
-            units.
+        predict: Function of `along`, scaled θ, scaled weights of f and the starts of the segments that returns the
+            rows, the sensors' units.
         measured: The rows, the sensors' units.
         sensor: Number of the sensor of each row.
         whiten: W₀ with W₀ R₀ W₀ᵀ = I, R₀ over the square of the noise of a typical sensor; of independent rows its
             diagonal.
         log_det: log|R₀|.
         unit: Noise of a typical sensor, in its unit, per scaled σ.
-        share: Noise of each sensor over that of a typical one, which R₀ has [n_sensor].
-        start_mean: Expected starts [n_segment, n_state].
+        share: Noise of each sensor over that of a typical one, which R₀ has.
+        start_mean: Expected starts.
         start_sd: Their standard deviations.
-        restated: Whether starts or noise have other priors than in the collapsed model.
-        sensor_noise: Median and logarithmic standard deviation of each sensor's σ, its own, [n_sensor, 2]; None where
-            the sensors have one σ, in the proportions that R₀ says.
+        restated: If true, starts or noise have other priors than in the collapsed model.
+        sensor_noise: Median and logarithmic standard deviation of each sensor's own σ; None where
+            the sensors have one σ, in the proportions of R₀.
         along: Arrays that `predict` needs.
     """
 
@@ -95,53 +87,36 @@ class ExactLikelihood:
 
     @property
     def independent(self) -> bool:
-        """Whether rows know nothing of each other."""
+        """True if the noise of each row is independent of the others."""
         return self.whiten.ndim == 1
 
     def sigma(self, sensors: Any, scaled: Any) -> Any:
-        """Noise of each row [..., n_row], its share in R₀ left out; the sensors' units.
+        """Return the noise of each row [..., n_row] without its share in R₀; the sensors' units.
 
-        Args:
-            sensors: Of each sensor [..., n_sensor], where they have their own.
-            scaled: Of all, scaled units [...].
+        `sensors` is the noise of each, where they have their own, and `scaled` that of all, scaled units.
         """
         if self.sensor_noise is not None:
             return (sensors / self.share)[..., self.sensor]
         return (scaled * self.unit)[..., None] * np.ones(len(self.measured))
 
-    def log_prior(self, drawn: Mapping[str, np.ndarray], own: EquationSites) -> dict[str, np.ndarray]:
-        """Log prior densities of what the collapsed model has no sites for, or others; each [n_chain, n_draw].
-
-        Args:
-            drawn: Draws by variable.
-            own: Names.
-        """
-        starts = norm.logpdf(drawn[own[START]], self.start_mean, self.start_sd)
-        found = {own[START]: starts.sum(axis=(-2, -1))}
+    def log_prior(self, drawn: Mapping[str, np.ndarray], names: EquationSites) -> dict[str, np.ndarray]:
+        """Return log prior densities [n_chain, n_draw] that the collapsed model has not, from draws by variable."""
+        starts = norm.logpdf(drawn[names[START_SITE]], self.start_mean, self.start_sd)
+        found = {names[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
             median, spread = self.sensor_noise.T
-            found[own[SENSOR]] = lognorm.logpdf(drawn[own[SENSOR]], spread, scale=median).sum(axis=-1)
+            found[names[SENSOR_SITE]] = lognorm.logpdf(drawn[names[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
             # In its place σ has no prior of its own.
-            found[own.noise] = np.zeros(starts.shape[:2])
+            found[names.noise] = np.zeros(starts.shape[:2])
         return found
 
     def whitened(self, change: Any, sigma: Any) -> Any:
-        """A change of the rows over their noise, W₀ change/σ [..., n_row].
-
-        Args:
-            change: The sensors' units [..., n_row].
-            sigma: From `sigma`.
-        """
+        """Return a change of the rows over their noise, W₀ change/σ [..., n_row]."""
         z = change / sigma
         return z * self.whiten if self.independent else z @ self.whiten.T
 
     def log_density(self, predicted: Any, sigma: Any) -> Any:
-        """Of each row [..., n_row]; of rows that know of each other, of the innovations in their stead.
-
-        Args:
-            predicted: Rows without noise [..., n_row].
-            sigma: From `sigma`.
-        """
+        """Return the log density of each row [..., n_row]; of correlated rows that of the innovations instead."""
         xp = namespace([predicted, sigma, self.measured])
         z = self.whitened(self.measured - predicted, sigma)
         log_det = -2 * xp.log(self.whiten) if self.independent else self.log_det / len(self.measured)
@@ -151,19 +126,12 @@ class ExactLikelihood:
 def exact_model(
     program: SamplingProgram, block: str, design: Design, terms: GivenTerms, likelihood: ExactLikelihood
 ) -> Callable[[], None]:
-    """The NumPyro model, of no arguments, given the pattern of terms that are in.
+    """Return the NumPyro model, of no arguments, given the pattern of terms that are in.
 
         θ_j | scales as in the collapsed model,   x₀ ~ N(m, diag(s²)),   y ~ N(h(x(·; θ, f, x₀)), σ² R₀)
 
     Sites are those of the collapsed model and, each with the block's prefix, `theta_free`, `theta_j` for the j-th term
     where it has bounds, `start_unit`, standardised weights `z` of f, and `sensor_sigma` where sensors have their own.
-
-    Args:
-        program: Priors.
-        block: What the equations are called that share the rows.
-        design: Of the rows, for its priors.
-        terms: That are in.
-        likelihood: Of the samples.
     """
     coefficients, free, active = design.coefficients, terms.free, np.array(terms.active)
 
@@ -172,8 +140,8 @@ def exact_model(
         if likelihood.sensor_noise is None:
             return None, jnp.ones(())
         median, spread = likelihood.sensor_noise.T
-        own = site(SENSOR, dist.LogNormal(jnp.log(median), spread).to_event(1))
-        return jnp.sqrt(jnp.mean(own**2)) / likelihood.unit, own
+        sensors = site(SENSOR_SITE, dist.LogNormal(jnp.log(median), spread).to_event(1))
+        return jnp.sqrt(jnp.mean(sensors**2)) / likelihood.unit, sensors
 
     def theta_of(scales: Scales) -> Array:
         mean = coefficients.mean if scales.mean is None else scales.mean
@@ -188,7 +156,7 @@ def exact_model(
 
     def model() -> None:
         with scope(prefix=block, divider="_"):
-            scaled, own = sigma_of()
+            scaled, sensors = sigma_of()
             hyper = program.hyper_prior(design.noise_floor, design.n_var).sample(scaled)
             with condition(data={"gamma": jnp.asarray(active, int)}):
                 scales = program.scales(design, hyper.sigma)
@@ -199,11 +167,11 @@ def exact_model(
             unit = site("start_unit", dist.Normal(0.0, 1.0).expand(shape).to_event(2))
             start = likelihood.start_mean + likelihood.start_sd * unit
             predicted = likelihood.predict(likelihood.along, theta, weight, start)
-            density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(own, hyper.sigma)))
+            density = jnp.sum(likelihood.log_density(predicted, likelihood.sigma(sensors, hyper.sigma)))
             # A path that leaves all bounds has no probability.
             numpyro.factor("samples", jnp.where(jnp.isfinite(density), density, -jnp.inf))
-            told = {"theta": theta, "theta_sd": scales.sd * active, START: start, PREDICTED: predicted}
-            for name, value in told.items():
+            derived = {"theta": theta, "theta_sd": scales.sd * active, START_SITE: start, PREDICTED_SITE: predicted}
+            for name, value in derived.items():
                 numpyro.deterministic(name, value)
 
     return model

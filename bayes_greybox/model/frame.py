@@ -20,7 +20,7 @@ from .rows.equation_rows import Jumps
 
 
 class Share(NamedTuple):
-    """What of a frame concerns one learned state: a frame of its own, and the columns of Φ that are its."""
+    """The part of a frame that concerns one learned state: a frame of its own, and its columns of Φ."""
 
     frame: "Frame"
     columns: slice
@@ -31,9 +31,9 @@ class Frame:
     """Scaling and bases of one equation.
 
     Attributes:
-        equation: The learned state, say "ydot" for d(ydot)/dt, or what several that share their rows are called.
+        equation: The learned state, say "ydot" for d(ydot)/dt, or the name of several that share their rows.
         dictionary: Its terms.
-        variables: What f depends on.
+        variables: Variables that f depends on.
         centre: Centre of the data's box in each variable, user's units.
         half_width: Half-width of the box, user's units.
         term_scale: RMS of each term over the data, user's units; where several states are learned on the same rows, in
@@ -42,7 +42,7 @@ class Frame:
         orthonormal: T, Φₒ = Φ T orthonormal under μ, which for "empirical" is ⟨a, b⟩ = aᵀ R⁻¹ b / n.
         basis: Hilbert-space features, or None on the exact path or without a discrepancy.
         moments: ⟨Φₒ, ψᵀ⟩ under μ.
-        projected: Whether the features have their projection on the dictionary subtracted.
+        projected: If true, the features have their projection on the dictionary subtracted.
     """
 
     equation: str
@@ -63,28 +63,24 @@ class Frame:
         return self.target_scale / self.term_scale
 
     def shares(self) -> dict[str, Share]:
-        """Frames by learned state: this one, or, of several that share their rows, one for each."""
+        """Return frames by learned state: this one, or, of several that share their rows, one for each."""
         if not self.dictionary.parts:
             return {self.equation: Share(self, slice(None))}
         found, start = {}, 0
-        for state, own in self.dictionary.parts:
-            columns = slice(start, start + len(own))
+        for state, dictionary in self.dictionary.parts:
+            columns = slice(start, start + len(dictionary))
             frame = replace(
                 self,
                 equation=state,
-                dictionary=own,
+                dictionary=dictionary,
                 term_scale=self.term_scale[columns],
-                orthonormal=np.zeros((len(own), 0)),
+                orthonormal=np.zeros((len(dictionary), 0)),
             )
             found[state], start = Share(frame, columns), columns.stop
         return found
 
     def of_terms(self, index: Int[np.ndarray, " n"]) -> "Frame":
-        """The frame with some of its terms only; one with features needs them all, and stays as it is.
-
-        Args:
-            index: Terms that stay, at least one.
-        """
+        """Return the frame with some of its terms only, at least one; one with features needs them all, and stays."""
         if self.basis is not None:
             return self
         return replace(
@@ -102,7 +98,7 @@ class Frame:
         return [(state, name) for state, share in self.shares().items() for name in share.frame.dictionary.names]
 
     def dictionary_rows(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_term"]:
-        """Φ in scaled units."""
+        """Return Φ in scaled units."""
         return self.dictionary.evaluate(columns) / self.term_scale
 
     @property
@@ -113,24 +109,24 @@ class Frame:
         return Jumps(places, lambda columns: np.asarray(part.evaluate(columns)) / self.term_scale[list(places)])
 
     def position(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_var"]:
-        """Variables of f in scaled units: the data's box is [−1, 1]^d."""
+        """Return the variables of f in scaled units: the data's box is [−1, 1]^d."""
         return scaled_position(columns, self.variables, self.centre, self.half_width)
 
     def plain_features(self, columns: Mapping[str, Array | np.ndarray]) -> Float[Array | np.ndarray, "n_row n_basis"]:
-        """ψ, before the dictionary is projected out; no columns without a basis."""
+        """Return ψ, before the dictionary is projected out; no columns without a basis."""
         x = self.position(columns)
         if self.basis is None:
             return np.zeros((x.shape[0], 0))
         return held_features(self.basis, x)
 
     def orthogonal(self, Phi: Array | np.ndarray, psi: Array | np.ndarray) -> Array | np.ndarray:
-        """ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
+        """Return ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩ for the projected kernel, ψ for the others; any rows with these columns."""
         return psi - Phi @ self.orthonormal @ self.moments if self.projected else psi
 
     def rows(
         self, columns: Mapping[str, Array | np.ndarray]
     ) -> tuple[Float[Array | np.ndarray, "n_row n_term"], Float[Array | np.ndarray, "n_row n_basis"]]:
-        """Φ and Ψ̃ in scaled units."""
+        """Return Φ and Ψ̃ in scaled units."""
         Phi = self.dictionary_rows(columns)
         return Phi, self.orthogonal(Phi, self.plain_features(columns))
 
@@ -138,12 +134,9 @@ class Frame:
         self, columns: Mapping[str, np.ndarray], Phi: Float[np.ndarray, "n_row n_term"],
         weight: Float[np.ndarray, " n_basis"],
     ) -> Float[np.ndarray, " n_row"]:  # fmt: skip
-        """Ψ̃ w of one draw in scaled units, without Ψ̃, which long paths of many draws have no time for.
+        """Return Ψ̃ w of one draw in scaled units, without Ψ̃, which long paths of many draws have no time for.
 
-        Args:
-            columns: Rows.
-            Phi: `dictionary_rows` of them.
-            weight: w.
+        Φ is `dictionary_rows` of the columns.
         """
         x = self.position(columns)
         if self.basis is None:
@@ -152,7 +145,7 @@ class Frame:
         return plain - Phi @ (self.orthonormal @ (self.moments @ weight)) if self.projected else plain
 
     def inside(self, columns: Mapping[str, Array | np.ndarray]) -> np.ndarray:
-        """Which rows lie in the box of the data."""
+        """Return which rows lie in the box of the data."""
         return np.all(np.abs(np.asarray(self.position(columns))) <= 1 + 1e-9, axis=-1)
 
 
@@ -162,7 +155,7 @@ def scaled_position(
     centre: Float[np.ndarray, " n_var"],
     half_width: Float[np.ndarray, " n_var"],
 ) -> Float[Array | np.ndarray, "n_row n_var"]:
-    """Variables of f in scaled units: the data's box is [−1, 1]^d."""
+    """Return the variables of f in scaled units: the data's box is [−1, 1]^d."""
     if not variables:
         return np.zeros((len(next(iter(columns.values()))), 0))
     xp = namespace(columns.values())
@@ -173,7 +166,7 @@ def scaled_position(
 def held_features(
     basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
 ) -> Float[Array | np.ndarray, "n_row n_basis"]:
-    """ψ; outside the features' domain the expansion would repeat itself, so there ψ is held at its edge value.
+    """Return ψ, held at its edge value outside the features' domain, where the expansion would repeat itself.
 
     Of f that holds ψw alone: the projection that is subtracted, Φₒ⟨Φₒ, ψᵀ⟩w, goes on as the terms do.
     """
@@ -183,5 +176,5 @@ def held_features(
 def held_inside(
     basis: HilbertBasis, x: Float[Array | np.ndarray, "n_row n_var"]
 ) -> Float[Array | np.ndarray, "n_row n_var"]:
-    """Points of the features' domain nearest to given ones."""
+    """Return the points of the features' domain nearest to given ones."""
     return namespace([x]).clip(x, -basis.half_widths, basis.half_widths)

@@ -42,7 +42,7 @@ class CollapsedNormal(dist.Distribution):
         super().__init__(event_shape=design.y.shape, validate_args=validate_args)
 
     def log_prob(self, value: Any, intermediates: Any = None) -> Float[Array, ""]:
-        """Log p(y | η, scales) of a target [n_row]."""
+        """Return log p(y | η, scales) of a target."""
         return _log_density(self.design, self.hyper, self.scales, value)
 
     def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:

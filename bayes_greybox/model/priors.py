@@ -19,7 +19,7 @@ from bayes_greybox.running.limits import Positive, Whole, require_limits
 from .sites import site
 
 ENUMERATION_LIMIT = 12
-"""Up to this many terms all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
+"""Most terms for which all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
 
 
 class Scales(NamedTuple):
@@ -49,14 +49,18 @@ class Prior(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Normal:
-    """θ_j ~ N(0, τ²), τ ~ HalfNormal(`scale`)."""
-
-    scale: Positive = 1.0
+class _Limited:
+    """A prior whose fields state their limits."""
 
     def __post_init__(self) -> None:
         require_limits(self)
+
+
+@dataclass(frozen=True)
+class Normal(_Limited):
+    """θ_j ~ N(0, τ²), τ ~ HalfNormal(`scale`)."""
+
+    scale: Positive = 1.0
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ."""
@@ -65,16 +69,13 @@ class Normal:
 
 
 @dataclass(frozen=True)
-class Laplace:
+class Laplace(_Limited):
     """θ_j | v_j ~ N(0, τ² v_j), v_j ~ Exponential(1/2), τ ~ HalfNormal(`scale`): marginally Laplace(0, τ).
 
     Park & Casella 2008, The Bayesian Lasso, Eq. (4).
     """
 
     scale: Positive = 1.0
-
-    def __post_init__(self) -> None:
-        require_limits(self)
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample τ and the mixing variances v."""
@@ -84,7 +85,7 @@ class Laplace:
 
 
 @dataclass(frozen=True)
-class RegularisedHorseshoe:
+class RegularisedHorseshoe(_Limited):
     """θ_j ~ N(0, τ² λ̃_j²), λ̃_j² = c² λ_j²/(c² + τ² λ_j²), λ_j ~ HalfCauchy(1).
 
     τ ~ HalfCauchy(τ₀) with τ₀ = p₀/(K − p₀) · σ/√n for p₀ expected active terms, and
@@ -101,9 +102,6 @@ class RegularisedHorseshoe:
     expected_active: Positive | None = None
     slab_scale: Positive = 2.0
     slab_df: Positive = 4.0
-
-    def __post_init__(self) -> None:
-        require_limits(self)
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Sample the global scale, local scales and slab."""
@@ -125,7 +123,7 @@ class RegularisedHorseshoe:
 
 
 @dataclass(frozen=True)
-class SpikeAndSlab:
+class SpikeAndSlab(_Limited):
     """γ_j ~ Bernoulli(π), π ~ Beta(a, b), θ_j | γ_j = 1 ~ N(0, τ²), θ_j = 0 exactly otherwise.
 
     τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no
@@ -144,11 +142,8 @@ class SpikeAndSlab:
     slab_scale: Positive = 1.0
     enumerate_up_to: Whole = ENUMERATION_LIMIT
 
-    def __post_init__(self) -> None:
-        require_limits(self)
-
     def sums(self, n_term: int) -> bool:
-        """Whether the patterns of so many terms are summed."""
+        """Return whether the patterns of so many terms are summed."""
         return n_term <= self.enumerate_up_to
 
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
@@ -189,7 +184,7 @@ PRIORS: Mapping[str, type] = {
     "regularised_horseshoe": RegularisedHorseshoe,
     "normal": Normal,
 }
-"""Priors by the kind that configurations have for them; files of fits have the names of the classes.
+"""Priors by their kind in configurations; files of fits have the names of the classes.
 
 A prior that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
 """

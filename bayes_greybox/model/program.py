@@ -27,8 +27,8 @@ from .gp.discrepancy import OrthogonalGP
 from .noise.asked import Noise, find_noise, is_number, with_found
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
-from .rows.as_measured import AsMeasured
 from .rows.equation_rows import EquationRows, block_name
+from .rows.kinds import AsMeasured
 from .rows.row_kind import RowKind
 from .sampling_program import SamplingProgram
 from .sites import Sites
@@ -51,7 +51,7 @@ class Program(SamplingProgram):
             it keeps the likelihood of noise-free data finite.
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`); or a `Noise`,
             which may also be correlated, depend on the state or have heavy tails.
-        rows: What the rows of an equation say; by default rates at time stamps, or outputs, where the data have any,
+        rows: Kind of the rows of an equation; by default rates at time stamps, or outputs, where the data have any,
             and else samples of a path.
         coefficients: Priors of single terms by equation and term, in user's units, in place of `prior` or as limits to
             it; those that terms of the dictionary state are added. A term whose coefficient is fixed belongs to the
@@ -91,15 +91,12 @@ class Program(SamplingProgram):
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
                 "decides which terms are likely, and 1."
             )
-        if not self.rows.rates_measured:
-            if len(self.dictionary) > 1 and not self.rows.shared:
-                raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
-            if len(self.dictionary) > 1 and self.discrepancy is not None:
-                raise InputError(
-                    f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
-                    "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
-                    "dictionary, or give rates: derivatives=..., or data.differentiate()."
-                )
+        if self.rows.shared and len(self.dictionary) > 1 and self.discrepancy is not None:
+            raise InputError(
+                f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
+                "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
+                "dictionary, or give rates: derivatives=..., or data.differentiate()."
+            )
         if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
             raise InputError(f"GreyBox(noise={self.noise!r}) must be a positive number, or bg.Noise(...).")
 
@@ -110,27 +107,24 @@ class Program(SamplingProgram):
 
     @property
     def blocks(self) -> dict[str, tuple[str, ...]]:
-        """Learned states by what their rows are called: each has its own, or all share theirs."""
+        """Learned states by the name of their rows: each has its own, or all share theirs."""
         if self.rows.shared and self.equations:
             return {block_name(self.equations): self.equations}
         return {name: (name,) for name in self.equations}
 
     def block_of(self, equation: str | None) -> str:
-        """What the rows of an equation are called; of the first, unless named.
-
-        Args:
-            equation: A learned state or output, or a block.
+        """Return the name of the rows of an equation or block; of the first, if None.
 
         Raises:
             InputError: There is no such equation.
         """
-        for block, own in self.blocks.items():
-            if equation in (None, block, *own):
+        for block, equations in self.blocks.items():
+            if equation in (None, block, *equations):
                 return block
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(self.equations)}.")
 
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
-        """Terms with coefficients to learn, by learned state, checked against the data's names and units.
+        """Return the terms with coefficients to learn, by learned state, checked against the data's names and units.
 
         Raises:
             InputError: No dictionary; unknown states, names or units; duplicate terms; only fixed coefficients.
@@ -160,19 +154,19 @@ class Program(SamplingProgram):
         return {equation: Dictionary(stated.learned) for equation, stated in parsed.items()}
 
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
-        """The terms of one equation with what is stated of their coefficients.
+        """Return the terms of one equation with the priors that are stated of their coefficients.
 
         Raises:
-            InputError: A term that cannot be read; a prior of a term that there is not.
+            InputError: A term that cannot be read; a prior of a term that does not exist.
         """
         names = (*self.states(data), *data.input_names)
         return stated_terms(self.dictionary[equation], self.coefficients.get(equation, {}), names, equation)
 
     @property
     def prior_text(self) -> str:
-        """The prior in words: its name, and what is stated of single coefficients."""
-        said = stated_in_words(self.coefficients, several=len(self.equations) > 1)
-        return type(self.prior).__name__ + (f" ({said})" if said else "")
+        """The prior in words: its name, and the priors of single coefficients."""
+        stated = stated_in_words(self.coefficients, several=len(self.equations) > 1)
+        return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 
     @property
     def sites(self) -> Sites:
@@ -180,7 +174,7 @@ class Program(SamplingProgram):
         return Sites(self.blocks)
 
     def centred(self) -> "Program":
-        """The model with what is expected of single coefficients in its simulation: what is left of them is normal.
+        """Return the model with the means of single coefficients in its simulation: the rest of them is normal.
 
         Raises:
             InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
@@ -195,32 +189,28 @@ class Program(SamplingProgram):
         return replace(self, dictionary=dictionary, coefficients=centred(self.coefficients))
 
     def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
-        """The simulation and the terms with fixed coefficients, read with the names of the data.
+        """Return the simulation and the terms with fixed coefficients, read with the names of the data.
 
         Args:
             data: Data.
-            lacking: Whether outputs may lack that the model was fitted to: what is no state is then taken for one.
+            lacking: If true, the data may lack outputs that the model was fitted to: a name that is no state is then
+                one.
 
         Raises:
             InputError: An expression for an unknown state or output, or one that cannot be read.
         """
-        states, outputs, given = self.states(data), data.output_names, self.simulation
+        states, outputs, simulation = self.states(data), data.output_names, self.simulation
         if lacking:
-            outputs = tuple(name for name in (*outputs, *named_outputs(given)) if name not in states)
-        given = simulation_of(given, states, data.input_names, outputs, data.units)
-        return given.beside({name: self.stated(name, data).known for name in self.coefficients})
+            outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
+        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units)
+        return simulation.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
-        """Measured states, then those that the rows allow to be hidden.
+        """Return the measured states, then those that the rows allow to be hidden.
 
         Raises:
             InputError: Rows of samples beside outputs.
         """
-        if data.output_names and not self.rows.rates_measured:
-            raise InputError(
-                f"Rows of samples are those of states, and {data.output_names[0]!r} is an output: leave it out of "
-                "outputs=..., or use GreyBox(rows=bg.DerivativeRows()), whose states are measured."
-            )
         rates = self.simulation
         if readable(rates):
             rates = rates or {}
@@ -228,11 +218,7 @@ class Program(SamplingProgram):
         return (*data.state_names, *self.rows.hidden(rates, data))
 
     def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
-        """The model with more hidden states in its simulation; f does not depend on them.
-
-        Args:
-            states: Hidden states, of formulas that are to be added.
-            data: Data, which f depends on by default.
+        """Return the model with more hidden states in its simulation; f does not depend on them.
 
         Raises:
             InputError: The simulation is a function.
@@ -247,10 +233,10 @@ class Program(SamplingProgram):
         return replace(self, simulation=with_states(self.simulation, states), discrepancy=discrepancy, rows=rows)
 
     def complete(self, data: Trajectories) -> Trajectories:
-        """Data with every state and the learned rates at every sample, as the kind of rows completes them.
+        """Return the data with every state and the learned rates at every sample, as the kind of rows completes them.
 
         Raises:
-            InputError: See `RowKind.complete`; a table that was not read yet.
+            InputError: See `RowKind.rows`; a table that was not read yet.
         """
         require_measured(data)
         for equations in self.blocks.values():
@@ -258,10 +244,10 @@ class Program(SamplingProgram):
         return data
 
     def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:
-        """The rows of one equation, or of a block: what was measured, less what is simulated, and its noise.
+        """Return the rows of one equation, or of a block: measurements, simulated values, and noise.
 
         Raises:
-            InputError: What the kind of rows refuses, such as a derivative that is missing.
+            InputError: See `RowKind.rows`, such as a derivative that is missing.
         """
         return self.rows.shared_rows(data, self.blocks.get(equation, (equation,)), self.simulator(data))
 
@@ -282,46 +268,39 @@ class Program(SamplingProgram):
         }
 
     def priors_of(self, block: str, data: Trajectories) -> list[Coefficient | None]:
-        """Priors of single coefficients of a block, term by term; None where the model's holds alone."""
+        """Return the priors of single coefficients of a block, term by term; None where the model's holds alone."""
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
     def on(self: "AnyProgram", data: Trajectories) -> "AnyProgram":
-        """The model with the kind of rows that data have, where that is left to them.
-
-        Args:
-            data: Training data.
+        """Return the model with the kind of rows that training data have, where that is left to them.
 
         Raises:
-            InputError: What a model refuses of such rows, such as a discrepancy of several equations on samples; a
+            InputError: Such rows cannot be those of the model, as with a discrepancy of several equations on samples; a
                 table that was not read yet.
         """
         require_measured(data)
         return replace(self, rows=self.rows.chosen(data))
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """The model with rows near what the data say of it, and completed data; both as they are where rows are rates.
+        """Return the model with rows near its estimate on training data, and completed data; rates leave both alone.
 
-        Near the ridge estimate of its own terms: what matters is the path, which any estimate follows that fits;
-        see `near.near_estimate`.
-
-        Args:
-            data: Training data.
+        The rows are taken near the ridge estimate of the model's own terms: what matters is the path, which any
+        estimate that fits follows; see `near.near_estimate`.
 
         Raises:
             InputError: See `assemble`; several equations whose coefficients do not settle.
         """
         model = self.on(data)
-        if model.rows.rates_measured:
+        if model.rows.linear:
             return model, data
         model = near_estimate(model, data)
         return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """The model and the data with the parameters of the noise held, as a fit and its folds use them.
+        """Return the model and the training data with the parameters of the noise held, as a fit and its folds use it.
 
-        Args:
-            data: Training data; they carry R, so that a part of them carries its part.
+        The data carry R, so that a part of them carries its part.
 
         Raises:
             InputError: See `dictionaries`, `equation_rows` and `noise.find_noise`.
@@ -339,7 +318,7 @@ class Program(SamplingProgram):
     def _find_noise(
         self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]
     ) -> dict[str, NoiseModel]:
-        """Noise by equation; empty where the rows have the noise that they are to have."""
+        """Return the noise by equation; empty where the rows have the noise that they are to have."""
         if not isinstance(self.noise, Noise) or self.noise.white or self.noise.found is not None:
             return {}
         return {
@@ -348,7 +327,7 @@ class Program(SamplingProgram):
         }
 
     def designs(self, data: Trajectories) -> dict[str, Design]:
-        """The argument of `numpyro_model`: one design per equation."""
+        """Return the argument of `numpyro_model`: one design per equation."""
         return {name: equation.design for name, equation in self.assemble(data).items()}
 
 

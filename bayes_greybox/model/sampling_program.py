@@ -1,4 +1,4 @@
-"""The NumPyro program of designs: what is sampled, and what of it is told by sites."""
+"""The NumPyro program of designs: the sampled sites, and the quantities that follow from them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 from bayes_greybox.running.errors import InputError
 
-from .design import Design
+from .design import Design, FeatureDesign
 from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
@@ -49,14 +49,14 @@ class SamplingProgram:
         return Bare(self.prior, drawn, self._noise_scale)
 
     def numpyro_model(self, designs: Mapping[str, Design], observed: bool = True) -> None:
-        """The collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.
+        """Run the collapsed model, a plain NumPyro program: θ and f are integrated out of the likelihood.
 
         Sites carry the equation as a prefix: `ydot_noise`, `ydot_amplitude`, `ydot_length_scale`, those of
         the prior (`ydot_tau`, ...), and the target `ydot_y`.
 
         Args:
-            designs: From `designs(data)`.
-            observed: Whether to condition on the target; False for prior predictive draws.
+            designs: Designs from `designs(data)`.
+            observed: If true, condition on the target; else draw from the prior predictive distribution.
         """
         for equation, design in designs.items():
             with scope(prefix=equation, divider="_"):
@@ -64,7 +64,7 @@ class SamplingProgram:
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
-        """Equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
+        """Return the equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
 
         Raises:
             InputError: See `require_own_sites`; priors of single coefficients in such an equation.
@@ -84,13 +84,10 @@ class SamplingProgram:
         return found
 
     def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
-        """Sites of each equation by quantity, from a trace of each equation alone.
-
-        Args:
-            designs: From `designs(data)`.
+        """Return the sites of each equation by quantity, from a trace of each equation alone.
 
         Raises:
-            InputError: A prior of the user's own has a site that is called as something else is in the results.
+            InputError: A prior of the user's own has a site with the name of something else in the results.
         """
         names, found = Sites(designs), {}
         for equation, design in designs.items():
@@ -110,7 +107,7 @@ class SamplingProgram:
         return found
 
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
-        """The same model with θ and the weights of f as sites: the reference for tests.
+        """Run the same model with θ and the weights of f as sites: the reference for tests.
 
         It is what one would write by hand. Feature path only; a spike-and-slab prior has no such density (its
         θ are exactly zero).
@@ -123,18 +120,19 @@ class SamplingProgram:
                 if design.coefficients.bounded:
                     raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
                 theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
-                mean = design.Phi @ theta + design.uncollapsed_discrepancy(hyper)
+                weight = design.sampled_weights(hyper)
+                # Other designs have refused to sample weights.
+                assert isinstance(design, FeatureDesign)
+                mean = design.Phi @ theta + design.Psi @ weight
                 # Rows folded away by compression carry no signal: their share of the density is σ's alone.
                 hidden = design.n_obs - design.y.size
                 numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
                 numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
 
     def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
-        """Prior of η of an equation.
+        """Return the prior of η of an equation.
 
-        Args:
-            floor: Least σ, scaled units.
-            n_var: Number of variables that f depends on.
+        `floor` is the least σ, scaled units.
         """
         noise, gp = NoisePrior(floor, self._noise_scale), self.discrepancy
         if gp is None:
@@ -142,21 +140,16 @@ class SamplingProgram:
         return HyperPrior(noise, gp.amplitude, gp.length_scale, gp.length_scale_spread, n_var)
 
     def scales(self, design: Design, sigma: Any) -> Scales:
-        """Sample the scales of all terms: those that the prior has, and those that are stated.
-
-        Args:
-            design: Of the equation.
-            sigma: σ, scaled units.
-        """
+        """Sample the scales of all terms: those of the prior, and those that are stated; σ in scaled units."""
         n_shared = len(design.coefficients.shared)
         shared = self.prior.scales(n_shared, design.n_prior, sigma) if n_shared else None
         return design.coefficients.complete(shared)
 
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
-        """Scales and odds of θ at given draws, where the prior leaves the inclusion patterns to be summed; else None.
+        """Return scales and odds of θ at given draws; None where the prior leaves no inclusion patterns to be summed.
 
         Args:
-            design: Of the equation.
+            design: Design of the equation.
             values: Draws of the prior's sites by quantity, each [n_draw, ...]; others are passed over.
             sigma: Draws of σ, scaled units.
 
@@ -197,7 +190,7 @@ class SamplingProgram:
         return isinstance(self.prior, SpikeAndSlab)
 
     def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
-        """η and the prior scales of one equation."""
+        """Sample η and the prior scales of one equation."""
         hyper = self.hyper_prior(design.noise_floor, design.n_var).sample()
         scales, n_bounded = self.scales(design, hyper.sigma), len(design.coefficients.bounded)
         if n_bounded:
@@ -208,7 +201,7 @@ class SamplingProgram:
 
 @dataclass(frozen=True)
 class Bare(SamplingProgram):
-    """What programs are compiled for: two models with the same are one, given designs of the same shapes."""
+    """The part of a model that programs are compiled for: two models with the same share them, given equal shapes."""
 
     prior: Prior
     discrepancy: OrthogonalGP | None

@@ -23,15 +23,9 @@ def scaled_frame(
     term_scale: Float[np.ndarray, " n_term"],
     target_scale: float,
 ) -> Frame:
-    """Scaling and features of an equation, before the measure is known.
+    """Return scaling and features of an equation, before the measure is known.
 
-    Args:
-        equation: Its name.
-        dictionary: Its terms.
-        discrepancy: The Gaussian process, or None.
-        columns: States and inputs; their ends are enough.
-        term_scale: RMS of each term over the samples.
-        target_scale: RMS of the target.
+    The ends of the columns are enough. Terms and target are scaled by their RMS.
 
     Raises:
         InputError: A term that is not finite, or zero; a variable of f that the data do not have or that is constant.
@@ -70,14 +64,14 @@ def with_measure(
     factor: Float[np.ndarray, "n_kept n_column"],
     n_node: int,
 ) -> Frame:
-    """Orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure.
+    """Return the frame with the orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure.
 
     Args:
         frame: Scaling and features.
         gp: The Gaussian process.
         columns: States and inputs; their ends are enough.
-        factor: Of [Φ ψ y] at the rows that the measure is taken on.
-        n_node: How many these are.
+        factor: Factor of [Φ ψ y] at the rows that the measure is taken on.
+        n_node: Number of these rows.
 
     Raises:
         InputError: A term that is not finite on the whole box of the data.
@@ -104,7 +98,7 @@ def with_measure(
 def discrepancy_box(
     discrepancy: OrthogonalGP, columns: Mapping[str, Float[np.ndarray, " n_row"]]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
-    """Variables that f depends on, and centre and half-width of their box in the data, user's units.
+    """Return the variables that f depends on, and centre and half-width of their box in the data, user's units.
 
     Raises:
         InputError: A variable that the data do not have, or that is constant.
@@ -129,18 +123,18 @@ def discrepancy_box(
 def features_per_variable(
     discrepancy: OrthogonalGP, n_var: int, default: tuple[int, ...] | None = None
 ) -> tuple[int, ...]:
-    """Features along each variable: those that the user named, or the default.
+    """Return the number of features along each variable: those that the user named, or the default.
 
     Raises:
         InputError: A number of features below one, or not one for each variable.
     """
-    given = discrepancy.features
-    if given is None:
+    features = discrepancy.features
+    if features is None:
         return default or default_features(n_var)
-    per_variable = (given,) * n_var if isinstance(given, int) else tuple(given)
+    per_variable = (features,) * n_var if isinstance(features, int) else tuple(features)
     if len(per_variable) != n_var or min(per_variable) < 1:
         raise InputError(
-            f"OrthogonalGP(features={given!r}) must be a positive number, or one for each of the {n_var} variables."
+            f"OrthogonalGP(features={features!r}) must be a positive number, or one for each of the {n_var} variables."
         )
     return per_variable
 
@@ -148,12 +142,9 @@ def features_per_variable(
 def box_columns(
     frame: Frame, gp: OrthogonalGP, columns: Mapping[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Nodes of the uniform measure on the box of every variable that Φ or f depends on, and their weights.
+    """Return nodes of the uniform measure on the box of every variable that Φ or f depends on, and their weights.
 
-    Args:
-        frame: Scaling and features.
-        gp: The Gaussian process.
-        columns: States and inputs; their ends are enough.
+    The ends of the columns are enough.
     """
     names = tuple(n for n in columns if n in frame.variables or n in frame.dictionary.symbols)
     nodes, weights = box_nodes(

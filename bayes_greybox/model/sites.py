@@ -10,13 +10,12 @@ import numpyro.distributions as dist
 from jaxtyping import Array
 
 DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
-"""What is drawn exactly given the sites of the model; no site of a user's own prior can be called so."""
+"""Quantities that are drawn exactly given the sites of the model; no site of a user's prior may have their names."""
 
 LABELS = ("term", "variable", "basis")
-"""Coordinates of results: a site of a user's own prior that is called so would vanish beside them."""
+"""Coordinates of results: a site of a user's own prior with one of these names would vanish beside them."""
 
-
-QUANTITIES = frozenset(
+PACKAGE_QUANTITIES = frozenset(
     (*DRAWN, "y", "rate", "noise", "sigma", "amplitude", "length_scale", "pi", "tau", "tau_unit", "log_odds")
     + ("v", "lambda", "slab", "placement")
 )
@@ -27,23 +26,28 @@ VECTOR = "eta"
 
 
 def site(name: str, distribution: dist.Distribution) -> Array:
-    """`numpyro.sample` of an array-valued site."""
+    """Sample an array-valued site with `numpyro.sample`."""
     return jnp.asarray(numpyro.sample(name, distribution))
 
 
 def density_model(log_density: Callable[[Array, Any], Array], size: int) -> Callable[[Any], None]:
-    """A model of one real vector whose log density, up to a constant, is the given function.
-
-    Args:
-        log_density: Of the vector and of the model's argument.
-        size: Length of the vector.
-    """
+    """Return a model of one real vector whose log density, up to a constant, is the given function."""
 
     def model(argument: Any) -> None:
         eta = site(VECTOR, dist.ImproperUniform(dist.constraints.real_vector, (), (size,)))
         numpyro.factor("log_density", log_density(eta, argument))
 
     return model
+
+
+class _Name:
+    """A variable of an equation, by the name of the attribute."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.quantity = name
+
+    def __get__(self, sites: "EquationSites", owner: type) -> str:
+        return sites[self.quantity]
 
 
 @dataclass(frozen=True)
@@ -54,112 +58,43 @@ class EquationSites:
 
     Attributes:
         equation: The learned state.
+        y: Target, the observed site.
+        rate: Measured rate, user's units.
+        noise: s, the coordinate that σ is sampled by.
+        sigma: Noise standard deviation.
+        amplitude: Standard deviation of f.
+        length_scale: Length scales of f.
+        tau: Scale of the coefficients, or of the slab.
+        tau_unit: Coordinate that the horseshoe's global scale is sampled by.
+        pi: Inclusion probability a priori.
+        gamma: Inclusion pattern.
+        inclusion: P(γ = 1) given the hyperparameters.
+        theta: Coefficients.
+        theta_sd: Prior standard deviations of the coefficients, scaled units, as they are drawn.
+        prior_sd: The same in results.
+        log_odds: Log prior odds of inclusion where the sampler sums over the patterns.
+        weight: Weights of the features of f.
+        f: Values of f at the rows.
+        placement: Numbers that place the coefficients with bounds.
     """
 
     equation: str
+    y, rate, noise, sigma, amplitude, length_scale = (_Name() for _ in range(6))
+    tau, tau_unit, pi, gamma, inclusion, log_odds = (_Name() for _ in range(6))
+    theta, theta_sd, prior_sd, weight, f, placement = (_Name() for _ in range(6))
 
     def __getitem__(self, quantity: str) -> str:
         # As numpyro.handlers.scope(prefix=equation, divider="_") names them.
         return f"{self.equation}_{quantity}"
 
     @property
-    def y(self) -> str:
-        """The target, the observed site."""
-        return self["y"]
-
-    @property
-    def rate(self) -> str:
-        """The measured rate, user's units."""
-        return self["rate"]
-
-    @property
-    def noise(self) -> str:
-        """s, the coordinate that σ is sampled by."""
-        return self["noise"]
-
-    @property
-    def sigma(self) -> str:
-        """Noise standard deviation."""
-        return self["sigma"]
-
-    @property
-    def amplitude(self) -> str:
-        """Standard deviation of f."""
-        return self["amplitude"]
-
-    @property
-    def length_scale(self) -> str:
-        """Length scales of f."""
-        return self["length_scale"]
-
-    @property
-    def tau(self) -> str:
-        """Scale of the coefficients, or of the slab."""
-        return self["tau"]
-
-    @property
-    def tau_unit(self) -> str:
-        """The coordinate that the horseshoe's global scale is sampled by."""
-        return self["tau_unit"]
-
-    @property
-    def pi(self) -> str:
-        """Inclusion probability a priori."""
-        return self["pi"]
-
-    @property
-    def gamma(self) -> str:
-        """Inclusion pattern."""
-        return self["gamma"]
-
-    @property
-    def inclusion(self) -> str:
-        """P(γ = 1) given the hyperparameters."""
-        return self["inclusion"]
-
-    @property
-    def theta(self) -> str:
-        """Coefficients."""
-        return self["theta"]
-
-    @property
-    def theta_sd(self) -> str:
-        """Prior standard deviations of the coefficients, scaled units, as they are drawn."""
-        return self["theta_sd"]
-
-    @property
-    def prior_sd(self) -> str:
-        """The same in results."""
-        return self["prior_sd"]
-
-    @property
-    def log_odds(self) -> str:
-        """Log prior odds of inclusion where the sampler sums over the patterns."""
-        return self["log_odds"]
-
-    @property
-    def weight(self) -> str:
-        """Weights of the features of f."""
-        return self["weight"]
-
-    @property
-    def f(self) -> str:
-        """Values of f at the rows."""
-        return self["f"]
-
-    @property
-    def placement(self) -> str:
-        """Numbers that place the coefficients with bounds."""
-        return self["placement"]
-
-    @property
     def raw(self) -> tuple[str, str, str]:
-        """Coordinates of the sampler that another quantity tells: s by σ, the horseshoe's by τ, bounded ones by θ."""
+        """Coordinates of the sampler that follow from another quantity: s from σ, τ's from τ, bounded ones from θ."""
         return self.noise, self.tau_unit, self.placement
 
 
 class Sites(Mapping[str, EquationSites]):
-    """Names of the variables of several equations, and whose a variable is.
+    """Names of the variables of several equations, and the equation that a variable belongs to.
 
     Args:
         equations: Learned states.
@@ -179,22 +114,17 @@ class Sites(Mapping[str, EquationSites]):
         return len(self._equations)
 
     def owner(self, variable: str) -> str | None:
-        """The equation that a variable belongs to.
+        """Return the equation that a variable belongs to.
 
         Of two equations `y` and `y_dot` the variable `y_dot_tau` belongs to the one with the longer name, unless what
         follows the shorter one is a quantity of the package: `y_length_scale` is of `y`, also beside `y_length`. A
         model whose sites would break this rule is refused (see `SamplingProgram.require_own_sites`).
         """
         fitting = sorted((name for name in self if variable.startswith(self[name][""])), key=len, reverse=True)
-        exact = [name for name in fitting if variable.removeprefix(self[name][""]) in QUANTITIES]
+        exact = [name for name in fitting if variable.removeprefix(self[name][""]) in PACKAGE_QUANTITIES]
         return next(iter((*exact, *fitting)), None)
 
     def owned(self, equation: str, variables: Iterable[str]) -> dict[str, str]:
-        """Those variables that belong to an equation, by quantity: {"tau": "ydot_tau", ...}.
-
-        Args:
-            equation: One of the equations.
-            variables: Names of sites or results.
-        """
-        own = [name for name in variables if self.owner(name) == equation]
-        return {name.removeprefix(self[equation][""]): name for name in own}
+        """Return the variables of an equation, by quantity: {"tau": "ydot_tau", ...}."""
+        owned = [name for name in variables if self.owner(name) == equation]
+        return {name.removeprefix(self[equation][""]): name for name in owned}

@@ -77,13 +77,13 @@ def lapack(n_basis: int, n_column: int) -> float:
 
 def row_pass(n_row: int, n_column: int) -> tuple[float, float]:
     """Return seconds of the triangular factor of rows, and of a product of matrices of the same shapes."""
-    from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
+    from bayes_greybox.model.algebra.compression import FACTOR_CHUNK, triangular_factor
 
-    left, right = np.random.default_rng(0).standard_normal((2, CHUNK, n_column))
+    left, right = np.random.default_rng(0).standard_normal((2, FACTOR_CHUNK, n_column))
 
     def product() -> None:
         total = np.zeros((n_column, n_column))
-        for _ in range(n_row // CHUNK):
+        for _ in range(n_row // FACTOR_CHUNK):
             total += left.T @ right
 
     here = least(lambda: triangular_factor(lambda index: left[: len(index)], n_row))

@@ -186,7 +186,7 @@ def test_a_study_is_given_the_samples_and_not_their_noise(monkeypatch, name):
     monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", find)
     row = study(name, 5)
     ((model, train, settings),) = calls
-    assert dict(model.simulation) == trap.simulation and not model.rows.rates_measured
+    assert dict(model.simulation) == trap.simulation and model.rows.follows_path
     assert {state: tuple(terms) for state, terms in model.dictionary.items()} == {trap.equation: trap.learned}
     for data, seed in ((train, 5), (settings["test"], 1005)):
         for state, x in trap.data(seed).states.items():

@@ -12,7 +12,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling
-from bayes_greybox.model.algebra.compression import CHUNK, triangular_factor
+from bayes_greybox.model.algebra.compression import FACTOR_CHUNK, triangular_factor
 
 
 def noisy_oscillator(n_obs: int) -> bg.Trajectories:
@@ -53,12 +53,12 @@ def test_the_statistics_pass_runs_at_the_rate_of_a_matrix_product(capsys):
     """One pass over 2^20 rows of 107 columns against FᵀG for the same shapes, chunk by chunk, best of ten each."""
     rng = np.random.default_rng(0)
     n_obs, n_column = 2**20, 107
-    left, right = rng.standard_normal((2, CHUNK, n_column))
+    left, right = rng.standard_normal((2, FACTOR_CHUNK, n_column))
 
     def product() -> float:
         start = time.perf_counter()
         total = np.zeros((n_column, n_column))
-        for _ in range(n_obs // CHUNK):
+        for _ in range(n_obs // FACTOR_CHUNK):
             total += left.T @ right
         return time.perf_counter() - start
 
@@ -78,8 +78,8 @@ def test_the_statistics_pass_runs_at_the_rate_of_a_matrix_product(capsys):
 def test_memory_of_the_statistics_is_bounded_by_a_chunk():
     rng = np.random.default_rng(0)
     tracemalloc.start()
-    triangular_factor(lambda index: rng.standard_normal((len(index), 50)), 40 * CHUNK)
+    triangular_factor(lambda index: rng.standard_normal((len(index), 50)), 40 * FACTOR_CHUNK)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # A block, its whitened copy and the sample that preconditions it; all rows at once would be forty blocks.
-    assert peak < 6 * CHUNK * 50 * 8
+    assert peak < 6 * FACTOR_CHUNK * 50 * 8

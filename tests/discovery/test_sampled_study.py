@@ -188,7 +188,7 @@ def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cub
 def test_the_amended_model_is_fitted_to_the_samples(cubic):
     assert cubic.corrected.samples is not None and cubic.corrected.state_names == ("y", "v")
     terms = [term.name for term in cubic.model.dictionary["v"]]
-    assert "y**3" in terms and not cubic.model.rows.rates_measured
+    assert "y**3" in terms and cubic.model.rows.follows_path
 
 
 @pytest.mark.slow

@@ -16,14 +16,14 @@ from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.program import Program
 
-N, P, CHUNK = 2503, 7, 300  # N is not a multiple of CHUNK
+N, P, FACTOR_CHUNK = 2503, 7, 300  # N is not a multiple of FACTOR_CHUNK
 
 
 def _upright(R):
     return R * np.where(np.diag(R) < 0, -1.0, 1.0)[:, None]
 
 
-def _both(F, chunk=CHUNK):
+def _both(F, chunk=FACTOR_CHUNK):
     """The factor by chunks, and by one QR, with positive diagonals."""
     return _upright(triangular_factor(lambda index: F[index], len(F), chunk)), _upright(np.linalg.qr(F, mode="r"))
 
@@ -56,7 +56,7 @@ def test_gram_matrix_alone_would_not_do():
         F[3::4] = (0.0, delta)
         n_own = len(F[2::4]) + len(F[3::4])
         grams.append([[math.fsum(a * b) for a in F.T] for b in F.T])
-        got = triangular_factor(lambda index, F=F: F[index], N, CHUNK)
+        got = triangular_factor(lambda index, F=F: F[index], N, FACTOR_CHUNK)
         # R₂₂² = (a b - n_one²) / a with a, b the squared norms: δ² n_own up to δ². Rounding changes it by at most
         # n_row · n_column · ε · condition of itself in Householder's QR, and the condition is 2 / δ.
         assert abs(got[1, 1]) == pytest.approx(delta * math.sqrt(n_own), rel=2 * N * np.finfo(float).eps * 2 / delta)
@@ -79,7 +79,7 @@ def test_a_burst_that_the_sample_misses(burst):
     """An input switched on for six rows, or two terms that differ there only: R₀ knows nothing of it."""
     rng = np.random.default_rng(1)
     F = rng.standard_normal((N, P))
-    sampled = np.unique(np.linspace(0, N - 1, CHUNK).astype(int))
+    sampled = np.unique(np.linspace(0, N - 1, FACTOR_CHUNK).astype(int))
     hidden = np.setdiff1d(np.arange(N), sampled)[40:46]
     F[:, 2] = 0.0 if burst == "column" else F[:, 1]
     F[hidden, 2] += 1.0
@@ -90,9 +90,11 @@ def test_a_burst_that_the_sample_misses(burst):
 
 def test_factors_of_parts_combine_by_stacking():
     F = _with_condition(1e3)
-    parts = [triangular_factor(lambda index, part=part: part[index], len(part), CHUNK) for part in (F[:900], F[900:])]
+    parts = [
+        triangular_factor(lambda index, part=part: part[index], len(part), FACTOR_CHUNK) for part in (F[:900], F[900:])
+    ]
     stacked = np.vstack(parts)
-    combined = _upright(triangular_factor(lambda index: stacked[index], len(stacked), CHUNK))
+    combined = _upright(triangular_factor(lambda index: stacked[index], len(stacked), FACTOR_CHUNK))
     np.testing.assert_allclose(combined, _both(F)[1], atol=1e-12)
 
 
@@ -109,7 +111,7 @@ def test_likelihood_is_that_of_the_uncompressed_rows(chunk, monkeypatch):
     y, v = rng.uniform(-1, 1, (2, 300))
     rate = -(y**3) - 0.2 * v + 0.2 * np.sin(4 * y * v) + 0.01 * rng.standard_normal(300)
     data = Trajectories.from_arrays(np.arange(300.0), states={"y": y, "v": v}, derivatives={"v": rate})
-    monkeypatch.setattr(assemble_module, "CHUNK", chunk)
+    monkeypatch.setattr(assemble_module, "FACTOR_CHUNK", chunk)
     monkeypatch.setattr(assemble_module, "triangular_factor", lambda rows, n_row: triangular_factor(rows, n_row, chunk))
     equation = Program({"v": ["y", "v", "y**3"]}, discrepancy=OrthogonalGP(features=5)).assemble(data)["v"]
     design = equation.design
@@ -132,7 +134,7 @@ def test_correlated_rows_of_several_chunks_have_the_design_of_one(monkeypatch):
     data = Trajectories.from_arrays(t, states={"y": y}).differentiate("savgol", rates={"y": "v"}, window=9, polyorder=3)
     program = Program({"v": ["y", "v"]}, discrepancy=OrthogonalGP(features=4))
     once = program.designs(data)["v"]
-    monkeypatch.setattr(assemble_module, "CHUNK", 64)
+    monkeypatch.setattr(assemble_module, "FACTOR_CHUNK", 64)
     chunked = program.designs(data)["v"]
     for name in ("gram", "Phi", "y"):
         whole, parts = (np.asarray(getattr(design, name)) for design in (once, chunked))

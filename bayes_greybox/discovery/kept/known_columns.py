@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.regressors.columns import Column, EvaluatedColumns
 from bayes_greybox.model.gp.features import HilbertBasis
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.running.errors import InputError
 
 
@@ -77,7 +77,7 @@ def kept_amendment(amendment: Amendment) -> Amendment:
         discrepancy=None if f is None else replace(f, statistics=statistics, indices=moved(f.indices)),
         corrected=lost,
         # A file cannot hold the code of a kind of rows of the user's own.
-        rows=amendment.rows if type(amendment.rows) in ROWS.values() else None,
+        rows=amendment.rows if type(amendment.rows) in ROW_KINDS.values() else None,
     )
 
 

@@ -29,7 +29,7 @@ from bayes_greybox.inference.kept.kinds import require_kinds
 from bayes_greybox.inference.kept.model_record import describe, rebuild
 from bayes_greybox.inference.kept.packing import Packer, Unpacker, as_group, group_arrays
 from bayes_greybox.model.gp.features import HilbertBasis
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.hidden_states import HiddenState
@@ -45,7 +45,7 @@ FORMAT = 1
 CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
     Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
-    Remainder, *ROWS.values(),
+    Remainder, *ROW_KINDS.values(),
 )  # fmt: skip
 """Classes of what a file holds."""
 

@@ -64,7 +64,7 @@ def usual_sensors(study: StudyResult) -> dict[str, float]:
     Raises:
         InputError: Samples that show no noise.
     """
-    if study.base.rows.rates_measured:
+    if not study.base.rows.follows_path:
         return next((dict(e.sigma) for e in joined(study.explanations) if e.components), {})
     samples = study.train.samples or study.train
     noise = sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)
@@ -104,7 +104,7 @@ def rank(
         raise InputError("Ranking needs at least one candidate: give some, or a start.")
     for each in candidates:
         check_candidate(each, simulation)
-    predictor = Predictor(known, simulation, study.train, study.base.rows.rates_measured, outcomes, seed)
+    predictor = Predictor(known, simulation, study.train, not study.base.rows.follows_path, outcomes, seed)
     found, finer = predictor.predict(candidates), replace(predictor, outcomes=FINER * outcomes, seed=seed + 1)
     while True:
         able = [i for i, each in enumerate(found) if each.fails <= FAILS]

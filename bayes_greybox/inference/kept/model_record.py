@@ -10,7 +10,7 @@ from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.priors import PRIORS, CustomPrior
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
@@ -55,7 +55,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "simulation": simulation_record(model.simulation),
         "prior": _describe_part(model.prior, _class_names(PRIORS)),
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
-        "rows": _describe_part(model.rows, ROWS),
+        "rows": _describe_part(model.rows, ROW_KINDS),
         "noise_floor": model.noise_floor,
         "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
         "coefficients": {equation: each for equation, each in priors.items() if each},
@@ -71,7 +71,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = 
         prior=_rebuild_part(record["prior"], _class_names(PRIORS), CustomPrior(lost_program)),
         discrepancy=None if gp is None else OrthogonalGP(**_fields(gp)),
         # Files from before there were kinds of rows have none.
-        rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROWS, LostRows()),
+        rows=_rebuild_part(record.get("rows", {"kind": "derivative"}), ROW_KINDS, LostRows()),
         noise_floor=record["noise_floor"],
         noise=Noise(**noise) if isinstance(noise, Mapping) else noise,
         # Files from before there were any have none.

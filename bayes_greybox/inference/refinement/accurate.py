@@ -11,7 +11,6 @@ from jaxtyping import Float
 
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.settings import Sampling
-from bayes_greybox.model.exact_program import PREDICTED, SENSOR
 from bayes_greybox.model.sites import VECTOR, EquationSites
 
 from .exact_paths import Course

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.whole_rate import WholeRate
-from bayes_greybox.model.rows.path.path_segments import WIDE
+from bayes_greybox.model.rows.path.path_segments import START_WIDTH
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.integrate import between_samples, curvature_of
 
@@ -103,7 +103,7 @@ class Course(NamedTuple):
             [np.column_stack([end[:, 0], place[path.seen], np.full(len(end), k)]) for k in path.segments.outputs]
         )
         segments = tuple(Segment(samples.time[index], inputs[index], curvature[index]) for index in rows)
-        return cls(segments, interpolation == "zoh", path.start_sd / WIDE, at)
+        return cls(segments, interpolation == "zoh", path.start_sd / START_WIDTH, at)
 
     @property
     def methods(self) -> tuple[Method, ...]:

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 from bayes_greybox.inference.path_starts import start_draws
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.exact_program import SENSOR, ExactLikelihood
+from bayes_greybox.model.exact_program import SENSOR_SITE, ExactLikelihood
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.sites import EquationSites
 from bayes_greybox.running.errors import InputError
@@ -106,7 +106,7 @@ def first_draws(
         fresh = np.random.default_rng(posterior.sampling.seed + 1).standard_normal(weight.shape)
         values["z"] = np.asarray(jax.vmap(design.standardised)(jnp.asarray(weight), hyper, jnp.asarray(fresh)))
     if likelihood.sensor_noise is not None:
-        values[SENSOR] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
+        values[SENSOR_SITE] = (hyper.sigma * likelihood.unit)[:, None] * likelihood.share
     start = start_draws(equation, path, theta, weight, hyper.sigma, posterior.sampling.seed)
     values["start_unit"] = (start - likelihood.start_mean) / likelihood.start_sd
     return FirstDraws({own[quantity]: np.asarray(value) for quantity, value in values.items()}, len(distinct))

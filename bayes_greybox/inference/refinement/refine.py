@@ -20,7 +20,7 @@ from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.equation import Equation
-from bayes_greybox.model.exact_program import PREDICTED, SENSOR, START, ExactLikelihood, GivenTerms
+from bayes_greybox.model.exact_program import PREDICTED_SITE, SENSOR_SITE, START_SITE, ExactLikelihood, GivenTerms
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.running.errors import InputError
 
@@ -47,7 +47,7 @@ def refine(
         InputError: Rows of rates, a fit of a stream, an unknown force, noise of some sensors only, f without weights,
             no path at the estimate, paths that no steps follow accurately, or a checkpoint of another run.
     """
-    if posterior.whole is not None and posterior.model.rows.integrated:
+    if posterior.whole is not None and posterior.model.rows.follows_path:
         raise InputError(
             "Fit.refine follows the exact path of every run at each step of its sampler, and this fit has read "
             f"{posterior.n_obs:,} samples in chunks: refine a fit of as many runs as memory holds, such as "
@@ -136,7 +136,7 @@ def _posterior(
     own, drawn, stats = posterior.sites[name], sampled.drawn, sampled.stats
     before, data = posterior.drawn(), posterior.data
     n_chain, n_draw = stats["lp"].shape
-    predicted = drawn[own[PREDICTED]]
+    predicted = drawn[own[PREDICTED_SITE]]
     if own.gamma in before:
         # The pattern is fixed; the probability of each term comes from linear rows.
         included = before[own.inclusion].to_numpy().mean(axis=(0, 1))
@@ -148,7 +148,7 @@ def _posterior(
     drawn.setdefault(own.placement, np.full(placed, 0.5))
     designs = {own.equation: equation.design}
     densities = posterior.programs.log_prior(designs, drawn) | likelihood.log_prior(drawn, own)
-    kept = {*map(str, before), own.theta_sd, own[START], own[SENSOR]}
+    kept = {*map(str, before), own.theta_sd, own[START_SITE], own[SENSOR_SITE]}
     groups = {
         "posterior": user_units({name: value for name, value in drawn.items() if name in kept}, posterior.equations),
         "sample_stats": stats,
@@ -167,7 +167,7 @@ def _posterior(
             tree[group] = posterior.idata[group].copy()
     result = replace(posterior, sampling=sampling, idata=tree, made=None)
     if predicted.size <= MOST_NUMBERS:
-        sigma = likelihood.sigma(drawn.get(own[SENSOR]), drawn[own.sigma])
+        sigma = likelihood.sigma(drawn.get(own[SENSOR_SITE]), drawn[own.sigma])
         rng, rows = np.random.default_rng(sampling.seed), equation.rows
         white = rng.standard_normal((n_chain * n_draw, rows.n_row))
         noise = rows.noise.error.correlated(white).reshape(predicted.shape)

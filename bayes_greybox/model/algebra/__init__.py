@@ -1,1 +1,1 @@
-"""The linear algebra of the model: what is integrated out, compressed, factorised and summed over."""
+"""The linear algebra of the model: integrating out, compressing, factorising and summing."""

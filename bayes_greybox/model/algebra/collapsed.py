@@ -17,7 +17,7 @@ from .subsets import log_pattern_weights
 
 
 class Regression(NamedTuple):
-    """What is left for θ once f is integrated out: −2 log p(y | θ, η) = ‖q − T θ‖² + log_det + n log 2π.
+    """The regression left for θ once f is integrated out: −2 log p(y | θ, η) = ‖q − T θ‖² + log_det + n log 2π.
 
     T and q are residuals of ridge regressions on the features, stacked on their penalties, so that ‖q − Tθ‖²
     is computed as a sum of squares and never as a difference of large numbers.
@@ -28,7 +28,7 @@ class Regression(NamedTuple):
     log_det: Float[Array, ""]
 
     def beside(self, mean: Float[Array, " n_term"] | None) -> "Regression":
-        """The regression left for θ − mean."""
+        """Return the regression left for θ − mean."""
         return self if mean is None else self._replace(q=self.q - self.T @ mean)
 
 
@@ -103,19 +103,15 @@ def remove_features(
 def scaled_solve(
     gram: Float[Array, "n n"], log_s: Float[Array, " n"], right: Float[Array, "n k"]
 ) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
-    """log|A|, X = A⁻¹ R and the Cholesky factor of A = I + diag(s) G diag(s), for constant G.
+    """Return log|A|, X = A⁻¹ R and the Cholesky factor of A = I + diag(s) G diag(s), for constant G.
 
     The reverse pass needs one triangular inverse, a third of what differentiating through the factorisation
     costs: with V = A⁻¹ X̄,
 
         R̄ = V,   s ∂/∂s_m = 2 (1 − (A⁻¹)_mm) · (log|A|)¯ − Σ_k [V ∘ (R − X) + X ∘ (X̄ − V)]_mk,
 
-    where diag(s) G diag(s) X = R − X removes G. The factor itself carries no derivative.
-
-    Args:
-        gram: G, data that no parameter enters.
-        log_s: log s; a derivative in log s stays finite where s underflows.
-        right: R.
+    where diag(s) G diag(s) X = R − X removes G. The factor itself carries no derivative. A derivative in log s stays
+    finite where s underflows.
     """
     return _scaled_solve(gram, log_s, right)[0]
 
@@ -143,17 +139,13 @@ scaled_solve.defvjp(_scaled_solve, _scaled_solve_reverse)
 def symmetric_solve(
     A: Float[Array, "n n"], right: Float[Array, "n k"]
 ) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
-    """log|A|, X = A⁻¹ R and the Cholesky factor of a symmetric positive definite A.
+    """Return log|A|, X = A⁻¹ R and the Cholesky factor of a symmetric positive definite A.
 
     The reverse pass needs A⁻¹ once: with V = A⁻¹ X̄,
 
         R̄ = V,   Ā = (log|A|)¯ A⁻¹ − ½ (V Xᵀ + X Vᵀ).
 
     The factor itself carries no derivative.
-
-    Args:
-        A: A.
-        right: R.
     """
     return _symmetric_solve(A, right)[0]
 
@@ -191,11 +183,6 @@ def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Arra
     """Integrate out θ = sd · u, u ~ N(0, I); a term with sd = 0 is out of the model.
 
     log p(y | η, sd) = −½ (‖q − T sd m‖² + ‖m‖² + log|I + sd TᵀT sd| + log_det + n log 2π).
-
-    Args:
-        regression: The regression left for θ.
-        sd: Prior standard deviation of each coefficient, scaled units.
-        n_obs: Number of observations n behind the rows.
     """
     T = regression.T * sd
     L = jnp.linalg.cholesky(jnp.eye(T.shape[1]) + T.T @ T)
@@ -212,7 +199,7 @@ def log_evidence(
     n_obs: Float[Array, ""] | float,
     certain: tuple[int, ...] = (),
 ) -> Float[Array, ""]:
-    """Log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
+    """Return log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
     if log_odds is None:
         return ridge(regression, sd, n_obs).log_evidence
     return spike_and_slab(regression, sd, log_odds, n_obs, certain)[0]
@@ -225,7 +212,7 @@ def spike_and_slab(
     n_obs: Float[Array, ""] | float,
     certain: tuple[int, ...] = (),
 ) -> tuple[Float[Array, ""], Float[Array, " n_pattern"]]:
-    """Log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
+    """Return log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
     full = ridge(regression, sd, n_obs)
     weights = log_pattern_weights(full.mean, full.covariance, log_odds, certain)
     total = logsumexp(weights)
@@ -235,13 +222,9 @@ def spike_and_slab(
 def constraint_directions(
     root: Float[Array, " n_basis"], constraints: Float[Array, "n_rank n_basis"]
 ) -> Float[Array, "n_basis n_rank"]:
-    """U, orthonormal, with w = √S ⊙ (I − U Uᵀ) z: the weights' prior given C w = 0, C = ⟨Φₒ, ψᵀ⟩.
+    """Return U, orthonormal, with w = √S ⊙ (I − U Uᵀ) z: the weights' prior given C w = 0, C = ⟨Φₒ, ψᵀ⟩.
 
     U spans √S Cᵀ, so the covariance of w is S − S Cᵀ (C S Cᵀ)⁻¹ C S.
-
-    Args:
-        root: √S.
-        constraints: C.
     """
     X = root[:, None] * constraints.T
     L = jittered_cholesky(X.T @ X, jnp.max(root) ** 2)

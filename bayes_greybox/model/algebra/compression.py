@@ -6,11 +6,10 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float, Int
 
-CHUNK = 16_384
-"""Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
+from .stacking import CACHED_ROWS
 
-BLOCK = 1024
-"""Rows whitened at a time, few enough to stay in the processor's cache."""
+FACTOR_CHUNK = 16_384
+"""Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
 
 WELL_CONDITIONED = 1e-4
 """Least eigenvalue of the preconditioned, scaled Gram matrix for which one pass over the rows is enough."""
@@ -22,9 +21,9 @@ MAX_PASSES = 3
 def triangular_factor(
     rows: Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]],
     n_row: int,
-    chunk: int = CHUNK,
+    chunk: int = FACTOR_CHUNK,
 ) -> Float[np.ndarray, "n_kept n_column"]:
-    """Upper triangular R with RᵀR = FᵀF for a tall matrix F that never exists as a whole.
+    """Return the upper triangular R with RᵀR = FᵀF for a tall matrix F that never exists as a whole.
 
     Up to one chunk this is a QR factorisation. Beyond, a Gram matrix alone would square the condition number,
     and a QR of every chunk costs three matrix products. Instead the rows are preconditioned by R₀, the factor
@@ -39,7 +38,7 @@ def triangular_factor(
     calling this again.
 
     Args:
-        rows: Gives the rows of F with these indices.
+        rows: Function from indices to these rows of F.
         n_row: Number of rows of F.
         chunk: Rows per block; memory is bounded by one block.
 
@@ -68,12 +67,12 @@ def _preconditioned_gram(rows: Callable, n_row: int, chunk: int, R0: np.ndarray)
     # Both from SciPy: NumPy brings a BLAS of its own, whose waiting threads would take the cores from this one's.
     trsm, syrk = scipy.linalg.get_blas_funcs(("trsm", "syrk"), (R0,))
     G = np.zeros(R0.shape, order="F")
-    whitened = np.empty((BLOCK, len(R0)))
+    whitened = np.empty((CACHED_ROWS, len(R0)))
     for start in range(0, n_row, chunk):
         part = rows(np.arange(start, min(start + chunk, n_row)))
-        for first in range(0, len(part), BLOCK):
+        for first in range(0, len(part), CACHED_ROWS):
             block = whitened[: len(part) - first]
-            np.copyto(block, part[first : first + BLOCK])
+            np.copyto(block, part[first : first + CACHED_ROWS])
             # F R₀⁻¹ in place, then G += (F R₀⁻¹)ᵀ (F R₀⁻¹): the transpose of row-major memory is contiguous to BLAS
             trsm(1.0, R0, block.T, trans_a=1, overwrite_b=True)
             G = syrk(1.0, block.T, beta=1.0, c=G, overwrite_c=True)

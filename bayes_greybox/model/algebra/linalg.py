@@ -10,39 +10,39 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.running.errors import InputError
 
-JITTER = 1e-12
-"""Relative jitter: a matrix that needs one gets JITTER x (the scale its entries would have) on the diagonal."""
+RELATIVE_JITTER = 1e-12
+"""Jitter on the diagonal of a matrix that needs one, over the scale that its entries would have."""
 
 LEAF = 128
-"""Triangular matrices up to this size are inverted by solving for the identity."""
+"""Size up to which triangular matrices are inverted by solving for the identity."""
 
 RANK_TOLERANCE = 1e-7
-"""A unit-norm dictionary column whose part orthogonal to the others is shorter than this is collinear."""
+"""Norm of the part of a unit-norm dictionary column orthogonal to the others below which it is collinear."""
 
 
 def jittered_cholesky(matrix: Float[Array, "n n"], scale: Float[Array, ""] | float) -> Float[Array, "n n"]:
-    """Lower Cholesky factor of `matrix + JITTER * scale * I`.
+    """Return the lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`.
 
     Args:
         matrix: Positive semi-definite; it may vanish.
-        scale: What its entries are small or large against. Their own mean would do harm here: where a discrepancy is
+        scale: Size that its entries are compared with. Their own mean would do harm here: where a discrepancy is
             orthogonal to the dictionary anyway, they are rounding errors, and must count as zero.
     """
-    return jnp.linalg.cholesky(matrix + JITTER * scale * jnp.eye(matrix.shape[-1]))
+    return jnp.linalg.cholesky(matrix + RELATIVE_JITTER * scale * jnp.eye(matrix.shape[-1]))
 
 
 def solve_lower(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-    """L⁻¹ B for a lower triangular L."""
+    """Return L⁻¹ B for a lower triangular L."""
     return solve_triangular(factor, right, lower=True)
 
 
 def solve_lower_transposed(factor: Float[Array, "n n"], right: Float[Array, "n ..."]) -> Float[Array, "n ..."]:
-    """L⁻ᵀ B for a lower triangular L."""
+    """Return L⁻ᵀ B for a lower triangular L."""
     return solve_triangular(factor, right, lower=True, trans=1)
 
 
 def inverse_lower(factor: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """L⁻¹ of a lower triangular L, by halves: [[A, 0], [B, C]]⁻¹ = [[A⁻¹, 0], [−C⁻¹ B A⁻¹, C⁻¹]].
+    """Return L⁻¹ of a lower triangular L, by halves: [[A, 0], [B, C]]⁻¹ = [[A⁻¹, 0], [−C⁻¹ B A⁻¹, C⁻¹]].
 
     Solving for the identity does three times the work, since it does not know that half of the result is zero.
     """
@@ -55,7 +55,7 @@ def inverse_lower(factor: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def singular_root(covariance: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """A root R, R Rᵀ = C, of a covariance that may be singular: a projected one, or a difference of two.
+    """Return a root R, R Rᵀ = C, of a covariance that may be singular: a projected one, or a difference of two.
 
     By eigenvalues; those that rounding made negative count as zero.
     """
@@ -67,12 +67,8 @@ def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple
     """Refuse a dictionary whose terms are linearly dependent on the data, and name the terms.
 
     A QR factorisation with column pivoting of the unit-norm columns reveals the rank; the coefficients of a
-    dependent column on the independent ones tell which terms it is a combination of.
-
-    Args:
-        columns: Dictionary evaluated on the data, or any matrix with the same Gram matrix.
-        names: One name per column.
-        equation: The equation they belong to, for the message.
+    dependent column on the independent ones tell which terms it is a combination of. Any matrix with the Gram matrix
+    of the dictionary will do.
 
     Raises:
         InputError: If a column is zero or (to RANK_TOLERANCE) a combination of the others.

@@ -8,11 +8,9 @@ from jaxtyping import Array, Float
 
 
 def patterns(n_term: int, certain: tuple[int, ...] = ()) -> np.ndarray:
-    """All inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`.
+    """Return all inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`.
 
-    Args:
-        n_term: Number of terms.
-        certain: Terms that are in, in every pattern.
+    Terms that are `certain` are in, in every pattern.
     """
     choices = [(1.0,) if j in certain else (1.0, 0.0) for j in range(n_term)]
     return np.array(list(itertools.product(*choices))).reshape(-1, n_term)
@@ -24,7 +22,7 @@ def log_pattern_weights(
     log_odds: Float[Array, " n_term"],
     certain: tuple[int, ...] = (),
 ) -> Float[Array, " n_pattern"]:
-    """Log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
+    """Return log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
 
     Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and
     conditions the other coefficients on u_j = 0. Doing this term by term, keeping both branches,

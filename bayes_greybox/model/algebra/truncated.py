@@ -21,21 +21,15 @@ from jaxtyping import Array, Float
 
 from .subsets import patterns
 
-LEAST = -600.0
-"""Below this logarithm a probability is no number any more, and its quantile is found by Newton steps."""
+LEAST_LOG_PROBABILITY = -600.0
+"""Least logarithm of a probability that is still a number; below it a quantile is found by Newton steps."""
 
-NEWTON = 4
+NEWTON_STEPS = 4
 """Newton steps for such a quantile, from its asymptote; each squares the relative error, which starts near 1e-3."""
 
 
 class Bounds(NamedTuple):
-    """Bounds of some coefficients, u = (θ − mean)/sd in their units, and the uniform numbers that place them.
-
-    Attributes:
-        lower: Least values.
-        upper: Largest values.
-        uniform: Numbers between 0 and 1.
-    """
+    """Least and largest values of some u = (θ − mean)/sd, and the numbers between 0 and 1 that place them."""
 
     lower: Float[Array, " n_bounded"]
     upper: Float[Array, " n_bounded"]
@@ -64,7 +58,7 @@ def bounded_patterns(
     bounded: tuple[int, ...],
     certain: tuple[int, ...] = (),
 ) -> BoundedPatterns:
-    """`log_pattern_weights` where some coefficients have bounds; one pattern where there are no odds.
+    """Return `log_pattern_weights` where some coefficients have bounds; one pattern where there are no odds.
 
     The bounded terms come last in the recursion. One that is in is placed given those before it, so that the others are
     conditioned on its value as on the zero of one that is out:
@@ -75,8 +69,8 @@ def bounded_patterns(
         mean: Posterior mean of u = (θ − mean)/sd given that all terms are in, without bounds; a priori u ~ N(0, I).
         covariance: Its covariance.
         log_odds: Log odds of inclusion a priori; None: all terms are in.
-        bounds: Of the bounded terms.
-        bounded: Which these are.
+        bounds: Bounds of the bounded terms.
+        bounded: Numbers of these terms.
         certain: Terms that are in whatever their odds.
     """
     n_term = mean.shape[0]
@@ -116,19 +110,14 @@ def bounded_patterns(
 
 
 def standardised(limit: Array, mean: Array | float, sd: Array | float) -> Array:
-    """(limit − mean)/sd; an infinite limit stays, whose derivative would be none."""
+    """Return (limit − mean)/sd; an infinite limit stays, whose derivative would be none."""
     finite = jnp.isfinite(limit)
     return jnp.where(finite, (jnp.where(finite, limit, 0.0) - mean) / sd, limit)
 
 
 @jax.custom_jvp
 def log_mass(lower: Array, upper: Array) -> Array:
-    """log[Φ(upper) − Φ(lower)], also where both bounds are far out in one tail.
-
-    Args:
-        lower: Lower bounds, −∞ among them.
-        upper: Upper bounds, ∞ among them.
-    """
+    """Return log[Φ(upper) − Φ(lower)], also where both bounds are far out in one tail."""
     low, high, _ = _in_lower_tail(lower, upper)
     top = log_ndtr(high)
     return top + jnp.log(-jnp.expm1(log_ndtr(low) - top))
@@ -145,13 +134,7 @@ def _log_mass_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
 
 @jax.custom_jvp
 def truncated_quantile(uniform: Array, lower: Array, upper: Array) -> Array:
-    """Quantile of a standard normal restricted to lower ≤ z ≤ upper.
-
-    Args:
-        uniform: Its probability under the restricted normal.
-        lower: Lower bounds, −∞ among them.
-        upper: Upper bounds, ∞ among them.
-    """
+    """Return the quantile of a standard normal restricted to lower ≤ z ≤ upper, at its probability `uniform`."""
     low, high, flipped = _in_lower_tail(lower, upper)
     share = jnp.where(flipped, 1 - uniform, uniform)
     log_p = jnp.logaddexp(log_ndtr(low), jnp.log(share) + log_mass(lower, upper))
@@ -172,7 +155,7 @@ def _truncated_quantile_jvp(primals: tuple, tangents: tuple) -> tuple[Array, Arr
 
 
 def _in_lower_tail(lower: Array, upper: Array) -> tuple[Array, Array, Array]:
-    """The bounds mirrored where both are positive, since only small probabilities have all their digits."""
+    """Mirror the bounds where both are positive, since only small probabilities have all their digits."""
     flipped = lower > 0
     return jnp.where(flipped, -upper, lower), jnp.where(flipped, -lower, upper), flipped
 
@@ -182,12 +165,12 @@ def _log_density(z: Array) -> Array:
 
 
 def _quantile_of_log(log_p: Array) -> Array:
-    """Φ⁻¹(exp log_p); far out by Newton steps on log Φ, which is concave."""
-    near = ndtri(jnp.exp(jnp.maximum(log_p, LEAST)))
-    far = jnp.minimum(log_p, LEAST)
+    """Return Φ⁻¹(exp log_p); far out by Newton steps on log Φ, which is concave."""
+    near = ndtri(jnp.exp(jnp.maximum(log_p, LEAST_LOG_PROBABILITY)))
+    far = jnp.minimum(log_p, LEAST_LOG_PROBABILITY)
     # Φ(−x) ≈ φ(x)/x
     z = -jnp.sqrt(-2 * far - jnp.log(2 * math.pi) - jnp.log(-2 * far))
-    for _ in range(NEWTON):
+    for _ in range(NEWTON_STEPS):
         log_cdf = log_ndtr(z)
         z = z - (log_cdf - far) * jnp.exp(log_cdf - _log_density(z))
-    return jnp.where(log_p > LEAST, near, z)
+    return jnp.where(log_p > LEAST_LOG_PROBABILITY, near, z)

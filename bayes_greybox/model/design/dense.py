@@ -1,4 +1,4 @@
-"""The exact path: f stands in the model by its covariance matrix at the rows."""
+"""The exact path: f is in the model by its covariance matrix at the rows."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -11,42 +11,37 @@ from jaxtyping import Array, Float, Int
 
 from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
-from bayes_greybox.model.coefficient_priors import CoefficientPriors
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS
-from bayes_greybox.model.gp.orthogonal import Variant, orthogonal_gram
+from bayes_greybox.model.gp.orthogonal import Points, Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.running.errors import InputError
 
-from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
 
-DRAWS = 100
-"""Posterior draws worth their cost, a dense factorisation each."""
+MOST_WORTHWHILE = 100
+"""Most posterior draws that are worth their cost, a dense factorisation each."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class DenseDesign(Design):
-    """Rows of one equation on the exact path: f stands in the model by its covariance matrix at the rows.
+class DenseDesign(DesignRows):
+    """Rows of one equation on the exact path: f is in the model by its covariance matrix at the rows.
 
     Attributes:
+        expands: See `DesignRows`: f has values where it was drawn only.
         points: Variables of f and Φₒ at the samples of the data.
         nodes: Nodes of the measure, and w Φₒ there.
         whitening: W, or None where the rows are independent.
         operator: V, from values at the samples to values of the rows, or None where each sample is a row.
     """
 
-    Phi: Float[Array, "n_row n_term"]
-    y: Float[Array, " n_row"]
-    n_obs: Float[Array, ""]
-    n_prior: Float[Array, ""]
-    log_det_R: Float[Array, ""]
-    noise_floor: Float[Array, ""]
-    coefficients: CoefficientPriors
-    points: tuple[Float[Array, "n_sample n_var"], Float[Array, "n_sample n_rank"]]
-    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]]
+    expands = False
+
+    points: Points
+    nodes: Points
     whitening: Float[Array, "n_row n_obs"] | None
     operator: Float[Array, "n_obs n_sample"] | None
     kernel: str = field(metadata={"static": True})
@@ -57,29 +52,20 @@ class DenseDesign(Design):
         """Number of variables that f depends on."""
         return self.points[0].shape[1]
 
-    @property
-    def expands(self) -> bool:
-        """It does not: f is known where it was drawn."""
-        return False
-
     def worthwhile(self, draws: int) -> int:
-        """Few: each costs a factorisation of all rows."""
-        return min(draws, DRAWS)
+        """Return a number of draws that factorisations of all rows can be afforded for."""
+        return min(draws, MOST_WORTHWHILE)
 
     def covariance(self, hyper: Hyperparameters) -> Float[Array, "n_row n_row"]:
-        """k⊥ at the (whitened) rows."""
+        """Return k⊥ at the (whitened) rows."""
         return self._to_rows(self._to_rows(self.cross_covariance(self.points, hyper)).T)
 
-    def cross_covariance(
-        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
-    ) -> Float[Array, "n_left n_sample"]:
-        """k⊥ between other points and the samples of the data."""
+    def cross_covariance(self, left: Points, hyper: Hyperparameters) -> Float[Array, "n_left n_sample"]:
+        """Return k⊥ between other points and the samples of the data."""
         return self._gram(left, self.points, hyper)
 
-    def covariance_at(
-        self, left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]], hyper: Hyperparameters
-    ) -> Float[Array, "n_left n_left"]:
-        """k⊥ among other points."""
+    def covariance_at(self, left: Points, hyper: Hyperparameters) -> Float[Array, "n_left n_left"]:
+        """Return k⊥ among other points."""
         return self._gram(left, left, hyper)
 
     def remove_discrepancy(
@@ -90,43 +76,40 @@ class DenseDesign(Design):
         return regression._replace(log_det=regression.log_det + self.log_det_R), L
 
     def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """Prior draw of f on the rows."""
+        """Draw f on the rows from its prior."""
         return singular_root(self.covariance(hyper)) @ jax.random.normal(key, self.y.shape)
 
-    def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """There are no sites that f could be made of."""
-        return self.sampled_weights(hyper)
-
     def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """None."""
+        """Refuse: f has no weights.
+
+        Raises:
+            InputError: Always.
+        """
         raise InputError("f has no weights to sample: use OrthogonalGP(path='hsgp').")
 
     def standardised(
         self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
     ) -> Float[Array, " n_basis"]:
-        """None."""
+        """Refuse: f has no weights."""
         return self.sampled_weights(hyper)
 
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
-        """Prior draw of f at the samples of the data."""
+        """Draw f at the samples of the data from its prior."""
         covariance = self.cross_covariance(self.points, hyper)
         return {"f": singular_root(covariance) @ jax.random.normal(key, covariance.shape[:1])}
 
     def draw_discrepancy(
         self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
     ) -> dict[str, Array]:
-        """Posterior draw of f at the samples of the data."""
+        """Draw f at the samples of the data from its posterior."""
         prior = self.cross_covariance(self.points, hyper)
         return {"f": self._drawn(key, hyper, theta, self.points, prior)}
 
     def at(
         self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_row"]:
-        """Draws of f at other points given θ and η, not given the values at the data."""
-        left = (
-            jnp.asarray(frame.position(columns)),
-            jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal),
-        )
+        """Draw f at other points given θ and η, not given its values at the data."""
+        left = (jnp.asarray(frame.position(columns)), jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal))
         keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
         def one(item: tuple[Array, Hyperparameters, Array]) -> Array:
@@ -139,32 +122,28 @@ class DenseDesign(Design):
     def at_data(
         self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_obs"]:
-        """The values that were drawn there, or their means."""
+        """Return the values that were drawn there, or their means."""
         return (draws.f if self.operator is None else draws.f @ np.asarray(self.operator).T)[:, index]
 
     def on_rows(
         self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
     ) -> Float[np.ndarray, "*batch n_row"]:
-        """The values that were drawn at the data, of the rows, whitened."""
+        """Return the values that were drawn at the data as those of the whitened rows."""
         return np.asarray(self._to_rows(f))
 
-    def with_target(self, y: Float[Array, " n_row"]) -> "DenseDesign":
-        """Another target."""
-        return replace(self, y=y)
-
     def plain(self, frame: Frame) -> "DenseDesign":
-        """The base kernel."""
+        """Return the rows with the base kernel."""
         return replace(self, variant="none")
 
     def weighted(
         self, frame: Frame, rows: EquationRows, table: Table
     ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """The numbers of the observations: the rest is in C."""
+        """Return the numbers of the observations alone: everything else is in C."""
         nothing = (jnp.zeros((0, len(frame.dictionary))), jnp.zeros((0, 0)), jnp.zeros(0), jnp.zeros(0))
         return lambda index: WeightedRows(jnp.asarray(index), *nothing)
 
     def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
-        """`Root` with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
+        """Return a `Root` with C⁻¹ = HᵀH = Wᵀ (W (ΦDΦᵀ + K⊥) Wᵀ + σ²I)⁻¹ W; W left out where not square."""
         Phi = self.Phi * sd
         L = jnp.linalg.cholesky(Phi @ Phi.T + self.covariance(hyper) + hyper.sigma**2 * jnp.eye(len(self.y)))
         W = self.whitening
@@ -175,21 +154,21 @@ class DenseDesign(Design):
     def inverse(
         self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
     ) -> Float[Array, "n m"]:
-        """HᵀH: the noise is in it."""
+        """Return HᵀH: the noise is in it."""
         return left @ right.T
 
     def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """Diag HᵀH."""
+        """Return diag HᵀH."""
         return jnp.sum(root.H**2, axis=0)
 
     def removes(self, size: int) -> bool:
-        """Never: C is factorised anyway."""
+        """Return False: C is factorised anyway."""
         return False
 
     def without(
         self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
     ) -> "DenseDesign":
-        """Rows of an orthonormal basis of what is left; without correlation these are unit vectors."""
+        """Rotate the rows into an orthonormal basis of what is left: of unit vectors, if nothing is correlated."""
         remain = np.eye(rows.n_white)[removal.kept]
         if removal.directions is not None:
             remain = np.linalg.qr(removal.directions, mode="complete")[0][:, len(out) :].T
@@ -204,7 +183,7 @@ class DenseDesign(Design):
         )
 
     def padded(self) -> "DenseDesign":
-        """Itself: its covariance matrix is as large as it has rows."""
+        """Return the design itself: its covariance matrix is as large as it has rows."""
         return self
 
     def first_densities(
@@ -213,19 +192,22 @@ class DenseDesign(Design):
         counts: Int[np.ndarray, " n_count"],
         parameters: tuple[Hyperparameters, Scales],
     ) -> Float[np.ndarray, "n_draw n_count"]:
-        """One Cholesky factorisation of K⊥ + σ²R in this order serves them all."""
+        """Return log p(y_A | η) of the first rows A in an order, for increasing numbers of them, without log|R_AA|.
+
+        One Cholesky factorisation of K⊥ + σ²R in this order serves them all. `parameters` are stacked over draws.
+        """
         return np.asarray(_first_densities(self, jnp.asarray(order), jnp.asarray(counts), parameters))
 
     def open(
         self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
     ) -> tuple["DenseDesign", Compress]:
-        """Its rows are the whitened ones already."""
+        """Return the design itself: its rows are the whitened ones."""
         return self, lambda y: y
 
     def simulate(
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """F ~ N(0, K⊥) at the samples of the data, through eigenvalues."""
+        """Draw f ~ N(0, K⊥) at the samples of the data, through eigenvalues."""
         covariance = jax.jit(lambda hyper: self.cross_covariance(self.points, hyper))
         f = np.empty((len(hyper.sigma), len(self.points[0])))
         for i in range(len(f)):
@@ -234,12 +216,12 @@ class DenseDesign(Design):
             f[i] = vectors @ (np.sqrt(np.maximum(values, 0.0)) * generator.standard_normal(len(values)))
         return {"f": f}, np.asarray(self._to_rows(f))
 
-    def _gram(self, left: tuple[Array, Array], right: tuple[Array, Array], hyper: Hyperparameters) -> Array:
+    def _gram(self, left: Points, right: Points, hyper: Hyperparameters) -> Array:
         kernel = KERNELS[self.kernel]
         return orthogonal_gram(self.variant, kernel, hyper.amplitude, hyper.length_scale, left, right, self.nodes)
 
     def _to_rows(self, values: Float[Array | np.ndarray, "*batch n_sample"]) -> Float[Array, "*batch n_row"]:
-        """(W V) of values at the samples."""
+        """Return W V times values at the samples."""
         at_rows = jnp.asarray(values)
         for matrix in (self.operator, self.whitening):
             at_rows = at_rows if matrix is None else at_rows @ matrix.T
@@ -250,10 +232,10 @@ class DenseDesign(Design):
         key: Array,
         hyper: Hyperparameters,
         theta: Float[Array, " n_term"],
-        left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
+        left: Points,
         prior: Float[Array, "n_left n_left"],
     ) -> Float[Array, " n_left"]:
-        """F | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
+        """Draw f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
         _, L = self.remove_discrepancy(self.y, hyper)
         cross = self._to_rows(self.cross_covariance(left, hyper))
         half = solve_lower(L, cross.T)
@@ -275,8 +257,8 @@ def _first_densities(
 
         def first(count: Array) -> Array:
             # L is triangular: what f leaves of the first rows does not know the later ones.
-            known = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
-            regression = Regression(known[:, :-1], known[:, -1], log_det[count]).beside(scales.mean)
+            first_rows = jnp.where((jnp.arange(len(order)) < count)[:, None], left, 0.0)
+            regression = Regression(first_rows[:, :-1], first_rows[:, -1], log_det[count]).beside(scales.mean)
             return log_evidence(regression, scales.sd, scales.log_odds, 1.0 * count, design.coefficients.certain)
 
         return jax.lax.map(first, counts)

@@ -16,7 +16,6 @@ from jaxtyping import Array, Float, Int
 from bayes_greybox.model.algebra.collapsed import FeatureSolve, Regression, constraint_directions, remove_features
 from bayes_greybox.model.algebra.compression import triangular_factor
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
-from bayes_greybox.model.coefficient_priors import CoefficientPriors
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
@@ -25,30 +24,38 @@ from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
 from bayes_greybox.running.arrays import on_device
 
-from .protocol import Compress, Design, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
 
-FAINT = 1e-100
-"""Prior standard deviation of a weight of which nothing is left to standardise."""
+LEAST_WEIGHT_SD = 1e-100
+"""Prior standard deviation below which nothing is left of a weight that could be standardised."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class FeatureDesign(Design):
+class FeatureDesign(DesignRows):
     """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
 
     The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
     discrepancy the features have no columns.
+
+    Arguments of the methods, here and in `DenseDesign`, have the same meaning throughout: `hyper` is η, `theta` the
+    coefficients, `frame` the scaling and bases of the equation, `rows` its rows, `table` [Φ Ψ̃ y] at rows of the data
+    in scaled units, `draws` posterior draws, `Psi` orthogonal features, `weight` and `f` the weights of f or its values
+    at the data, without columns where f has the other.
+
+    Attributes:
+        expands: See `DesignRows`: f is a sum of features.
+        Psi: Orthogonal features Ψ̃.
+        gram: Ψ̃ᵀΨ̃.
+        frequency: √λ of each feature in every direction.
+        constraints: ⟨Φₒ, ψᵀ⟩ of the conditioned kernel; None for the others.
+        kernel: Name of the base kernel.
     """
 
-    Phi: Float[Array, "n_row n_term"]
+    expands = True
+
     Psi: Float[Array, "n_row n_basis"]
     gram: Float[Array, "n_basis n_basis"]
-    y: Float[Array, " n_row"]
-    n_obs: Float[Array, ""]
-    n_prior: Float[Array, ""]
-    log_det_R: Float[Array, ""]
-    noise_floor: Float[Array, ""]
-    coefficients: CoefficientPriors
     frequency: Float[Array, "n_basis n_var"]
     constraints: Float[Array, "n_rank n_basis"] | None
     kernel: str = field(metadata={"static": True})
@@ -58,17 +65,12 @@ class FeatureDesign(Design):
         """Number of variables that f depends on."""
         return self.frequency.shape[1]
 
-    @property
-    def expands(self) -> bool:
-        """It does."""
-        return True
-
     def worthwhile(self, draws: int) -> int:
-        """All: a draw costs a product."""
+        """Return the number of so many posterior draws that are worth their cost: all, since one costs a product."""
         return draws
 
     def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
-        """½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
+        """Return ½ log S and U: the weights are w = √S ⊙ (I − U Uᵀ) z, z ~ N(0, I); U is None unless conditioned."""
         if self.Psi.shape[1] == 0:
             return jnp.zeros(0), None
         log_S = log_spectral_density(KERNELS[self.kernel], self.frequency, hyper.amplitude, hyper.length_scale)
@@ -78,7 +80,7 @@ class FeatureDesign(Design):
         return 0.5 * log_S, constraint_directions(jnp.exp(0.5 * log_S), self.constraints)
 
     def weights(self, z: Float[Array, " n_basis"], hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """Feature weights w of standardised ones z."""
+        """Return the feature weights w of standardised ones z."""
         if z.size == 0:
             return z
         log_root, U = self.weight_prior(hyper)
@@ -87,42 +89,38 @@ class FeatureDesign(Design):
     def standardised(
         self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
     ) -> Float[Array, " n_basis"]:
-        """Z of weights: fresh where they do not tell it, zero where a weight has no variance to speak of."""
+        """Return z of weights: `fresh` where they do not determine it, zero where a weight has next to no variance."""
         log_root, U = self.weight_prior(hyper)
-        known = log_root > math.log(FAINT)
-        z = jnp.where(known, weight * jnp.exp(-jnp.where(known, log_root, 0.0)), 0.0)
+        usable = log_root > math.log(LEAST_WEIGHT_SD)
+        z = jnp.where(usable, weight * jnp.exp(-jnp.where(usable, log_root, 0.0)), 0.0)
         return z if U is None else z + U @ (U.T @ fresh)
 
     def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, FeatureSolve]:
-        """Integrate out the weights of f."""
+        """Integrate out the weights of f: return the regression left for θ, and what `draw_discrepancy` needs."""
         log_root, U = self.weight_prior(hyper)
         regression, solve = remove_features(self.Phi, self.Psi, self.gram, y, log_root, hyper.sigma, U)
         log_det = regression.log_det + 2 * self.n_obs * jnp.log(hyper.sigma) + self.log_det_R
         return regression._replace(log_det=log_det), solve
 
     def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """Prior draw of f on the compressed rows."""
+        """Draw f on the compressed rows from its prior."""
         return self.Psi @ self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper)
 
-    def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """F on the compressed rows."""
-        return self.Psi @ self.sampled_weights(hyper)
-
     def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """Standardised weights as the site `z`, and from them the feature weights; neither where there is no f."""
+        """Sample standardised weights as the site `z`, and return the feature weights; neither where there is no f."""
         if not self.Psi.shape[1]:
             return jnp.zeros(0)
         z = site("z", dist.Normal(0.0, 1.0).expand(self.Psi.shape[1:]).to_event(1))
         return jnp.asarray(numpyro.deterministic("weight", self.weights(z, hyper)))
 
     def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
-        """Prior draw of the weights."""
+        """Draw the weights from their prior."""
         return self._named(self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper))
 
     def draw_discrepancy(
         self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
     ) -> dict[str, Array]:
-        """Posterior draw of the weights: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹)."""
+        """Draw the weights from their posterior: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), with L and Z in `solve`."""
         L, Z = solve
         z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key, L.shape[:1]))
         return self._named(self.weights(z, hyper))
@@ -130,27 +128,23 @@ class FeatureDesign(Design):
     def at(
         self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_row"]:
-        """Ψ̃ w at any rows."""
+        """Return Ψ̃ w at any rows."""
         return draws.weight @ np.asarray(frame.rows(columns)[1]).T
 
     def at_data(
         self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
     ) -> Float[np.ndarray, "n_draw n_obs"]:
-        """Ψ̃ w at rows of the data."""
+        """Return Ψ̃ w at rows of the data."""
         return draws.weight @ Psi.T
 
     def on_rows(
         self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
     ) -> Float[np.ndarray, "*batch n_row"]:
-        """Ψ̃ w at the compressed rows."""
+        """Return Ψ̃ w at the compressed rows."""
         return weight @ np.asarray(self.Psi).T
 
-    def with_target(self, y: Float[Array, " n_row"]) -> "FeatureDesign":
-        """Another target."""
-        return replace(self, y=y)
-
     def plain(self, frame: Frame) -> "FeatureDesign":
-        """The features before the dictionary was projected out of them, unconstrained."""
+        """Return the rows with the features before the dictionary was projected out of them, unconstrained."""
         Psi = np.asarray(self.Psi)
         if frame.projected:
             Psi = Psi + np.asarray(self.Phi) @ frame.orthonormal @ frame.moments
@@ -159,7 +153,7 @@ class FeatureDesign(Design):
     def weighted(
         self, frame: Frame, rows: EquationRows, table: Table
     ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """R⁻¹[Φ Ψ̃ y] and diag R⁻¹ at given observations."""
+        """Return a function from numbers of observations to R⁻¹[Φ Ψ̃ y] and diag R⁻¹ there."""
         values, precision = rows.weighted(table)
         n_term = len(frame.dictionary)
 
@@ -171,7 +165,7 @@ class FeatureDesign(Design):
         return pick
 
     def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
-        """`Root` with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
+        """Return a `Root` with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
 
         C⁻¹ = σ⁻² (R⁻¹ − R⁻¹B (I + BᵀR⁻¹B)⁻¹ BᵀR⁻¹) by Woodbury's identity, with I + BᵀR⁻¹B = TᵀT from a QR
         factorisation, since the Gram matrix would square the condition number; H = T⁻ᵀBᵀR⁻¹.
@@ -200,21 +194,21 @@ class FeatureDesign(Design):
     def inverse(
         self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
     ) -> Float[Array, "n m"]:
-        """σ⁻² (R⁻¹ − HᵀH)."""
+        """Return σ⁻² (R⁻¹ − HᵀH), blocks of C⁻¹ from columns H_i and H_j of `Root`, and blocks of R⁻¹."""
         return (precision - left @ right.T) / hyper.sigma**2
 
     def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """σ⁻² diag(R⁻¹ − HᵀH)."""
+        """Return σ⁻² diag(R⁻¹ − HᵀH)."""
         return (rows.precision - jnp.sum(root.H**2, axis=0)) / hyper.sigma**2
 
     def removes(self, size: int) -> bool:
-        """More rows than there are columns: a block of C⁻¹ would be larger than what leaving them out costs."""
+        """Return whether leaving out so many observations is cheaper by a new factor than by a block of C⁻¹."""
         return size > self.Phi.shape[1] + self.Psi.shape[1]
 
     def without(
         self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
     ) -> "FeatureDesign":
-        """The factor of the whitened rows that are left."""
+        """Return the factor of the whitened rows without the observations `out`; `removal` is `rows.without(out)`."""
         kept, directions = removal.kept, removal.directions
         white = rows.whitened(table)
         if directions is None:
@@ -236,24 +230,25 @@ class FeatureDesign(Design):
         )
 
     def padded(self) -> "FeatureDesign":
-        """A factor of few rows, filled up with rows of zeros, which change nothing."""
+        """Fill a factor of few rows up with rows of zeros, which change nothing."""
         short = max(0, self.Phi.shape[1] + self.Psi.shape[1] + 1 - len(self.y))
         Phi, Psi, y = (np.pad(a, [(0, short), (0, 0)][: a.ndim]) for a in (self.Phi, self.Psi, self.y))
         return replace(self, Phi=jnp.asarray(Phi), Psi=jnp.asarray(Psi), y=jnp.asarray(y))
 
     def first_densities(
-        self,
-        order: Int[np.ndarray, " n_obs"],
-        counts: Int[np.ndarray, " n_count"],
+        self, order: Int[np.ndarray, " n_obs"], counts: Int[np.ndarray, " n_count"],
         parameters: tuple[Hyperparameters, Scales],
-    ) -> None:
-        """None: each number of rows has a factor of its own."""
+    ) -> Float[np.ndarray, "n_draw n_count"] | None:  # fmt: skip
+        """Return None: each number of first rows has a factor of its own; see `DenseDesign.first_densities`."""
         return None
 
     def open(
         self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
     ) -> tuple["FeatureDesign", Compress]:
-        """[Φ Ψ̃] = Q R: the sampler sees R, Qᵀy, and the length of what Q cannot say as one more row."""
+        """Return the design for other targets, and a function that makes its targets of whitened ones.
+
+        [Φ Ψ̃] = Q R: the sampler sees R, Qᵀy, and the norm of what Q cannot say as one more row.
+        """
         rotation, R = np.linalg.qr(np.column_stack([Phi, Psi]))
         R = np.vstack([R, np.zeros((int(len(Phi) > R.shape[1]), R.shape[1]))])
         features = jnp.asarray(R[:, Phi.shape[1] :])
@@ -266,18 +261,18 @@ class FeatureDesign(Design):
             return np.column_stack([kept, np.linalg.norm(y - kept @ rotation.T, axis=1)])
 
         design = replace(
-            self,
-            Phi=jnp.asarray(R[:, : Phi.shape[1]]),
-            Psi=features,
-            gram=features.T @ features,
-            y=jnp.zeros(len(R)),
+            self, Phi=jnp.asarray(R[:, : Phi.shape[1]]), Psi=features, gram=features.T @ features, y=jnp.zeros(len(R))
         )
         return design, compress
 
     def simulate(
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """W ~ N(0, S), or given C w = 0."""
+        """Draw w ~ N(0, S), or given C w = 0, in plain NumPy, for simulation-based calibration of the likelihood.
+
+        Returns:
+            The weights by quantity (empty without a discrepancy), and f at the whitened rows.
+        """
         n = len(hyper.sigma)
         if Psi.shape[1] == 0:
             return {}, np.zeros((n, len(Psi)))
@@ -298,7 +293,7 @@ class FeatureDesign(Design):
 def _condition(
     weight: Float[np.ndarray, "n n_basis"], S: Float[np.ndarray, "n n_basis"], C: Float[np.ndarray, "n_rank n_basis"]
 ) -> Float[np.ndarray, "n n_basis"]:
-    """Draws of w given C w = 0 from free ones: w − S Cᵀ (C S Cᵀ)⁺ C w (Matheron's rule)."""
+    """Return draws of w given C w = 0 from free ones: w − S Cᵀ (C S Cᵀ)⁺ C w (Matheron's rule)."""
     out = np.empty_like(weight)
     for i, (w, s) in enumerate(zip(weight, S, strict=True)):
         # Least squares in standardised weights, so that C S Cᵀ is never formed.

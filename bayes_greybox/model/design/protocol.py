@@ -1,21 +1,17 @@
-"""What every design answers: remove f, draw f, say f elsewhere, leave rows out. Nobody asks which kind it is."""
+"""The common part of designs, and the records that they are asked for and answer with."""
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.algebra.collapsed import Regression
 from bayes_greybox.model.coefficient_priors import CoefficientPriors
-from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
 
 Compress = Callable[[Float[np.ndarray, "n_replicate n_white"]], Float[np.ndarray, "n_replicate n_row"]]
-"""From whitened targets to those of a design."""
+"""Function from whitened targets to those of a design."""
 
 
 class EquationDraws(NamedTuple):
@@ -23,12 +19,12 @@ class EquationDraws(NamedTuple):
 
     Attributes:
         hyper: Noise SD [n_draw], amplitude [n_draw] and length scales [n_draw, n_var].
-        theta: Coefficients [n_draw, n_term].
-        prior_sd: Prior standard deviation of each coefficient, zero where it is out [n_draw, n_term].
-        weight: Feature weights [n_draw, n_basis]; no columns where f is not made of features.
-        f: Values of f at the rows of the data [n_draw, n_obs]; no columns where weights tell it.
-        mean: Of θ, given the draw's η, pattern and coefficients with bounds: what makes the target normal. The latter
-            stay at their draws, the others have their prior mean [n_draw, n_term].
+        theta: Coefficients.
+        prior_sd: Prior standard deviation of each coefficient, zero where it is out.
+        weight: Feature weights; no columns where f is not made of features.
+        f: Values of f at the rows of the data; no columns where weights determine it.
+        mean: Mean of θ given the draw's η, pattern and coefficients with bounds, under which the target is normal. The
+            latter stay at their draws, the others have their prior mean.
         spread: Standard deviation of θ given the same: `prior_sd`, and zero where a coefficient has bounds.
     """
 
@@ -55,32 +51,31 @@ class WeightedRows(NamedTuple):
     precision: Float[Array, " n_some"]
 
     def beside(self, theta: Float[Array, " n_term"]) -> "WeightedRows":
-        """The same with Φθ taken off the target."""
+        """Return the same with Φθ taken off the target."""
         return self._replace(y=self.y - self.Phi @ theta)
 
 
 class Root(NamedTuple):
-    """H, g = C⁻¹y and J = cov(u, y) C⁻¹ at some observations, with θ = sd · u, u ~ N(0, I).
-
-    H is what the design makes C⁻¹ of, see `Design.inverse`.
-    """
+    """H (see `FeatureDesign.inverse`), g = C⁻¹y and J = cov(u, y) C⁻¹ at some observations; θ = sd · u, u ~ N(0, I)."""
 
     H: Float[Array, "n_left n_row"]
     g: Float[Array, " n_row"]
     J: Float[Array, "n_term n_row"]
 
 
-class Design(ABC):
+@dataclass(frozen=True)
+class DesignRows:
     """Rows of one equation as the likelihood sees them, whitened and in scaled units; a pytree of arrays.
 
     Attributes:
         Phi: Dictionary.
         y: Target.
         n_obs: Number of measurements behind the rows.
-        n_prior: What a prior that asks for the number of rows is told: leaving rows out must not change the prior.
+        n_prior: Number of rows for a prior that asks for it: leaving rows out must not change the prior.
         log_det_R: log|R|.
         noise_floor: Least σ.
         coefficients: Priors of single terms.
+        expands: If true, f is a finite sum of features, so that it has a value at every state an integrator visits.
     """
 
     Phi: Float[Array, "n_row n_term"]
@@ -91,210 +86,16 @@ class Design(ABC):
     noise_floor: Float[Array, ""]
     coefficients: CoefficientPriors
 
-    @property
-    @abstractmethod
-    def n_var(self) -> int:
-        """Number of variables that f depends on."""
+    expands: ClassVar[bool]
 
-    @property
-    @abstractmethod
-    def expands(self) -> bool:
-        """Whether f is a finite sum of features, so that it has a value at every state an integrator visits."""
+    def with_target(self: "AnyRows", y: Float[Array, " n_row"]) -> "AnyRows":
+        """Return the same rows with another target."""
+        return replace(self, y=y)
 
-    @abstractmethod
-    def worthwhile(self, draws: int) -> int:
-        """How many of so many posterior draws are worth what they cost."""
-
-    @abstractmethod
-    def remove_discrepancy(self, y: Float[Array, " n_row"], hyper: Hyperparameters) -> tuple[Regression, Any]:
-        """Integrate out f: the regression left for θ, and what `draw_discrepancy` needs."""
-
-    @abstractmethod
-    def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """Prior draw of f on the design's rows."""
-
-    @abstractmethod
-    def uncollapsed_discrepancy(self, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """F on the design's rows from sites of a NumPyro model.
-
-        Raises:
-            InputError: The design has no such sites.
-        """
-
-    @abstractmethod
-    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """Weights of f from sites of a NumPyro model.
-
-        Raises:
-            InputError: The design has no such sites.
-        """
-
-    @abstractmethod
-    def standardised(
-        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
-    ) -> Float[Array, " n_basis"]:
-        """Standardised weights that `sampled_weights` makes these of.
-
-        Args:
-            weight: Feature weights.
-            hyper: η.
-            fresh: Standard normal numbers for what the weights do not tell.
-
-        Raises:
-            InputError: The design has no weights.
-        """
-
-    @abstractmethod
-    def prior_discrepancy(self, key: Array, hyper: Hyperparameters) -> dict[str, Array]:
-        """Prior draw of f by quantity, `weight` or `f`; empty without a discrepancy."""
-
-    @abstractmethod
-    def draw_discrepancy(
-        self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
-    ) -> dict[str, Array]:
-        """The same from the posterior given θ.
-
-        Args:
-            key: Random key.
-            hyper: η.
-            theta: Coefficients.
-            solve: From `remove_discrepancy`.
-        """
-
-    @abstractmethod
-    def at(
-        self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
-    ) -> Float[np.ndarray, "n_draw n_row"]:
-        """Posterior draws of f at any rows, scaled units.
-
-        Args:
-            frame: Scaling and bases of the equation.
-            columns: States and inputs at the rows.
-            draws: Posterior draws.
-        """
-
-    @abstractmethod
-    def at_data(
-        self, Psi: Float[np.ndarray, "n_obs n_basis"], index: Int[np.ndarray, " n_obs"] | slice, draws: EquationDraws
-    ) -> Float[np.ndarray, "n_draw n_obs"]:
-        """Posterior draws of f at rows of the data, scaled units, not whitened.
-
-        Args:
-            Psi: Orthogonal features there.
-            index: Numbers of the rows.
-            draws: Posterior draws.
-        """
-
-    @abstractmethod
-    def on_rows(
-        self, weight: Float[np.ndarray, "*batch n_basis"], f: Float[np.ndarray, "*batch n_value"]
-    ) -> Float[np.ndarray, "*batch n_row"]:
-        """Draws of f on the design's rows.
-
-        Args:
-            weight: Its weights; no columns where f is not made of features.
-            f: Its values at the rows of the data; no columns where weights tell it.
-        """
-
-    @abstractmethod
-    def with_target(self, y: Float[Array, " n_row"]) -> "Design":
-        """The same rows with another target."""
-
-    def beside(self, theta: Float[Array, " n_term"]) -> "Design":
-        """The same rows with Φθ taken off the target."""
+    def beside(self: "AnyRows", theta: Float[Array, " n_term"]) -> "AnyRows":
+        """Return the same rows with Φθ taken off the target."""
         return self.with_target(self.y - self.Phi @ theta)
 
-    @abstractmethod
-    def plain(self, frame: Frame) -> "Design":
-        """The same rows with the kernel `none`, which is not orthogonal to the dictionary."""
 
-    @abstractmethod
-    def weighted(
-        self, frame: Frame, rows: EquationRows, table: Table
-    ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
-        """Observations by number, as `root` wants them.
-
-        Args:
-            frame: Scaling and bases of the equation.
-            rows: Its rows.
-            table: [Φ Ψ̃ y] at rows of the data, scaled units.
-        """
-
-    @abstractmethod
-    def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
-        """`Root` at some observations, of C = ΦDΦᵀ + K⊥ + σ²R, D = diag(sd²)."""
-
-    @abstractmethod
-    def inverse(
-        self, left: Float[Array, "n k"], right: Float[Array, "m k"], precision: Array, hyper: Hyperparameters
-    ) -> Float[Array, "n m"]:
-        """(C⁻¹)_ij from the columns H_i and H_j of `Root` and (R⁻¹)_ij."""
-
-    @abstractmethod
-    def inverse_diagonal(self, root: Root, rows: WeightedRows, hyper: Hyperparameters) -> Float[Array, " n_row"]:
-        """Diagonal of C⁻¹ at the observations of a root."""
-
-    @abstractmethod
-    def removes(self, size: int) -> bool:
-        """Whether so many observations are better left out by a design without them than by their block of C⁻¹."""
-
-    @abstractmethod
-    def without(
-        self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
-    ) -> "Design":
-        """The design without the targets of some observations.
-
-        Args:
-            frame: Scaling and bases of the equation, which stay.
-            rows: Its rows.
-            table: [Φ Ψ̃ y] at rows of the data, scaled units.
-            out: Observations to leave out.
-            removal: `rows.without(out)`.
-        """
-
-    @abstractmethod
-    def padded(self) -> "Design":
-        """The same likelihood from arrays of a shape that does not depend on how many rows were left out."""
-
-    @abstractmethod
-    def first_densities(
-        self,
-        order: Int[np.ndarray, " n_obs"],
-        counts: Int[np.ndarray, " n_count"],
-        parameters: tuple[Hyperparameters, Scales],
-    ) -> Float[np.ndarray, "n_draw n_count"] | None:
-        """Log p(y_A | η) of the first rows A in an order, for several numbers of them, without log|R_AA|.
-
-        None where there is no closed form that serves all of them at once.
-
-        Args:
-            order: Rows.
-            counts: How many of them are in A, in increasing order.
-            parameters: η and the scales of θ, stacked over draws.
-        """
-
-    @abstractmethod
-    def open(
-        self, Phi: Float[np.ndarray, "n_white n_term"], Psi: Float[np.ndarray, "n_white n_basis"]
-    ) -> tuple["Design", Compress]:
-        """The design for targets other than the measured one, and what makes its targets of whitened ones.
-
-        Args:
-            Phi: Whitened dictionary.
-            Psi: Whitened orthogonal features.
-        """
-
-    @abstractmethod
-    def simulate(
-        self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
-    ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """Prior draws of f in plain NumPy, for simulation-based calibration: no code in common with the likelihood.
-
-        Args:
-            hyper: η of each replicate.
-            Psi: Whitened orthogonal features.
-            generator: Source of randomness.
-
-        Returns:
-            The draws by quantity, `weight` or `f` (empty without a discrepancy), and f at the whitened rows.
-        """
+AnyRows = TypeVar("AnyRows", bound=DesignRows)
+"""Rows of whatever design."""

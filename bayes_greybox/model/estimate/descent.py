@@ -1,4 +1,4 @@
-"""Descents to an estimate on paths of a model alone: Levenberg and Marquardt's steps, each on rows taken anew.
+"""Descents to an estimate on paths of a model alone: Levenberg–Marquardt steps, each on rows taken anew.
 
 A path of equations that amplify what changes it is cut into segments with free starts, as many as its coefficients ask
 for. A path of more segments follows samples better, and the wide prior of each start costs some ten nats: densities say
@@ -16,23 +16,19 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.running.errors import InputError
 
-DAMPING = 1e-2
-"""Of the first step of a descent, over the precision of each coefficient."""
+FIRST_DAMPING = 1e-2
+"""Damping of the first step of a descent, over the precision of each coefficient."""
 
-SETTLED, STAYING, UNSETTLED = 0.01, 0.1, 1.0
-"""Change of a coefficient from one turn to the next, in its standard deviations, that ends them; that does where many
-turns have not, as where a path has kinks; and that is refused."""
+SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND = 0.01, 0.1, 1.0
+"""Changes of a coefficient by an outer iteration, in its standard deviations: one that ends the iterations, one that
+will do where many have not ended them, as where a path has kinks, and one that is refused."""
 
 
 class Standing(NamedTuple):
-    """A model with rows near given coefficients.
+    """A model with rows near the coefficients `at`.
 
-    Attributes:
-        model: The model.
-        equation: On these rows.
-        at: The coefficients.
-        density: Log density of the samples there, and of what is stated of the coefficients.
-        moved: How far the estimate on these rows is, in standard deviations.
+    `density` is the log density of the samples and of stated coefficients there; the estimate on these rows is `moved`
+    standard deviations away.
     """
 
     model: Any
@@ -43,17 +39,17 @@ class Standing(NamedTuple):
 
     @property
     def segments(self) -> int:
-        """Of each run of the path."""
+        """Number of segments of each run of the path."""
         return self.equation.rows.segments
 
 
 def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
-    """The estimate on paths of the model alone, from one near it; None where it does not settle.
+    """Return the estimate on paths of the model alone, from one near it; None where it does not settle.
 
     Args:
         model: The model, with rows near where the descent begins.
         data: Samples.
-        most: Steps at most, twice where fewer segments do at its end than on its way.
+        most: Most steps, twice where fewer segments do at its end than on its way.
     """
     start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
     found = _settled(start, data, most)
@@ -63,12 +59,7 @@ def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
 
 
 def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
-    """The likeliest of several estimates, judged on paths of as many segments.
-
-    Args:
-        found: Estimates, at least one.
-        data: Samples.
-    """
+    """Return the likeliest of several estimates, at least one, judged on paths of as many segments."""
     most = max(each.segments for each in found)
     alike = [_cut(each, data, most) for each in found]
     densities = [-math.inf if each is None else each.density for each in alike]
@@ -76,28 +67,27 @@ def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
 
 
 def frozen(model: Any, equation: Equation) -> list[tuple[Any, float]]:
-    """Coefficients of the terms that rows are near; nought of those that they do not have.
+    """Return the coefficients of an equation's terms that its rows are near; zero for those that they do not have."""
+    dictionary, added = equation.frame.dictionary, added_terms(model)
+    acts_on = dictionary.acts_on or model.equations[:1] * len(dictionary.terms)
+    return [(term, added.get((name, term.text), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=True)]
 
-    Args:
-        model: The model.
-        equation: On its rows.
-    """
-    dictionary, rows = equation.frame.dictionary, model.rows
-    to = rows.added_to or model.equations * len(rows.added)
-    known = {(text, name): value for (text, value), name in zip(rows.added, to, strict=False)}
-    acts_on = dictionary.acts_on or model.equations * len(dictionary.terms)
-    return [(term, known.get((term.text, name), 0.0)) for term, name in zip(dictionary.terms, acts_on, strict=False)]
+
+def added_terms(model: Any) -> dict[tuple[str, str], float]:
+    """Return the coefficients of the model that rows are near, by learned state and term."""
+    to = model.rows.added_to or model.equations[:1] * len(model.rows.added)
+    return {(name, text): value for (text, value), name in zip(model.rows.added, to, strict=True)}
 
 
 def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing | None:
-    """Where steps from a standing lead to, with no fewer segments than on the way; None where they do not settle.
+    """Return the end of the steps, with no fewer segments than on the way; None where they do not settle.
 
     Steps are damped as Nielsen (1999, IMM-REP-1999-05, Eq. 2.9) does by what a step promised and gained: whole steps go
     around an estimate near a kink of the equations without end, or to where no path is.
     """
-    here, damping, factor = start, DAMPING, 2.0
+    here, damping, factor = start, FIRST_DAMPING, 2.0
     for _ in range(most):
-        if here is None or here.moved < SETTLED:
+        if here is None or here.moved < SETTLED_WITHIN:
             break
         at, promised = here.equation.damped(here.at, damping)
         acts_on = here.equation.frame.dictionary.acts_on
@@ -112,14 +102,14 @@ def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing 
             here, damping, factor = there, damping * max(1 / 3, 1 - (2 * gained - 1) ** 3), 2.0
         else:
             damping, factor = damping * factor, 2 * factor
-            if before is not None and here.moved < UNSETTLED:
+            if before is not None and here.moved < UNSETTLED_BEYOND:
                 # Around here some paths have more segments: with as many, all that is left is one descent.
                 here = before
-    return here if here is not None and here.moved < STAYING else None
+    return here if here is not None and here.moved < STAYING_WITHIN else None
 
 
 def _cut(standing: Standing, data: Trajectories, segments: int) -> Standing | None:
-    """The same with so many segments of each run at least; None where no path can be followed."""
+    """Cut each run into at least so many segments; None where no path can be followed."""
     if segments == standing.segments:
         return standing
     model = replace(standing.model, rows=standing.model.rows.in_segments(segments, data))
@@ -127,13 +117,7 @@ def _cut(standing: Standing, data: Trajectories, segments: int) -> Standing | No
 
 
 def _standing(model: Any, data: Trajectories, at: list[tuple[Any, float]] | None) -> Standing | None:
-    """The model with rows near coefficients; None where no path of it can be followed.
-
-    Args:
-        model: The model.
-        data: Samples.
-        at: The coefficients; those that the rows state, if None.
-    """
+    """Take the rows near coefficients, by default their own; None where no path of the model can be followed."""
     try:
         (equation,) = model.assemble(data).values()
         if at is None:

@@ -18,7 +18,8 @@ SIGMA_SPAN = 7.0
 LEAST_FLOOR = 1e-6
 """Least σ over the RMS of y for which sets of terms can be weighed: yᵀy − Σ b²/(σ² + λ) is a difference of numbers of
 the size of n, whose rounding counts 1/2σ² times. It is worth less than a nat at this σ, and tens to thousands of them
-at a tenth of it."""
+at a tenth of it.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,61 +42,20 @@ class Spectrum:
 
     @classmethod
     def of(
-        cls,
-        gram: Float[np.ndarray, "... n_column n_column"],
-        product: Float[np.ndarray, "... n_column"],
-        square: float,
-        n_obs: float | int,
-        sd: Float[np.ndarray, "... n_column"],
-    ) -> "Spectrum":
-        """Decompose; a column with sd = 0 is out of its hypothesis.
+        cls, gram: Float[np.ndarray, "... n_column n_column"], product: Float[np.ndarray, "... n_column"],
+        square: float, n_obs: float | int, sd: Float[np.ndarray, "... n_column"],
+    ) -> "Spectrum":  # fmt: skip
+        """Decompose hypotheses; a column with sd = 0 is out of its hypothesis.
 
-        Args:
-            gram: XᵀR⁻¹X.
-            product: XᵀR⁻¹y.
-            square: yᵀR⁻¹y.
-            n_obs: Number of observations.
-            sd: Prior standard deviations, the root of diag D.
+        `gram` is XᵀR⁻¹X, `product` XᵀR⁻¹y, `square` yᵀR⁻¹y, and sd² the diagonal of D.
         """
         values, vectors = np.linalg.eigh(sd[..., :, None] * gram * sd[..., None, :])
-        return cls._of(values, sd[..., :, None] * vectors, product, square, n_obs)
-
-    @classmethod
-    def of_root(
-        cls,
-        gram: Float[np.ndarray, "... n_column n_column"],
-        product: Float[np.ndarray, "... n_column"],
-        square: float,
-        n_obs: float | int,
-        root: Float[np.ndarray, "... n_column n_column"],
-    ) -> "Spectrum":
-        """`of` with coefficients that the prior ties together.
-
-        Args:
-            gram: XᵀR⁻¹X.
-            product: XᵀR⁻¹y.
-            square: yᵀR⁻¹y.
-            n_obs: Number of observations.
-            root: D^½, D = D^½ D^½ᵀ the prior covariance.
-        """
-        values, vectors = np.linalg.eigh(np.swapaxes(root, -1, -2) @ gram @ root)
-        return cls._of(values, root @ vectors, product, square, n_obs)
-
-    @classmethod
-    def _of(
-        cls, values: np.ndarray, back: np.ndarray, product: np.ndarray, square: float, n_obs: float | int
-    ) -> "Spectrum":
+        back = sd[..., :, None] * vectors
         loading = np.einsum("...ij,...i->...j", back, product)
         return cls(np.maximum(values, 0.0), loading, back, square, n_obs)
 
-    def and_then(self, other: "Spectrum") -> "Spectrum":
-        """This batch and another of the same data, one after the other along its last axis."""
-        parts = ((self.eigenvalues, other.eigenvalues, -2), (self.loading, other.loading, -2))
-        eigenvalues, loading = (np.concatenate([own, more], axis=axis) for own, more, axis in parts)
-        return Spectrum(eigenvalues, loading, np.concatenate([self.back, other.back], axis=-3), self.square, self.n_obs)
-
     def log_density(self, sigma: np.ndarray) -> np.ndarray:
-        """Log p(y | σ), f = 0; σ of shape [n_node], or [..., n_node] with the shape of the batch: [..., n_node].
+        """Return log p(y | σ), f = 0, for σ of shape [n_node], or [..., n_node] with the shape of the batch.
 
         −½ (Σ log(1 + λ/σ²) + (yᵀR⁻¹y − Σ b²/(σ² + λ))/σ² + n log 2πσ²), less ½ log|R|.
         """
@@ -115,7 +75,7 @@ class Spectrum:
 
 
 class Marginal(NamedTuple):
-    """A hypothesis without f, σ integrated out: log evidence, and the grid with its posterior weights.
+    """A hypothesis without f, σ integrated out.
 
     Attributes:
         log_evidence: log p(y), up to −½ log|R|, [*batch].
@@ -155,39 +115,33 @@ def marginal(spectrum: Spectrum, noise: NoisePrior) -> Marginal:
 
 
 def log_white(square: float, n: int, noise: NoisePrior) -> float:
-    """Log p of n white numbers with this sum of squares, σ integrated out: the evidence without any column.
-
-    Args:
-        square: Sum of squares.
-        n: How many numbers.
-        noise: Prior of σ.
-    """
+    """Return log p of n white numbers with a sum of squares, σ integrated out: the evidence without any column."""
     return float(log_white_each(np.array([square]), n, noise)[0])
 
 
 def log_white_each(
     squares: Float[np.ndarray, " n_square"], n: int, noise: NoisePrior
 ) -> Float[np.ndarray, " n_square"]:
-    """`log_white` of several sums of squares at once."""
+    """Return `log_white` of several sums of squares at once."""
     zeros = np.zeros((len(squares), 1))
     spectrum = Spectrum(zeros, zeros, np.zeros((len(squares), 1, 1)), squares[:, None], n)
     return marginal(spectrum, noise).log_evidence
 
 
 def means(spectrum: Spectrum, posterior: Marginal) -> Float[np.ndarray, "*batch n_column"]:
-    """Posterior mean of β without f, σ integrated out: that of `coefficients`, for a third of the cost."""
+    """Return the posterior mean of β without f, σ integrated out: that of `coefficients`, for a third of the cost."""
     return np.einsum("...ij,...j->...i", spectrum.back, _conditional(spectrum, posterior)[2])
 
 
 def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray]:
-    """Posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
+    """Return posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
 
     Given σ, β ~ N(D^½U b/(σ² + λ), σ² D^½U diag 1/(σ² + λ) UᵀD^½); the mean hardly moves with σ, so the covariance is
     the average of the conditional ones plus that of the conditional means.
     """
-    both, given, centre = _conditional(spectrum, posterior)
+    both, means_at, centre = _conditional(spectrum, posterior)
     within = np.sum(posterior.weight[..., None] * posterior.sigma[..., None] ** 2 / both, axis=-2)
-    away = given - centre[..., None, :]
+    away = means_at - centre[..., None, :]
     between = np.einsum("...n,...ni,...nj->...ij", posterior.weight, away, away)
     inner = between + np.eye(within.shape[-1]) * within[..., None, :]
     mean = np.einsum("...ij,...j->...i", spectrum.back, centre)
@@ -195,7 +149,7 @@ def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, n
 
 
 def _conditional(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the mean of the latter over the nodes."""
+    """Return σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the latter's mean over the nodes."""
     both = posterior.sigma[..., None] ** 2 + spectrum.eigenvalues[..., None, :]
-    given = spectrum.loading[..., None, :] / both
-    return both, given, np.sum(posterior.weight[..., None] * given, axis=-2)
+    means_at = spectrum.loading[..., None, :] / both
+    return both, means_at, np.sum(posterior.weight[..., None] * means_at, axis=-2)

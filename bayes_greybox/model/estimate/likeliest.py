@@ -1,6 +1,6 @@
-"""The likeliest set of an equation's terms, in closed form: what rows are taken near, before anything is sampled.
+"""The likeliest set of an equation's terms, in closed form: the model that rows are taken near, before any sampling.
 
-Of each set, θ ~ N(0, I) in scaled units, and σ is integrated out (see `evidence`). Sets of k of the K terms have the
+In each set θ ~ N(0, I) in scaled units, and σ is integrated out (see `evidence`). Sets of k of the K terms have the
 prior of π ~ Beta(1, K), B(1 + k, 2K − k)/B(1, K): one term or so is expected, however many there are to choose from
 (Castillo & van der Vaart 2012, Ann. Statist. 40:2069). From the best set on the way from all terms to none, and from
 none, the search goes by one more, one less and one other, and last by one more in the place of several.
@@ -23,16 +23,16 @@ from .evidence import Spectrum, coefficients, marginal
 Set = tuple[int, ...]
 """Terms of a set by number, in order."""
 
-LARGE = 12
-"""Sets of more terms are not improved by exchanging one for another: on the way they are passed."""
+MOST_EXCHANGED = 12
+"""Largest set that is improved by exchanging one term for another: on the way larger ones are passed."""
 
-BATCH = 2e6
+BATCH_SIZE = 2e6
 """Numbers in the matrices of sets that are weighed at once."""
 
-RIDGE = 1e-10
+PATH_RIDGE = 1e-10
 """Shrinkage of all terms together, over the mean square of a column, on the way from all of them to none."""
 
-WINDOW = 12.0
+LEFT_OUT_NATS = 12.0
 """Sets more than so many nats below the best do not count."""
 
 BETTER = 1e-9
@@ -45,7 +45,7 @@ class Likeliest:
 
     Attributes:
         terms: Terms with their posterior means.
-        acts_on: The learned state of each, where several share the rows; empty else.
+        acts_on: Learned state of each term, where several share the rows; else empty.
         sd: Posterior standard deviations.
         weighed: Probability of each set near the likeliest one, the likeliest first.
         inclusion: Probability of each term of the dictionary, over these sets.
@@ -57,28 +57,11 @@ class Likeliest:
     weighed: dict[Set, float]
     inclusion: Float[np.ndarray, " n_term"]
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What tells the set from others."""
-        texts = [term.text for term, _ in self.terms]
-        return tuple(f"{to}: {text}" for to, text in zip(self.acts_on or [""] * len(texts), texts, strict=True))
-
-    def stays(self, before: "Likeliest", within: float) -> bool:
-        """Whether another set is of the same terms, with coefficients within so many standard deviations."""
-        return self.names == before.names and bool(np.all(np.abs(self.mean - before.mean) <= within * self.sd))
-
-    @property
-    def mean(self) -> Float[np.ndarray, " n_in"]:
-        """Posterior means."""
-        return np.array([value for _, value in self.terms])
-
 
 def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
-    """The likeliest set of terms of an equation without f; all of them where single coefficients have priors.
+    """Find the likeliest set of terms of an equation without f; all of them where single coefficients have priors.
 
-    Args:
-        equation: Its rows, frame and design.
-        thorough: Whether one term is tried in the place of several, and sets nearby are weighed.
+    If `thorough`, one term is tried in the place of several, and sets nearby are weighed.
     """
     frame, design = equation.frame, equation.design
     Phi, y = np.asarray(design.Phi), np.asarray(design.y)
@@ -107,15 +90,7 @@ def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
 
 
 class _Search:
-    """Sets of terms that were weighed.
-
-    Args:
-        gram: ΦᵀR⁻¹Φ.
-        product: ΦᵀR⁻¹y.
-        square: yᵀR⁻¹y.
-        n_obs: Observations.
-        floor: Least σ.
-    """
+    """A search among sets of terms, by ΦᵀR⁻¹Φ, ΦᵀR⁻¹y, yᵀR⁻¹y, the number of observations and the least σ."""
 
     def __init__(self, gram: np.ndarray, product: np.ndarray, square: float, n_obs: int, floor: float) -> None:
         self.gram, self.product, self.square, self.n_obs = gram, product, square, n_obs
@@ -124,11 +99,10 @@ class _Search:
 
     @cached_property
     def n_term(self) -> int:
-        """K."""
         return len(self.product)
 
     def best(self, thorough: bool = True) -> Set:
-        """The likeliest set that the search finds."""
+        """Return the likeliest set that the search finds."""
         path = self._from_all()
         starts = dict.fromkeys((path[int(np.argmax(self._weigh(path)))], ()))
         found = max((self._climbed(start) for start in starts), key=lambda one: self._known[one])
@@ -140,14 +114,14 @@ class _Search:
         return found
 
     def near(self, best: Set) -> dict[Set, float]:
-        """Probabilities of the sets within the window, the likeliest first."""
+        """Return the probabilities of the sets near the best one, the likeliest first."""
         self._weigh([*self._by_one(best), *self._exchanged(best)])
-        inside = {one: log for one, log in self._known.items() if log > self._known[best] - WINDOW}
+        inside = {one: log for one, log in self._known.items() if log > self._known[best] - LEFT_OUT_NATS}
         total = np.logaddexp.reduce(list(inside.values()))
         return {one: float(np.exp(log - total)) for one, log in sorted(inside.items(), key=lambda item: -item[1])}
 
     def coefficients(self, one: Set) -> tuple[np.ndarray, np.ndarray]:
-        """Posterior mean and covariance of a set's coefficients, scaled units."""
+        """Return posterior mean and covariance of a set's coefficients, scaled units."""
         if not one:
             return np.zeros(0), np.zeros((0, 0))
         spectrum = self._spectrum(np.array([one]))
@@ -158,7 +132,7 @@ class _Search:
         self._weigh([start])
         while True:
             better = self._best_of(start, self._by_one(start))
-            if better == start and len(start) <= LARGE:
+            if better == start and len(start) <= MOST_EXCHANGED:
                 better = self._best_of(start, self._exchanged(start))
             if better == start:
                 return start
@@ -180,8 +154,8 @@ class _Search:
         return [tuple(sorted((*(i for i in one if i != j), k))) for j in one for k in out]
 
     def _merged(self, one: Set) -> Set:
-        """The best set with one more term, less all that are better left out beside it."""
-        if len(one) > LARGE:
+        """Return the best set with one more term, less all that are better left out beside it."""
+        if len(one) > MOST_EXCHANGED:
             return one
         found = []
         for j in range(self.n_term):
@@ -194,33 +168,35 @@ class _Search:
                 logs = self._weigh(fewer)
                 best = int(np.argmax(logs))
                 # Of terms that stand in for one, the first that leaves may cost a little.
-                if logs[best] < self._known[grown] - WINDOW:
+                if logs[best] < self._known[grown] - LEFT_OUT_NATS:
                     break
                 grown = fewer[best]
                 found.append(grown)
         return self._best_of(one, found)
 
     def _from_all(self) -> list[Set]:
-        """Sets on the way from all terms to none, the least certain ones left out first."""
+        """Return sets on the way from all terms to none, the least certain ones left out first."""
         kept, path = np.arange(self.n_term), list[Set]([()])
         while len(kept):
             path.append(tuple(kept.tolist()))
             gram = self.gram[np.ix_(kept, kept)]
             # With σ as large as the target no term is certain, and none is lost in rounding errors.
-            variance = np.linalg.inv(gram + RIDGE * np.diag(np.diag(gram)) + RIDGE * self.square * np.eye(len(kept)))
+            variance = np.linalg.inv(
+                gram + PATH_RIDGE * np.diag(np.diag(gram)) + PATH_RIDGE * self.square * np.eye(len(kept))
+            )
             z = np.abs(variance @ self.product[kept]) / np.sqrt(np.diag(variance))
             kept = np.delete(kept, int(np.argmin(z)))
         return path
 
     def _weigh(self, sets: Sequence[Set]) -> Float[np.ndarray, " n_set"]:
-        """Log evidence and prior, up to a constant."""
+        """Return log evidence and prior of each set, up to a constant."""
         by_size: dict[int, list[Set]] = {}
         for one in dict.fromkeys(sets):
             if one not in self._known:
                 by_size.setdefault(len(one), []).append(one)
         for size, fresh in by_size.items():
             prior = float(betaln(1 + size, 2 * self.n_term - size))
-            step = max(1, int(BATCH / max(size, 1) ** 2 / 4))
+            step = max(1, int(BATCH_SIZE / max(size, 1) ** 2 / 4))
             for start in range(0, len(fresh), step):
                 part = fresh[start : start + step]
                 logs = marginal(self._spectrum(np.array(part, int).reshape(len(part), size)), self.noise).log_evidence

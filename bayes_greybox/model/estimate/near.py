@@ -1,8 +1,8 @@
-"""Rows that are linear near a model only, taken anew near its estimate: Gauss and Newton's method."""
+"""Rows that are linear near a model only, taken anew near its estimate: the Gauss–Newton method."""
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,72 +10,54 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.running.errors import InputError
 
-from .descent import SETTLED, STAYING, UNSETTLED, descended, frozen, likeliest_of
+from .descent import SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND, added_terms, descended, frozen, likeliest_of
 from .likeliest import Likeliest, likeliest
 
-STAYS = 0.3
+TERMS_STAY_WITHIN = 0.3
 """Change of a coefficient of the likeliest terms, in its standard deviations, below which it stays."""
 
-ALTERNATIONS = 16
-"""How often the likeliest terms are sought anew at most; those that lead to each other by turns are found by then."""
+MOST_SEARCHES = 16
+"""Most searches for the likeliest terms; sets that lead to each other alternately are found by then."""
 
-NEARER = 8
-"""Turns at most in which an unknown force makes up for what a model far off does not follow."""
+FORCED_ITERATIONS = 8
+"""Most outer iterations in which an unknown force makes up for what a model far off does not follow."""
 
-MOST_TURNS = 32
-"""How often rows are taken anew at most: the first path may follow none of the equations."""
+MOST_ITERATIONS = 32
+"""Most times that rows are taken anew: the first path may follow none of the equations."""
 
-TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_TURNS)
-"""Turns with an unknown force after which paths without it are tried."""
+TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_ITERATIONS)
+"""Outer iterations with an unknown force after which paths without it are tried."""
 
-UNFORCED_TURNS = 15
-"""Turns that such a try has on paths without the force."""
+UNFORCED_ITERATIONS = 15
+"""Outer iterations of such a try on paths without the force."""
 
-FROM_SIMULATION = 64
-"""Turns that the way from the simulation alone has: kinks make it long, and it is gone once."""
+ITERATIONS_FROM_SIMULATION = 64
+"""Outer iterations of the way from the simulation alone: kinks make it long, and it is gone once."""
 
-CLOSE = 0.3
+CLOSE_MISFIT = 0.3
 """Residuals over the spread of the samples up to which an estimate that was reached without a force may stand alone."""
 
-ALIKE = 3
-"""Estimates that lead to one, after which it stands."""
+ENOUGH_ALIKE = 3
+"""Descents to the same estimate, after which it stands."""
 
-FOLLOWED = 3.0
+FOLLOWED_NATS = 3.0
 """Nats that an unknown force may gain where a path without it follows the samples: odds of twenty."""
 
 Model = TypeVar("Model", bound=Any)
 """A `Program`, which is made of this."""
 
 
-class Turned(NamedTuple):
-    """A model with rows near its estimate on the rows before.
-
-    Attributes:
-        model: The model.
-        equation: On the rows before.
-        moved: What the estimate moved by in the last turn, in standard deviations.
-    """
-
-    model: Any
-    equation: Equation
-    moved: float
-
-
 def near_estimate(model: Model, data: Trajectories) -> Model:
-    """The model with rows near the ridge estimate of its own terms.
+    """Return the model with rows near the ridge estimate of its own terms.
 
-    Of several equations on the same samples the coefficients are found together. Their paths are moved to the samples
-    by an unknown force at first, and whatever is near enough then is brought to what least squares of the whole
-    equations say, on paths without that force; of several such estimates the likeliest counts.
-
-    Args:
-        model: The model.
-        data: Samples.
+    The coefficients of several equations on the same samples are found together. Their paths are moved to the samples
+    by an unknown force at first, and whatever is near enough then is brought to the least squares of the whole
+    equations, on paths without that force; of several such estimates the likeliest counts.
 
     Raises:
-        InputError: What `Program.assemble` refuses; coefficients that do not settle.
+        InputError: See `Program.assemble`; coefficients that do not settle.
     """
-    if not model.rows.integrated:
+    if not model.rows.follows_path:
         return _alternated(model, data)
     if len(model.equations) == 1:
         return _one_settled(model, data)
@@ -85,69 +67,65 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
 
 
 def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = False) -> Any:
-    """The model with rows near what more rows say than those that it is near; None where it is near that already.
+    """Return the model with rows near the estimate on more rows than its own; None where they are near already.
 
     Args:
         model: A model of `near_estimate`.
-        equation: Of all rows, without f, near the model.
-        earlier: What led to it by this function, if anything did. Of two sets of terms that lead to each other by
-            turns either will do, if they differ by one term.
-        last: Whether it is not done again: what is off by less than a standard deviation will do then.
+        equation: Its equation on all rows, without f.
+        earlier: The model before, if it was moved by this function. Of two sets of terms that lead to each other
+            alternately either will do, if they differ by one term.
+        last: If true, rows are not taken anew again: an estimate within a standard deviation will do.
     """
-    if model.rows.integrated:
+    if model.rows.follows_path:
         off = equation.moved(frozen(model, equation))
-        at = equation.ridge() if off > (UNSETTLED if last else STAYING) else None
+        at = equation.ridge() if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
         return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
     found = likeliest(equation)
+    if _stays(model, found, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
+        return None
+    near = replace(model, rows=model.rows.around(found.terms, found.acts_on))
+    changed = added_terms(model).keys() ^ added_terms(near).keys()
+    if len(changed) == 1 and earlier is not None and _stays(earlier, found, UNSETTLED_BEYOND):
+        return None
+    return near
+
+
+def _stays(model: Any, found: Likeliest, within: float) -> bool:
+    """Return whether a frozen model has the terms of a set, with coefficients within so many standard deviations."""
+    before = added_terms(model)
     acts_on = found.acts_on or model.equations[:1] * len(found.terms)
     names = [(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)]
-    if _stays(model, names, found, UNSETTLED if last else STAYS):
-        return None
-    changed = _added(model).keys() ^ set(names)
-    if len(changed) == 1 and earlier is not None and _stays(earlier, names, found, UNSETTLED):
-        return None
-    return replace(model, rows=model.rows.around(found.terms, found.acts_on))
-
-
-def _added(model: Any) -> dict[tuple[str, str], float]:
-    """Coefficients of the frozen model by learned state and term."""
-    to = model.rows.added_to or model.equations[:1] * len(model.rows.added)
-    return {(name, text): value for (text, value), name in zip(model.rows.added, to, strict=True)}
-
-
-def _stays(model: Any, names: list[tuple[str, str]], found: Likeliest, within: float) -> bool:
-    """Whether a frozen model has the terms that were found, with coefficients within so many standard deviations."""
-    known = _added(model)
-    off = [abs(value - known.get(name, np.inf)) for name, value in zip(names, found.mean.tolist(), strict=True)]
-    return known.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
+    off = [abs(value - before.get(name, np.inf)) for (_, value), name in zip(found.terms, names, strict=True)]
+    return before.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
 
 
 def _alternated(model: Any, data: Trajectories) -> Any:
-    """Rows that hold to the samples by themselves: near the likeliest of the model's terms, until these stay.
+    """Take rows that hold to the samples by themselves near the likeliest of the model's terms, until these stay.
 
-    Where two sets that differ by one term lead to each other by turns, either will do: the data hardly tell.
+    Where two sets that differ by one term lead to each other alternately, either will do: the data hardly tell.
 
     Raises:
         InputError: Sets of terms that do not settle.
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
-    before: Likeliest | None = None
-    changed: set[str] = set()
-    for turn in range(ALTERNATIONS):
-        rows = lean.rows.from_afar(turn)
+    # The model before, where its terms were sought as thoroughly.
+    before, changed = None, set()
+    for iteration in range(MOST_SEARCHES):
+        rows = lean.rows.from_afar(iteration)
         close = rows == lean.rows
         (equation,) = replace(lean, rows=rows).assemble(data).values()
         found = likeliest(equation, thorough=close)
         lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
-        if before is not None and found.stays(before, STAYS):
-            break
-        changed = set(found.names) ^ set(before.names) if before is not None else changed
-        before = found if close else None
+        if before is not None:
+            if _stays(before, found, TERMS_STAY_WITHIN):
+                break
+            changed = added_terms(lean).keys() ^ added_terms(before).keys()
+        before = lean if close else None
     else:
         if len(changed) > 1:
             raise InputError(
-                f"The terms of {', '.join(model.equations)} do not settle: after {ALTERNATIONS} turns "
+                f"The terms of {', '.join(model.equations)} do not settle: after {MOST_SEARCHES} turns "
                 f"{len(changed)} of them still come or go. The noise is too large for so many candidates: leave terms "
                 "out, give more samples, or count less on long sums of rows with WeakRows(white_share=0.05)."
             )
@@ -155,7 +133,7 @@ def _alternated(model: Any, data: Trajectories) -> Any:
 
 
 def _one_settled(model: Any, data: Trajectories) -> Any:
-    """One equation: the other terms follow the samples, so that few turns do, unless all of it is learned.
+    """Settle one equation: the other terms follow the samples, so that few iterations do, unless all of it is learned.
 
     Far from the estimate a force in the noise says which way it is, as rates would; beside it the rows of a long record
     say next to nothing.
@@ -170,34 +148,34 @@ def _one_settled(model: Any, data: Trajectories) -> Any:
         lean = replace(lean, rows=model.rows)
     try:
         with np.errstate(over="ignore", invalid="ignore"):
-            found = _turned(lean, data, NEARER, SETTLED)
-            if found.moved > STAYING:
-                found = _turned(found.model, data, MOST_TURNS - NEARER, STAYING)
+            near, moved = _turned(lean, data, FORCED_ITERATIONS, SETTLED_WITHIN)
+            if moved > STAYING_WITHIN:
+                near, moved = _turned(near, data, MOST_ITERATIONS - FORCED_ITERATIONS, STAYING_WITHIN)
     except (InputError, np.linalg.LinAlgError) as error:
         # What is refused at once is not for where the turns have led.
         lean.assemble(data)
         if lean.rows == model.rows:
-            raise _unsettled(model, MOST_TURNS, math.inf) from error
+            raise _unsettled(model, MOST_ITERATIONS, math.inf) from error
         # Without the force no path can be followed to its end: there is the one that it keeps to the samples.
         return replace(model, rows=lean.rows)
-    if found.moved > UNSETTLED:
-        raise _unsettled(model, MOST_TURNS, found.moved)
-    return replace(model, rows=found.model.rows)
+    if moved > UNSETTLED_BEYOND:
+        raise _unsettled(model, MOST_ITERATIONS, moved)
+    return replace(model, rows=near.rows)
 
 
 def _nearer(model: Any, data: Trajectories) -> Any:
-    """The model with rows near an estimate beside an unknown force, while that gains anything."""
+    """Return the model with rows near an estimate beside an unknown force, while that gains anything."""
     before = None
-    for _ in range(NEARER):
+    for _ in range(FORCED_ITERATIONS):
         (equation,) = model.assemble(data).values()
         unfollowed = equation.rows.unfollowed
-        if equation.rows.noise.moved or unfollowed is None or unfollowed.nats < FOLLOWED:
+        if equation.rows.noise.moved or unfollowed is None or unfollowed.nats < FOLLOWED_NATS:
             break
         (forced,) = replace(model, rows=model.rows.moved_by(unfollowed.intensity)).assemble(data).values()
         moved = math.inf if before is None else forced.moved(before)
         before = forced.ridge()
-        model = replace(model, rows=model.rows.around(*_terms(forced)))
-        if moved < UNSETTLED:
+        model = _near(model, forced)
+        if moved < UNSETTLED_BEYOND:
             break
     return model
 
@@ -205,29 +183,29 @@ def _nearer(model: Any, data: Trajectories) -> Any:
 def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
-    start = descended(model, data, FROM_SIMULATION)
+    start = descended(model, data, ITERATIONS_FROM_SIMULATION)
     found = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
-            forced, _, moved = _turned(forced, data, tried - done, SETTLED)
+            forced, moved = _turned(forced, data, tried - done, SETTLED_WITHIN)
         except (InputError, np.linalg.LinAlgError):
             if not found:
                 raise
             break
         done = tried
-        unforced = descended(forced, data, UNFORCED_TURNS)
+        unforced = descended(forced, data, UNFORCED_ITERATIONS)
         if unforced is not None:
             # One estimate may be of a minimum of its own; what two paths lead to stands where a force betters nothing,
             # and what three do in any case: the noise is then none that these equations explain.
-            again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING for other in found)
+            again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING_WITHIN for other in found)
             found.append(unforced)
-            if again + 1 >= ALIKE or (again and _follows(_beside(forced, unforced.equation), data)):
+            if again + 1 >= ENOUGH_ALIKE or (again and _follows(_near(forced, unforced.equation), data)):
                 break
-        if moved < SETTLED:
+        if moved < SETTLED_WITHIN:
             break
     if found:
         return likeliest_of(found, data).model
-    if moved > UNSETTLED:
+    if moved > UNSETTLED_BEYOND:
         raise _unsettled(model, done, moved)
     # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.
     return forced
@@ -245,41 +223,38 @@ def _unsettled(model: Any, turns: int, moved: float) -> InputError:
     )
 
 
-def _beside(forced: Any, equation: Equation) -> Any:
-    """A model with the force of one and the coefficients of another."""
-    return replace(forced, rows=forced.rows.around(*_terms(equation)))
+def _near(model: Any, equation: Equation) -> Any:
+    """Return a model with rows near the estimate of an equation."""
+    return replace(model, rows=model.rows.around(equation.ridge(), equation.frame.dictionary.acts_on))
 
 
 def _close(equation: Equation) -> bool:
-    """Whether a path has most of what the samples do: a minimum far off, such as of no motion at all, has not."""
+    """Return whether a path has most of the samples' motion: a minimum far off, such as of no motion, has not."""
     unfollowed = equation.rows.unfollowed
-    return unfollowed is not None and unfollowed.misfit < CLOSE
+    return unfollowed is not None and unfollowed.misfit < CLOSE_MISFIT
 
 
 def _follows(model: Any, data: Trajectories) -> bool:
-    """Whether an unknown force would gain nothing near a model."""
+    """Return whether an unknown force would gain nothing near a model."""
     try:
         (equation,) = model.assemble(data).values()
     except (InputError, np.linalg.LinAlgError):
         return False
     unfollowed = equation.rows.unfollowed
-    return unfollowed is None or unfollowed.nats < FOLLOWED
+    return unfollowed is None or unfollowed.nats < FOLLOWED_NATS
 
 
-def _turned(model: Any, data: Trajectories, most: int, settled: float) -> Turned:
-    """The model after so many turns, or after the first that moves the estimate less."""
-    equation, moved = None, math.inf
+def _turned(model: Any, data: Trajectories, most: int, settled: float) -> tuple[Any, float]:
+    """Return the model after so many outer iterations, or after the first that moves the estimate less, and the move.
+
+    A move is in standard deviations of the coefficients.
+    """
+    before, moved = None, math.inf
     for _ in range(most):
-        before = equation
         # Rows that are linear near a model only are of one block.
         (equation,) = model.assemble(data).values()
-        moved = math.inf if before is None else equation.moved(before.ridge())
-        model = replace(model, rows=model.rows.around(*_terms(equation)))
+        moved = math.inf if before is None else equation.moved(before)
+        before, model = equation.ridge(), _near(model, equation)
         if moved < settled:
             break
-    assert equation is not None
-    return Turned(model, equation, moved)
-
-
-def _terms(equation: Equation) -> tuple[Any, Any]:
-    return equation.ridge(), equation.frame.dictionary.acts_on
+    return model, moved

@@ -1,1 +1,1 @@
-"""The Gaussian process of the discrepancy: kernels, features, orthogonality, hyperparameters."""
+"""Kernels that are orthogonal to the dictionary, and their expansion in features."""

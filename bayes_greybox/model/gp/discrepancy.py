@@ -13,19 +13,21 @@ from .orthogonal import Measure, Variant
 Path = Literal["hsgp", "exact"]
 
 EXACT_LIMIT = 1500
-"""Rows up to which the dense path is offered."""
+"""Most rows that the dense path is offered for."""
 
 
 def _counts(features: Any) -> bool:
     counts = features if isinstance(features, list | tuple) else [features]
-    return all(type(count) is int and 0 < count <= MOST for count in counts)
+    return all(type(count) is int and 0 < count <= MOST_FEATURES for count in counts)
 
 
-MOST = 10_000
-"""Features along a variable at most: no data tell that many apart, and a number without end asks for all memory."""
+MOST_FEATURES = 10_000
+"""Most features along a variable: no data tell that many apart, and a number without end asks for all memory."""
 
-COUNTS = Rule(_counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000")
-"""What numbers of features are."""
+FEATURE_COUNTS = Rule(
+    _counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000"
+)
+"""Limits of the numbers of features."""
 
 
 def _contains_data(boundary: Any) -> bool:
@@ -33,13 +35,13 @@ def _contains_data(boundary: Any) -> bool:
     return all(isinstance(one, int | float) and one > 1 for one in each)
 
 
-OUTSIDE = Rule(_contains_data, "must exceed 1, the edge of the data")
-"""Where the features' domain may end, in half-widths of the data's box."""
+OUTSIDE_DATA = Rule(_contains_data, "must exceed 1, the edge of the data")
+"""Limits of the end of the features' domain, in half-widths of the data's box."""
 
 
 @dataclass(frozen=True)
 class OrthogonalGP:
-    """f ~ GP(0, k⊥): a discrepancy that cannot steal what the dictionary explains.
+    """f ~ GP(0, k⊥): a discrepancy that cannot take what the dictionary explains.
 
     Lengths are in half-widths of the data's box and amplitudes in RMS of the target, so the defaults suit any
     units: ℓ ~ LogNormal(log `length_scale`, `length_scale_spread`), amplitude ~ HalfNormal(`amplitude`).
@@ -47,14 +49,14 @@ class OrthogonalGP:
     Attributes:
         variant: "projected" (default), "conditioned", "none", or "printed" (the seed paper's formula, which
             is no covariance for most hyperparameters; exact path only).
-        measure: What orthogonal is taken with respect to: "empirical" (the training states, where their rates have
+        measure: Measure of orthogonality: "empirical" (the training states, where their rates have
             correlated noise weighted by its inverse correlation as in the likelihood), "unweighted" (the training
             states whatever that noise, as in fits of earlier versions), "box" (uniform over their bounding box) or
             "box-monte-carlo" (the same by `monte_carlo` random points, as in the paper).
         kernel: One of `kernels.KERNELS`: "squared_exponential", "matern32" or "matern52", with one length scale per
             variable.
         path: "hsgp" (Hilbert-space features, cost independent of the number of rows) or "exact" (dense).
-        variables: What f depends on; None: every state and input.
+        variables: Variables that f depends on; None: every state and input.
         features: Features per variable on the hsgp path; None: 20, 10², 8 by total order for 1, 2, 3
             variables.
         boundary: Half-width of the features' domain over that of the data, or one for each variable; where `features`
@@ -72,8 +74,8 @@ class OrthogonalGP:
     kernel: Annotated[str, OneOf(KERNELS)] = "squared_exponential"
     path: Path = "hsgp"
     variables: tuple[str, ...] | None = None
-    features: Annotated[int | tuple[int, ...] | None, COUNTS] = None
-    boundary: Annotated[float | tuple[float, ...], OUTSIDE] = 2.0
+    features: Annotated[int | tuple[int, ...] | None, FEATURE_COUNTS] = None
+    boundary: Annotated[float | tuple[float, ...], OUTSIDE_DATA] = 2.0
     length_scale: Positive = 1.0
     length_scale_spread: Positive = 0.5
     amplitude: Positive = 1.0

@@ -72,7 +72,7 @@ class HilbertBasis:
         return np.prod(np.where(self.indices == 0, 0.5, 1.0) / L * (1 + turn) / 2, axis=1)
 
     def __call__(self, x: Float[Array | np.ndarray, "n_row n_var"]) -> Float[Array | np.ndarray, "n_row n_basis"]:
-        """ψ(x) for points in scaled units."""
+        """Return ψ(x) for points in scaled units."""
         values = namespace([x]).ones((x.shape[0], 1))
         for along, kept in zip(self.directions(x), self._growth[1], strict=True):
             values = (values[:, :, None] * along[:, None, :]).reshape(x.shape[0], -1)
@@ -82,12 +82,7 @@ class HilbertBasis:
     def weighted(
         self, x: Float[np.ndarray, "n_row n_var"], weight: Float[np.ndarray, " n_basis"]
     ) -> Float[np.ndarray, " n_row"]:
-        """ψ(x) w without ψ(x): the factor of the last direction is summed over before it is multiplied in.
-
-        Args:
-            x: Points in scaled units.
-            weight: w.
-        """
+        """Return ψ(x) w without ψ(x): the factor of the last direction is summed over before it is multiplied in."""
         *first, last = self.directions(x)
         *growth, kept = self._growth[1]
         values = np.ones((x.shape[0], 1))
@@ -99,11 +94,7 @@ class HilbertBasis:
         return np.einsum("np,np->n", values, last @ W.reshape(values.shape[1], -1).T)
 
     def directions(self, x: Float[Array | np.ndarray, "*n n_var"]) -> list[Float[Array | np.ndarray, "*n m"]]:
-        """The factors of ψ(x) in each direction, whose products are the features.
-
-        Args:
-            x: Points in scaled units.
-        """
+        """Return the factors of ψ(x) in each direction, whose products are the features."""
         xp, found = namespace([x]), []
         for d, (m, L) in enumerate(zip(self.per_variable, self.half_widths, strict=True)):
             along = xp.cos(np.arange(m) * np.pi / (2 * L) * (x[..., d : d + 1] + L))
@@ -112,7 +103,7 @@ class HilbertBasis:
 
     @cached_property
     def _growth(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        """The indices, built one variable after the other, and what is kept of the product with each.
+        """Indices, built one variable after the other, and the places that are kept of the product with each.
 
         What is beyond the cut with some variables stays so with more; the whole product is never formed.
         """
@@ -127,5 +118,5 @@ class HilbertBasis:
 
 
 def default_features(n_var: int) -> tuple[int, ...]:
-    """Features per variable when the user names none."""
+    """Return the number of features per variable when the user names none."""
     return (DEFAULT_FEATURES.get(n_var, 6),) * n_var

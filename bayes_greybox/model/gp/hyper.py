@@ -36,12 +36,12 @@ class NoisePrior(NamedTuple):
     scale: Float[Array, ""] | float
 
     def sigma(self, log_s: Array | np.ndarray | float) -> Any:
-        """σ of log s."""
+        """Return σ of log s."""
         xp = namespace([log_s, self.floor])
         return xp.sqrt(self.floor**2 + xp.exp(2 * log_s))
 
     def log_density(self, log_s: Array | np.ndarray) -> Any:
-        """Log prior density of log s."""
+        """Return the log prior density of log s."""
         return log_half_normal(log_s, self.scale)
 
 
@@ -50,12 +50,7 @@ class NoisePrior(NamedTuple):
 class HyperPrior:
     """Prior of η.
 
-    Attributes:
-        noise: Prior of σ.
-        amplitude: Scale of the half-normal prior of the amplitude.
-        length_scale: Median of the length scales.
-        spread: Standard deviation of their logarithm.
-        n_var: How many variables f depends on; None where there is no f.
+    `spread` is the standard deviation of log ℓ; `n_var` is None where there is no f.
     """
 
     noise: NoisePrior
@@ -69,8 +64,7 @@ class HyperPrior:
 
         Without f there is neither amplitude nor length scale; the placeholders multiply no features.
 
-        Args:
-            sigma: σ, where it has another prior.
+        σ is given where it has another prior.
         """
         if sigma is None:
             noise = site("noise", dist.HalfNormal(self.noise.scale))
@@ -85,22 +79,22 @@ class HyperPrior:
 
     @property
     def start(self) -> Float[np.ndarray, " n_eta"]:
-        """Where a search for the mode of the packed η begins."""
+        """Packed η at which a search for its mode begins."""
         lengths = np.full(self.n_var or 0, math.log(self.length_scale))
         return np.concatenate([[math.log(0.5), math.log(0.5)], lengths])
 
     def unpack(self, eta: Float[Array, " n_eta"]) -> Hyperparameters:
-        """η of the packed vector (log s, log amplitude, log ℓ)."""
+        """Return η of the packed vector (log s, log amplitude, log ℓ)."""
         return Hyperparameters(jnp.asarray(self.noise.sigma(eta[0])), jnp.exp(eta[1]), jnp.exp(eta[2:]))
 
     def log_density(self, eta: Float[Array, " n_eta"]) -> Array:
-        """Log prior density of the packed vector."""
+        """Return the log prior density of the packed vector."""
         z = (eta[2:] - jnp.log(self.length_scale)) / self.spread
         lengths = jnp.sum(-0.5 * z**2 - jnp.log(self.spread * math.sqrt(2 * math.pi)))
         return self.noise.log_density(eta[0]) + log_half_normal(eta[1], self.amplitude) + lengths
 
 
 def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Any:
-    """Density of log x for x ~ HalfNormal(scale)."""
+    """Return the log density of log x for x ~ HalfNormal(scale)."""
     xp = namespace([log_x, scale])
     return 0.5 * math.log(2 / math.pi) - xp.log(scale) - 0.5 * (xp.exp(log_x) / scale) ** 2 + log_x

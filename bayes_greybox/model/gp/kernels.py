@@ -41,15 +41,7 @@ def gram(
     amplitude: Float[Array, ""] | float,
     length_scale: Float[Array, " n_var"],
 ) -> Float[Array, "n_left n_right"]:
-    """Covariance matrix k(x_i, x'_j) of the base kernel.
-
-    Args:
-        kernel: Base kernel.
-        left: Points, in scaled units.
-        right: Points, in scaled units.
-        amplitude: Standard deviation of f, in units of the scaled target.
-        length_scale: One length scale per variable, in scaled units.
-    """
+    """Return the covariance matrix k(x_i, x'_j) of the base kernel between points in scaled units."""
     difference = (left[:, None, :] - right[None, :, :]) / length_scale
     return amplitude**2 * kernel.correlation(jnp.sum(difference**2, axis=-1))
 
@@ -60,7 +52,7 @@ def log_spectral_density(
     amplitude: Float[Array, ""] | float,
     length_scale: Float[Array, " n_var"],
 ) -> Float[Array, " n_basis"]:
-    """Logarithm of the spectral density of the base kernel.
+    """Return the logarithm of the spectral density of the base kernel.
 
     log S(ω) = 2 log amplitude + Σ_d log ℓ_d + log shape(Σ_d ℓ_d² ω_d²)   (Solin & Särkkä 2020, Eq. 4 and 20).
     """
@@ -102,4 +94,4 @@ KERNELS = {
         _matern("matern52", 2.5, lambda r: 1 + r + r**2 / 3, 2.65, 4.1),
     )
 }
-"""Kernels by name: what is listed here can be chosen in `OrthogonalGP` and in configurations."""
+"""Kernels by name; those listed here can be chosen in `OrthogonalGP` and in configurations."""

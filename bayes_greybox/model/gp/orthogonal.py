@@ -22,6 +22,9 @@ Variant = Literal["projected", "conditioned", "printed", "none"]
 
 Measure = Literal["empirical", "unweighted", "box", "box-monte-carlo"]
 
+Points = tuple[Float[Array, "_ n_var"], Float[Array, "_ n_rank"]]
+"""Points in scaled units, and Φₒ there."""
+
 QUADRATURE_NODES = {1: 64, 2: 32, 3: 16}
 """Gauss–Legendre nodes per variable; exact for polynomials of degree 2n − 1."""
 
@@ -32,15 +35,10 @@ LOW_DISCREPANCY_NODES = 4096
 def box_nodes(
     n_var: int, *, monte_carlo: int | None = None, seed: int = 0
 ) -> tuple[Float[np.ndarray, "n_node n_var"], Float[np.ndarray, " n_node"]]:
-    """Nodes and weights of the uniform probability measure on the box [−1, 1]^d.
+    """Return nodes and weights of the uniform probability measure on the box [−1, 1]^d.
 
     Tensor Gauss–Legendre for d ≤ 3, scrambled Sobol points beyond; with `monte_carlo` = n, n independent
     uniform points, as the seed paper integrates its Gram matrix.
-
-    Args:
-        n_var: Number of variables d.
-        monte_carlo: Number of plain Monte Carlo points, or None for quadrature.
-        seed: Seed of the random points.
 
     Returns:
         Nodes [n_node, d] in scaled units, and weights [n_node] that sum to one.
@@ -61,14 +59,10 @@ def box_nodes(
 def orthonormalise(
     Phi: Float[np.ndarray, "n_node n_term"], weights: Float[np.ndarray, " n_node"]
 ) -> Float[np.ndarray, "n_term n_rank"]:
-    """T such that Φ T is orthonormal under the measure with these nodes and weights.
+    """Return T such that Φ T is orthonormal under the measure with these nodes and weights, which sum to one.
 
     From the singular value decomposition of √w Φ, directions below 1e-10 of the largest singular value left
     out: a solve with the paper's Gram matrix H = ⟨Φ, Φᵀ⟩ that never forms H and reveals its rank.
-
-    Args:
-        Phi: Dictionary at the nodes.
-        weights: Weights that sum to one.
     """
     _, singular, Vt = np.linalg.svd(np.sqrt(weights)[:, None] * Phi, full_matrices=False)
     keep = singular > 1e-10 * singular[0]
@@ -76,24 +70,12 @@ def orthonormalise(
 
 
 def orthogonal_gram(
-    variant: Variant,
-    kernel: Kernel,
-    amplitude: Float[Array, ""] | float,
-    length_scale: Float[Array, " n_var"],
-    left: tuple[Float[Array, "n_left n_var"], Float[Array, "n_left n_rank"]],
-    right: tuple[Float[Array, "n_right n_var"], Float[Array, "n_right n_rank"]],
-    nodes: tuple[Float[Array, "n_node n_var"], Float[Array, "n_node n_rank"]],
-) -> Float[Array, "n_left n_right"]:
-    """k⊥(x_i, x'_j).
+    variant: Variant, kernel: Kernel, amplitude: Float[Array, ""] | float, length_scale: Float[Array, " n_var"],
+    left: Points, right: Points, nodes: Points,
+) -> Float[Array, "n_left n_right"]:  # fmt: skip
+    """Return k⊥(x_i, x'_j), lengths and amplitude in scaled units.
 
-    Args:
-        variant: Which orthogonal kernel.
-        kernel: Base kernel.
-        amplitude: Standard deviation of the base kernel, scaled units.
-        length_scale: Length scales, scaled units.
-        left: Points and Φₒ there.
-        right: Points and Φₒ there.
-        nodes: Nodes of μ, and w Φₒ there (weights multiplied in).
+    Beside the nodes of μ are w Φₒ there, with the weights multiplied in.
     """
 
     def k(a: Array, b: Array) -> Array:

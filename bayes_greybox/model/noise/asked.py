@@ -1,12 +1,12 @@
-"""`GreyBox(noise=bg.Noise(...))`: noise of the rows that hangs together, depends on the state, or has heavy tails.
+"""`GreyBox(noise=bg.Noise(...))`: noise of the rows that is correlated, depends on the state, or has heavy tails.
 
 The parameters of R are found at their mode on the residuals of a ridge fit of the equation, before the sampler runs,
 and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and, where the model has a
 discrepancy, few features of it, and is repeated under the noise that it found:
 
-    β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   in turns.
+    β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   alternately.
 
-What hangs together looks like what β explains, and residuals have lost that: a correlation is held at the mode of
+Correlated noise looks like what β explains, and residuals have lost that part: a correlation is held at the mode of
 p(y | R), β integrated out (restricted likelihood; Patterson & Thompson 1971, Biometrika 58:545).
 
 Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `unknown_force`).
@@ -33,27 +33,27 @@ from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
 
-from .in_time import in_time
+from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion
 from .suspicions import LEAST_ROWS, below_floor, heavy, varying
 from .unknown_force import force
 
 FIT = "fit"
-"""Value of an option whose parameter the data say."""
+"""Value of an option whose parameter is found from the data."""
 
-OPTIONS = ("correlation", "depends_on", "tails", "force")
-"""What may be fitted or given."""
+NOISE_OPTIONS = ("correlation", "depends_on", "tails", "force")
+"""Options that may be fitted or given."""
 
-TURNS = 4
-"""How often residuals and noise are found in turns, at most."""
+MOST_ALTERNATIONS = 4
+"""Most alternations between residuals and noise."""
 
-SETTLED = 0.02
-"""Relative change of every standard deviation and of the time scale below which they are found."""
+NOISE_SETTLED = 0.02
+"""Relative change of every parameter of the noise below which it is found."""
 
-RIDGE = 10.0
+COEFFICIENT_SD = 10.0
 """Prior standard deviation of the dictionary's coefficients, scaled units: hardly a prior at all."""
 
-FEATURES = {1: 20, 2: 8, 3: 4}
+RIDGE_FEATURES = {1: 20, 2: 8, 3: 4}
 """Features of f per variable, by the number of variables; f of more variables is left out of the ridge fit."""
 
 AMPLITUDES, LENGTHS = (0.03, 0.1, 0.3, 1.0), (0.4, 0.8, 1.6)
@@ -74,7 +74,7 @@ class Noise:
         tails: "fit" or degrees of freedom, for Student's t; each row is weighted by its likeliest scale. None: normal.
         force: "fit", for an unknown force, white in time, that moves the path of sampled rows (process noise), if the
             data speak for one: coefficients are then as uncertain as it makes them. None: the path is the model's.
-        found: What was found, by equation; filled in by a fit.
+        found: Parameters that were found, by equation; filled in by a fit.
     """
 
     scale: float = 1.0
@@ -103,35 +103,28 @@ class Noise:
 
     @property
     def white(self) -> bool:
-        """Whether R is that of the rows as they come."""
-        return all(getattr(self, name) is None for name in OPTIONS)
+        """True if R is that of the rows as they come."""
+        return all(getattr(self, name) is None for name in NOISE_OPTIONS)
 
 
 def find_noise(
     noise: Noise, rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, floor: float
 ) -> NoiseModel:
-    """R at the mode on the residuals of a ridge fit.
+    """Find R at the mode on the residuals of a ridge fit.
 
-    Args:
-        noise: What is asked for.
-        rows: Rows of the equation with the noise that they come with.
-        dictionary: Terms of its equation.
-        discrepancy: f of the model.
-        floor: Least σ over the RMS of the target.
+    `floor` is the least σ over the RMS of the target.
 
     Raises:
-        InputError: Too few rows; a column that the data do not have or that says nothing; noise whose correlation is
-            known already.
+        InputError: Too few rows; a column that the data do not have; noise whose correlation is known already.
     """
-    known = NoiseModel(rows.noise)
+    model = plain = NoiseModel(rows.noise)
     if noise.white:
-        return known
+        return plain
     check_asked(noise, rows)
     quantities = _quantities(noise, rows)
     prior = NoisePrior(floor, noise.scale)
     X, y = _dictionary_columns(rows, dictionary), rows.target / rows.scale
     psi, choices = _features(rows, discrepancy)
-    model = known
     both = np.column_stack([X, psi])
 
     def ridge(under: RowNoise) -> tuple[float, np.ndarray]:
@@ -139,9 +132,9 @@ def find_noise(
 
     def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
         residual = y - both @ ridge(noise_so_far)[1]
-        return _found(noise, residual, known, rows, quantities, prior, evidence)
+        return _found(noise, residual, plain, rows, quantities, prior, evidence)
 
-    for _ in range(TURNS):
+    for _ in range(MOST_ALTERNATIONS):
         before, model = model, found_under(model.noise)
         if _settled(before, model):
             break
@@ -149,17 +142,13 @@ def find_noise(
 
 
 def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
-    """What the size of the noise may grow with: states, inputs and, for rows of rates or outputs, the simulated one."""
+    """Return quantities that the noise may grow with: states, inputs and, for rates or outputs, the simulated one."""
     rate = {f"simulated {rows.label}": rows.simulated} if rows.gain == 1.0 else {}
     return {**rows.at_rows(), **rate}
 
 
 def check_asked(noise: Noise, rows: EquationRows) -> None:
     """Refuse noise that cannot be found on these rows, before there is any work to lose.
-
-    Args:
-        noise: What is asked for.
-        rows: Rows of the equation with the noise that they come with.
 
     Raises:
         InputError: As for `find_noise`.
@@ -203,25 +192,24 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
 
 
 def _found(
-    noise: Noise,
-    residual: Float[np.ndarray, " n_row"],
-    known: NoiseModel,
-    rows: EquationRows,
-    quantities: Mapping[str, Float[np.ndarray, " n_row"]],
-    prior: NoisePrior,
+    noise: Noise, residual: Float[np.ndarray, " n_row"], plain: NoiseModel, rows: EquationRows,
+    quantities: Mapping[str, Float[np.ndarray, " n_row"]], prior: NoisePrior,
     evidence: Callable[[RowNoise], float] | None,
-) -> NoiseModel:
-    """Every option in turn: size along the path, correlation of what is left, tails of the innovations, a force."""
-    model, whole = known, residual
-    residual = known.noise.without_starts(residual[:, None])[:, 0]
-    if below_floor(residual, known, prior):
+) -> NoiseModel:  # fmt: skip
+    """Find every option in turn: size along the path, correlation of the residual, tails of the innovations, a force.
+
+    A fitted option is kept only if it explains the residuals better.
+    """
+    model, whole = plain, residual
+    residual = plain.noise.without_starts(residual[:, None])[:, 0]
+    if below_floor(residual, plain, prior):
         # There is nothing that could be found; what is given is given.
-        noise = replace(noise, **{name: None for name in OPTIONS if getattr(noise, name) == FIT})
+        noise = replace(noise, **{name: None for name in NOISE_OPTIONS if getattr(noise, name) == FIT})
     if noise.depends_on is not None:
         model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
     if noise.correlation is not None:
         tau = None if noise.correlation == FIT else float(noise.correlation)
-        found = in_time(residual, model, rows.time, rows.run, prior, CORRELATED, tau, evidence)
+        found = in_time(residual, model, Stamps(rows.time, rows.run), prior, CORRELATED, tau, evidence)
         model = _taken(model, found, noise.correlation)
     if noise.tails is not None:
         asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
@@ -233,30 +221,22 @@ def _found(
 
 
 def _taken(model: NoiseModel, suspicion: Suspicion | None, asked: Any) -> NoiseModel:
-    """The noise with what was asked for; where it is to be fitted, only if it explains the residuals better."""
     if suspicion is None or not np.isfinite(suspicion.log_bayes_factor):
         return model
     return suspicion.model if asked != FIT or suspicion.log_bayes_factor > 0 else model
 
 
 def _ridge(
-    columns: Float[np.ndarray, "n_row n_column"],
-    n_term: int,
-    choices: list[Float[np.ndarray, " n_basis"]],
-    y: Float[np.ndarray, " n_row"],
-    noise: RowNoise,
-    prior: NoisePrior,
-) -> tuple[float, Float[np.ndarray, " n_column"]]:
-    """Log p(y | R), and β with the prior of f that has the highest evidence."""
+    columns: Float[np.ndarray, "n_row n_column"], n_term: int, choices: list[Float[np.ndarray, " n_basis"]],
+    y: Float[np.ndarray, " n_row"], noise: RowNoise, prior: NoisePrior,
+) -> tuple[float, Float[np.ndarray, " n_column"]]:  # fmt: skip
+    """Return log p(y | R), and β with the prior of f that has the highest evidence."""
     white = noise.whiten(np.column_stack([columns, y]))
-    gram, product, square = (
-        white[:, :-1].T @ white[:, :-1],
-        white[:, :-1].T @ white[:, -1],
-        float(np.sum(white[:, -1] ** 2)),
-    )
+    X, z = white[:, :-1], white[:, -1]
+    gram, product, square = X.T @ X, X.T @ z, float(np.sum(z**2))
     best, mean = -math.inf, np.zeros(columns.shape[1])
     for spread in choices:
-        sd = np.concatenate([np.full(n_term, RIDGE), spread])
+        sd = np.concatenate([np.full(n_term, COEFFICIENT_SD), spread])
         spectrum = Spectrum.of(gram, product, square, len(white), sd)
         posterior = marginal(spectrum, prior)
         if float(posterior.log_evidence) > best:
@@ -273,7 +253,7 @@ def _settled(before: NoiseModel, after: NoiseModel) -> bool:
         for key, value in after.about[name].items()
         if isinstance(value, float)
     ]
-    return all(abs(a - b) <= SETTLED * max(abs(a), abs(b)) for a, b in pairs)
+    return all(abs(a - b) <= NOISE_SETTLED * max(abs(a), abs(b)) for a, b in pairs)
 
 
 def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, "n_row n_term"]:
@@ -292,17 +272,17 @@ def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.
 def _features(
     rows: EquationRows, discrepancy: OrthogonalGP | None
 ) -> tuple[Float[np.ndarray, "n_row n_basis"], list[Float[np.ndarray, " n_basis"]]]:
-    """ψ at the rows, and the prior standard deviations of its weights that are tried; the first is no f at all."""
-    none = np.zeros((rows.n_row, 0))
+    """Return ψ at the rows, and the prior standard deviations of its weights to try; the first is no f at all."""
+    none = np.zeros((rows.n_row, 0)), [np.zeros(0)]
     if discrepancy is None:
-        return none, [np.zeros(0)]
+        return none
     variables = tuple(discrepancy.variables or rows.columns)
-    if len(variables) not in FEATURES or any(name not in rows.columns for name in variables):
-        return none, [np.zeros(0)]
+    if len(variables) not in RIDGE_FEATURES or any(name not in rows.columns for name in variables):
+        return none
     low, high = (np.array([edge(rows.columns[name]) for name in variables]) for edge in (np.min, np.max))
     if np.any(high <= low):
-        return none, [np.zeros(0)]
-    basis = HilbertBasis(discrepancy.boundary, (FEATURES[len(variables)],) * len(variables))
+        return none
+    basis = HilbertBasis(discrepancy.boundary, (RIDGE_FEATURES[len(variables)],) * len(variables))
     centre, half_width = (low + high) / 2, (high - low) / 2
     features = rows.table(
         lambda at: np.asarray(held_features(basis, scaled_position(at, variables, centre, half_width)))
@@ -318,7 +298,7 @@ def _features(
 
 
 def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
-    """What the noise may depend on, by name."""
+    """Return quantities that the noise may depend on, by name."""
     if noise.depends_on is None:
         return {}
     if noise.depends_on == FIT:
@@ -331,27 +311,24 @@ def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray,
 
 
 def noise_record(model: NoiseModel) -> dict[str, Any]:
-    """What was found, as plain values: what the columns of `Fit.noise` hold."""
+    """Return the parameters that were found, as plain values for the columns of `Fit.noise`."""
     about, record = model.about, {}
-    if CORRELATED in about:
-        record |= {"correlation_time": about[CORRELATED]["time_scale"], "white_share": about[CORRELATED]["white"]}
-    if VARYING in about:
-        record |= {
-            "depends_on": about[VARYING]["variable"], "exponent": about[VARYING]["exponent"],
-            "level": about[VARYING]["level"],
-        }  # fmt: skip
-    if PROCESS in about:
-        record |= {"force": math.sqrt(about[PROCESS]["intensity"]), "force_share": about[PROCESS]["share"]}
-    if HEAVY in about:
-        record |= {"degrees": float(about[HEAVY]["degrees"])}
+    if found := about.get(CORRELATED):
+        record |= {"correlation_time": found["time_scale"], "white_share": found["white"]}
+    if found := about.get(VARYING):
+        record |= {"depends_on": found["variable"], "exponent": found["exponent"], "level": found["level"]}
+    if found := about.get(PROCESS):
+        record |= {"force": math.sqrt(found["intensity"]), "force_share": found["share"]}
+    if found := about.get(HEAVY):
+        record |= {"degrees": float(found["degrees"])}
     return record
 
 
 def with_found(noise: Noise, found: Mapping[str, NoiseModel]) -> Noise:
-    """The noise with what was found for each equation."""
+    """Return the noise with the parameters that were found for each equation."""
     return replace(noise, found={name: noise_record(model) for name, model in found.items()})
 
 
 def is_number(value: Any) -> bool:
-    """Whether a setting is a real number, NumPy's among them; True and False are none."""
+    """Return whether a setting is a real number, NumPy's among them; True and False are none."""
     return isinstance(value, Real) and not isinstance(value, bool)

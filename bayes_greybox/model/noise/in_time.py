@@ -1,12 +1,13 @@
-"""Noise that hangs together in time, weighed on residuals by a Kalman filter.
+"""Noise that is correlated in time, weighed on residuals by a Kalman filter.
 
-Two kinds of processes do: a rough one is what sensors have (correlated noise); a smooth one moves as systems move, and
+Two kinds of processes are: a rough one is what sensors have (correlated noise); a smooth one moves as systems move, and
 is something that the model lacks.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,75 +20,77 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import CORRELATED, PROCESS, NoiseModel, Suspicion, weighed_on_grid
 
-STRETCH = 2048
+FILTER_WIDTH = 2048
 """Longer records are cut into stretches of so many rows, filtered side by side, each as a run of its own."""
 
 TIME_STEPS, TIME_SPREAD = 10.0, 1.5
 """τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm."""
 
-WHITE_SHARES = {
+PROCESS_WHITE_SHARES = {
     CORRELATED: (0.0, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95),
     PROCESS: (0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.98),
 }
 """Grid of the white share of the variance, even prior weights. A process of a system needs some white noise beside it:
 samples are never exact."""
 
-SHORTEST = {CORRELATED: 1.0, PROCESS: 3.0}
+SHORTEST_TIME = {CORRELATED: 1.0, PROCESS: 3.0}
 """Least τ in steps: the motion of a system is resolved by its samples, or nobody could model it."""
 
 
+class Stamps(NamedTuple):
+    """Times, increasing within a run, and run of each row."""
+
+    time: Float[np.ndarray, " n_obs"]
+    run: Int[np.ndarray, " n_obs"]
+
+
 def in_time(
-    residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
-    time: Float[np.ndarray, " n_obs"],
-    run: Int[np.ndarray, " n_obs"],
-    prior: NoisePrior,
-    name: str,
-    time_scale: float | None = None,
-    evidence: Callable[[RowNoise], float] | None = None,
-) -> Suspicion | None:
+    residual: Float[np.ndarray, " n_obs"], current: NoiseModel, stamps: Stamps, prior: NoisePrior, name: str,
+    time_scale: float | None = None, evidence: Callable[[RowNoise], float] | None = None,
+) -> Suspicion | None:  # fmt: skip
     """Weigh a process in time, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
     Args:
         residual: Measured less explained rate, scaled units.
-        known: Noise as it is, without a process in time.
-        time: Times, increasing within a run.
-        run: Run of each row.
+        current: Noise as it is, without a process in time.
+        stamps: Times and runs of the rows.
         prior: Prior of σ.
         name: `CORRELATED` or `PROCESS`.
         time_scale: τ in units of time, if it is known.
-        evidence: Log p of what was measured under some noise, all that explains it integrated out: where its mode is.
-            That of the residuals by default.
+        evidence: Log p of the measurements under some noise, the explanation integrated out, whose mode is taken; by
+            default that of the residuals.
 
     Returns:
         The suspicion; None where each run has one row.
     """
     process = "exponential" if name == CORRELATED else "matern32"
-    sd = correlation_and_sd(known.noise)[1]
+    sd = correlation_and_sd(current.noise)[1]
     e = residual / sd
-    values, step, used = _stretches(e, time, run)
-    within = step[np.isfinite(step) & used]
+    time, run = stamps
+    stretches = _stretches(e, stamps)
+    within = stretches.step[np.isfinite(stretches.step) & stretches.used]
     if not len(within):
         return None
     typical, n = float(np.median(within)), len(e)
+    stretches = stretches._replace(step=stretches.step / typical)
     longest = max(math.log(max(np.bincount(run - run.min()))), 1.0)
-    taus = np.exp(np.arange(math.log(SHORTEST[name]), max(longest, 1.8) + 0.3, 0.55))
+    taus = np.exp(np.arange(math.log(SHORTEST_TIME[name]), max(longest, 1.8) + 0.3, 0.55))
     if time_scale is not None:
         taus = np.array([time_scale / typical])
-    shares = np.array(WHITE_SHARES[name])
-    logs = _filtered(values, step / typical, used, process, taus, shares, n, prior)
+    shares = np.array(PROCESS_WHITE_SHARES[name])
+    logs = _filtered(stretches, process, taus, shares, n, prior)
     # Once finer around the best, so that what is held is the mode.
     i, j = np.unravel_index(int(np.argmax(logs)), logs.shape)
     fine_tau = taus[i] * np.exp(np.linspace(-0.45, 0.45, 7)) if time_scale is None else taus
     low, high = shares[max(j - 1, 0)], shares[min(j + 1, len(shares) - 1)]
     fine_share = np.linspace(low, high, 7)
-    fine = _filtered(values, step / typical, used, process, fine_tau, fine_share, n, prior)
+    fine = _filtered(stretches, process, fine_tau, fine_share, n, prior)
     k, m = map(int, np.unravel_index(int(np.argmax(fine)), fine.shape))
     runs = tuple(time[run == r] for r in dict.fromkeys(run.tolist()))
 
     def noise_of(k: int, m: int) -> RowNoise:
         tau, white = float(fine_tau[k] * typical), float(fine_share[m])
-        return known.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
+        return current.noise.with_error(with_sd(StateSpaceNoise(runs, process, tau, white), sd))
 
     if evidence is not None:
         # One after the other: they depend on each other by little.
@@ -101,29 +104,36 @@ def in_time(
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
     about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
-    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), known, about)
+    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
     lift = float(np.max(logs)) - float(fine[k, m])
     return replace(found, model=replace(found.model, constant=found.model.constant + lift))
 
 
-def _stretches(e: np.ndarray, time: np.ndarray, run: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The whole record cut side by side [n_stretch, width]: values, times since the rows before, rows in use."""
+class _Stretches(NamedTuple):
+    """A record cut side by side [n_stretch, width]: values, times since the rows before, rows in use."""
+
+    e: np.ndarray
+    step: np.ndarray
+    used: np.ndarray
+
+
+def _stretches(e: np.ndarray, stamps: Stamps) -> _Stretches:
     n = len(e)
-    step = np.where(np.diff(run, prepend=-1) != 0, np.inf, np.diff(time, prepend=time[0]))
-    width = min(STRETCH, n)
+    step = np.where(np.diff(stamps.run, prepend=-1) != 0, np.inf, np.diff(stamps.time, prepend=stamps.time[0]))
+    width = min(FILTER_WIDTH, n)
     rows = np.arange(0, n, width)[:, None] + np.arange(width)
     used = rows < n
     rows = np.minimum(rows, n - 1)
     step = np.where(used, step[rows], np.inf)
     step[:, 0] = np.inf
-    return np.where(used, e[rows], 0.0), step, used
+    return _Stretches(np.where(used, e[rows], 0.0), step, used)
 
 
 def _filtered(
-    e: np.ndarray, step: np.ndarray, used: np.ndarray, process: str, taus: np.ndarray, shares: np.ndarray, n: int,
-    prior: NoisePrior,
-) -> Float[np.ndarray, "n_tau n_share"]:  # fmt: skip
-    """Log p(e | τ, w), σ integrated out, on a grid; all stretches and grid points go through the rows together."""
+    stretches: _Stretches, process: str, taus: np.ndarray, shares: np.ndarray, n: int, prior: NoisePrior
+) -> Float[np.ndarray, "n_tau n_share"]:
+    """Return log p(e | τ, w), σ integrated out, on a grid; all stretches and nodes go through the rows together."""
+    e, step, used = stretches
     tau, w = (grid.ravel()[:, None] for grid in np.meshgrid(taus, shares, indexing="ij"))
     amplitude = 1 - w
     square, log_det = np.zeros((len(tau), 1)), np.zeros((len(tau), 1))

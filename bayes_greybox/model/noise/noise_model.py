@@ -1,9 +1,9 @@
-"""Noise of rows with what it is called, and what a suspect is: noise that is not white, weighed against noise as it is.
+"""Noise models of rows, and suspects: noise that is not white, weighed against noise as it is.
 
-A suspect is weighed on residuals e of an explanation and held at the mode of its parameters, R = R(mode). What holding
-costs and gains is kept as a constant, so that evidences of explanations under different noise can be compared:
+A suspect is weighed on residuals e of a hypothesis and held at the mode of its parameters, R = R(mode). The cost and
+gain of holding is kept as a constant, so that evidences of hypotheses under different noise can be compared:
 
-    log p(y | explanation, suspect) ≈ log N-evidence(y | R) + constant,   constant = log p(e) − log p(e | R).
+    log p(y | hypothesis, suspect) ≈ log N-evidence(y | R) + constant,   constant = log p(e) − log p(e | R).
 """
 
 from collections.abc import Mapping
@@ -17,21 +17,21 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.weighted import correlation_and_sd, with_sd
 
 CORRELATED, PROCESS = "correlated noise", "process in time"
-"""The suspect, and what is left over where the correlation is smooth: no suspect but a gap."""
+"""The suspect, and the discrepancy where the correlation is smooth, which is no suspect."""
 
 VARYING, HEAVY = "state-dependent noise", "heavy tails"
 
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Noise of rows, with what it is called.
+    """Noise of rows, with the suspects in it.
 
     Attributes:
-        names: The suspects in it; none for noise as it was given.
         noise: R.
+        names: The suspects in it; none for noise as it was given.
         constant: See the module's equation; sums over suspects.
-        about: What is known of each suspect, by name.
-        tail_weights: What heavy tails multiply each row's 1/σ² with, found on the residuals; None without heavy tails.
+        about: Parameters of each suspect, by name.
+        tail_weights: Factor of each row's 1/σ² by heavy tails, found on the residuals; None without heavy tails.
     """
 
     noise: RowNoise
@@ -42,27 +42,16 @@ class NoiseModel:
 
     @property
     def body(self) -> RowNoise:
-        """R without the weights of heavy tails: what is whitened by it has Student's t, where R makes it light."""
+        """R without the weights of heavy tails: where R makes tails light, rows that this whitens have Student's t."""
         if self.tail_weights is None:
             return self.noise
         inner, sd = correlation_and_sd(self.noise)
         return self.noise.with_error(with_sd(inner, sd * np.sqrt(self.tail_weights)))
 
-    @property
-    def process_share(self) -> float:
-        """Share of the residuals' variance that is a smooth process in time."""
-        return float(self.about[PROCESS]["share"]) if PROCESS in self.about else 0.0
-
 
 @dataclass(frozen=True, eq=False)
 class Suspicion:
-    """One suspect, weighed on residuals.
-
-    Attributes:
-        name: Of the suspect.
-        log_bayes_factor: Over noise as it is.
-        model: The noise with the suspect in it.
-    """
+    """One suspect, weighed on residuals: log Bayes factor over noise as it is, and the noise with the suspect in it."""
 
     name: str
     log_bayes_factor: float
@@ -70,22 +59,16 @@ class Suspicion:
 
 
 def weighed_on_grid(
-    name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, known: NoiseModel, about: dict
+    name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, current: NoiseModel, about: dict
 ) -> Suspicion:
-    """A suspect with its parameters summed over a grid.
+    """Return a suspect with its parameters summed over a grid.
 
-    Args:
-        name: Of the suspect.
-        logs: Log p of the residuals at each node.
-        log_prior: Of each node.
-        before: Log p of the residuals under noise as it is.
-        noise: With the parameters of the best node.
-        known: Noise as it is.
-        about: What is known of the suspect.
+    `logs` and `log_prior` are log p of the residuals and the log prior at each node, `before` is log p under the
+    known noise, and `noise` has the parameters of the best node.
     """
     total = float(np.logaddexp.reduce((logs + log_prior).ravel()))
-    constant = known.constant + total - float(np.max(logs))
+    constant = current.constant + total - float(np.max(logs))
     model = replace(
-        known, noise=noise, names=(*known.names, name), constant=constant, about={**known.about, name: about}
+        current, noise=noise, names=(*current.names, name), constant=constant, about={**current.about, name: about}
     )
     return Suspicion(name, total - before, model)

@@ -1,6 +1,6 @@
-"""Noise that is not white: what residuals say of its correlation, of its size along the path, and of its tails.
+"""Noise that is not white: its correlation, its size along the path, and its tails, found on residuals.
 
-Each suspect is weighed against noise as it is, on residuals of an explanation, all parameters summed over a grid with σ
+Each suspect is weighed against noise as it is, on residuals of a hypothesis, all parameters summed over a grid with σ
 integrated out, and then held at its mode; see `noise_model`.
 """
 
@@ -16,14 +16,14 @@ from bayes_greybox.data.noise.weighted import WeightedNoise, correlation_and_sd,
 from bayes_greybox.model.estimate.evidence import log_white, log_white_each
 from bayes_greybox.model.gp.hyper import NoisePrior
 
-from .in_time import in_time
+from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion, weighed_on_grid
 from .unknown_force import force
 
 LEAST_ROWS = 20
 """Fewer residuals say nothing about their noise."""
 
-LEVELS = (0.05, 0.3, 1.0)
+NOISE_LEVELS = (0.05, 0.3, 1.0)
 """δ in σ(x) ∝ (δ² + (x/RMS)²)^(a/2): from where the noise grows, over the RMS of what it grows with."""
 
 EXPONENTS = (-1.0, -0.5, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
@@ -35,67 +35,47 @@ DEGREES = (1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
 
 def suspicions(
     residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
+    current: NoiseModel,
     time: Float[np.ndarray, " n_obs"],
     run: Int[np.ndarray, " n_obs"],
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> list[Suspicion]:
-    """Weigh every suspect that is not yet in the noise.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is; a process in time is weighed on independent rows only.
-        time: Times, increasing within a run.
-        run: Run of each row.
-        quantities: What the noise may grow with, by name.
-        prior: Prior of σ.
-    """
-    if len(residual) < LEAST_ROWS or below_floor(residual, known, prior):
+    """Weigh every kind of noise that is not yet in the noise model."""
+    if len(residual) < LEAST_ROWS or below_floor(residual, current, prior):
         return []
     found, whole = [], residual
-    residual = known.noise.without_starts(residual[:, None])[:, 0]
-    if not {CORRELATED, PROCESS} & set(known.names):
-        found.append(in_time(residual, known, time, run, prior, CORRELATED))
+    residual = current.noise.without_starts(residual[:, None])[:, 0]
+    if not {CORRELATED, PROCESS} & set(current.names):
+        stamps = Stamps(time, run)
+        found.append(in_time(residual, current, stamps, prior, CORRELATED))
         # Where rows are samples of a path, a process of the system moves that.
-        moved = len(known.noise.intensities) > 0
-        found.append(force(whole, known, prior) if moved else in_time(residual, known, time, run, prior, PROCESS))
-    if VARYING not in known.names:
-        found.append(varying(residual, known, quantities, prior))
-    if HEAVY not in known.names:
-        found.append(heavy(residual, known, prior))
+        moved = len(current.noise.intensities) > 0
+        found.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
+    if VARYING not in current.names:
+        found.append(varying(residual, current, quantities, prior))
+    if HEAVY not in current.names:
+        found.append(heavy(residual, current, prior))
     return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
 
 
-def below_floor(residual: Float[np.ndarray, " n_obs"], known: NoiseModel, prior: NoisePrior) -> bool:
-    """Whether residuals are less than what rows are known to at best: nothing can be said of their noise.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        prior: Prior of σ, with its floor.
-    """
-    return bool(np.mean(known.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
+def below_floor(residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior) -> bool:
+    """Return whether residuals are below the noise floor of the prior, where nothing can be said of their noise."""
+    return bool(np.mean(current.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
 
 
 def varying(
     residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
+    current: NoiseModel,
     quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
     prior: NoisePrior,
 ) -> Suspicion | None:
     """Weigh noise that depends on the state, sd ∝ (δ² + (x/RMS)²)^(a/2); x, δ and a on a grid.
 
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        quantities: What x may be, by name.
-        prior: Prior of σ.
-
     Returns:
         The suspicion; None where nothing varies.
     """
-    inner, sd = correlation_and_sd(known.noise)
+    inner, sd = correlation_and_sd(current.noise)
     e = inner.whiten((residual / sd)[:, None])[:, 0]
     if not inner.square:
         return None
@@ -104,7 +84,7 @@ def varying(
         size = float(np.sqrt(np.mean(x**2)))
         if not size > 0 or not np.isfinite(size):
             continue
-        for level in LEVELS:
+        for level in NOISE_LEVELS:
             z = 0.5 * np.log(level**2 + (x / size) ** 2)
             z = z - np.mean(z)
             squares = np.array([np.sum(e**2 * np.exp(-2 * a * z)) for a in EXPONENTS])
@@ -115,32 +95,23 @@ def varying(
         return None
     every = np.concatenate(logs)
     name, level, z, a = choices[int(np.argmax(every))]
-    noise = known.noise.with_error(with_sd(inner, sd * np.exp(a * z)))
+    noise = current.noise.with_error(with_sd(inner, sd * np.exp(a * z)))
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"variable": name, "exponent": float(a), "level": level}
-    return weighed_on_grid(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, known, about)
+    return weighed_on_grid(VARYING, every, np.full(len(every), -math.log(len(every))), before, noise, current, about)
 
 
 def heavy(
-    residual: Float[np.ndarray, " n_obs"],
-    known: NoiseModel,
-    prior: NoisePrior,
-    degrees: Sequence[float] = DEGREES,
+    residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
 ) -> Suspicion | None:
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
-    Held are the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
-
-    Args:
-        residual: Measured less explained rate, scaled units.
-        known: Noise as it is.
-        prior: Prior of σ, here of s.
-        degrees: Grid of ν.
+    The noise model holds the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
 
     Returns:
         The suspicion; None for whitened coefficients that are no rows.
     """
-    inner, sd = correlation_and_sd(known.noise)
+    inner, sd = correlation_and_sd(current.noise)
     if not inner.square:
         return None
     e, n = inner.whiten((residual / sd)[:, None])[:, 0], len(residual)
@@ -170,11 +141,11 @@ def heavy(
     held = WeightedNoise(inner, sd / np.sqrt(weight))
     # Where rows hang together, weighted rows are not weighted innovations: both are measured on the rows themselves.
     square = float(np.sum(held.whiten(residual[:, None]) ** 2))
-    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - known.noise.error.log_det)
+    at_mode = log_white(square, n, prior) - 0.5 * (held.log_det - current.noise.error.log_det)
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"degrees": nu, "scale": scale}
     model = replace(
-        known, noise=known.noise.with_error(held), names=(*known.names, HEAVY), tail_weights=weight,
-        constant=known.constant + total - at_mode, about={**known.about, HEAVY: about},
+        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY), tail_weights=weight,
+        constant=current.constant + total - at_mode, about={**current.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)

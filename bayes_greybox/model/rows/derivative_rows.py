@@ -1,6 +1,6 @@
 """Rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean around it.
 
-An output is in the place of a rate: its equation is the same, without a derivative in it.
+An output takes the place of a rate: its equation is the same, without a derivative in it.
 """
 
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ from .row_kind import RowKind
 class DerivativeRows(RowKind):
     """Rates at the time stamps, measured or filtered, with the noise that filtering gives them.
 
-    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window, so what the equation
-    says of it is s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
+    A rate that a finite filter computed is a mean s ∗ ẋ of the true one over the filter's window. The equation for it
+    is therefore s ∗ (g + Φθ + f), evaluated at the smoothed samples first. Such rows are thinned: neighbours whose
     noise has a correlation above 1/e repeat each other. Samples whose window reaches beyond their run have no row.
     Where a term jumps, a sample stands for the states around it (`SampleSpread`), but not in a simulation that is code.
 
     Attributes:
-        filter_terms: Whether terms go through the filter, and rows are thinned; without, each sample is a row that
-            says Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
+        filter_terms: If true, terms go through the filter, and rows are thinned; else each sample is a row with
+            Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
     """
 
     filter_terms: bool = True
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """The rows of one equation; see `RowKind.rows`."""
+        """Return the rows of one equation; see `RowKind.rows`."""
         measured, simulated = data.rate(equation), simulation.on(data, equation)
         noise, time, run = data.row_noise(equation), data.time, data.run
         operator, spread = self._operator(data, equation), None
@@ -62,7 +62,7 @@ class DerivativeRows(RowKind):
         )
 
     def in_words(self, data: Trajectories) -> str:
-        """Measured or filtered rates, or outputs."""
+        """Return "measured rates", "filtered rates" or "measured outputs"."""
         return super().in_words(data) if data.filter is None else "filtered rates"
 
     def _operator(self, data: Trajectories, equation: str) -> RowOperator | None:
@@ -81,7 +81,7 @@ class DerivativeRows(RowKind):
 def _jumped(
     data: Trajectories, terms: Sequence[tuple[Term, float]], spread: SampleSpread
 ) -> Float[np.ndarray, " n_obs"]:
-    """What the simulation's terms that jump are at samples, over what these stand for, less what they are at points.
+    """Return the simulation's terms that jump, averaged over what samples stand for, less their values at the samples.
 
     Code and FMUs are not read: they are evaluated at the samples, and nowhere else.
     """

@@ -1,7 +1,7 @@
-"""The rows of one equation: what a row says, and what noise is on it.
+"""The rows of one equation: target, operator and noise.
 
-Everything that needs a target, its projection or its whitening asks `EquationRows`; a kind of rows is a constructor of
-it.
+Everything that needs a target, its projection or its whitening asks `EquationRows`; a kind of rows is a constructor
+of it.
 """
 
 import math
@@ -19,59 +19,54 @@ from bayes_greybox.data.rates.sample_spread import Columns, SampleSpread
 from bayes_greybox.running.errors import InputError
 
 Table = Callable[[Int[np.ndarray, " n_chunk"]], Float[np.ndarray, "n_chunk n_column"]]
-"""Rows of a table that need never exist as a whole, by index."""
+"""Function from the indices of rows to these rows of a table that need never exist as a whole."""
 
 Evaluate = Callable[[Columns], Any]
-"""From states and inputs at some samples to k values [n, k], by NumPy or JAX."""
+"""Function from states and inputs at some samples to k values [n, k], by NumPy or JAX."""
 
 
 @runtime_checkable
 class Operator(Protocol):
-    """V: from values at the samples to values of the rows, linear."""
+    """V: a linear map from values at the samples to values of the rows."""
 
     @property
     def sample(self) -> Int[np.ndarray, " n_row"]:
-        """The sample of the data that each row is at."""
+        """Sample of the data that each row is at."""
         ...
 
     @property
     def place(self) -> Int[np.ndarray, " n_row"]:
-        """Where each row is among the columns that terms are evaluated on."""
+        """Place of each row among the columns that terms are evaluated on."""
         ...
 
     def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
-        """V table."""
+        """Return V table."""
         ...
 
     def of(
         self, evaluate: Callable[[Columns], Float[np.ndarray, "n k"]], columns: Columns
     ) -> Float[np.ndarray, "n_row k"]:
-        """V F, F evaluated a stretch of samples at a time.
-
-        Args:
-            evaluate: From columns [n] to F [n, k].
-            columns: At all samples.
-        """
+        """Return V F, with F evaluated on columns [n] a stretch of samples at a time."""
         ...
 
 
 def block_name(equations: Sequence[str]) -> str:
-    """What rows are called that several equations share: "x_and_y", a name for variables; one has its own."""
+    """Return the name of rows that several equations share: "x_and_y", a name for variables; one has its own."""
     return "_and_".join(equations)
 
 
 def nothing_left(target: float | np.floating, measured: float | np.floating) -> bool:
-    """Whether a target is rounding errors of what was measured; norms of both over the same rows."""
+    """Return whether a target is rounding errors of what was measured, by the norms of both over the same rows."""
     return bool(target <= 1e-13 * measured)
 
 
 class Removal(NamedTuple):
-    """What is left of the whitened rows without the targets of some observations.
+    """Whitened rows without the targets of some observations.
 
     Attributes:
         kept: Observations that stay.
         directions: Orthonormal directions that leave the whitened rows, or None where rows leave.
-        log_det: What log|R| changes by.
+        log_det: Change of log|R|.
     """
 
     kept: Int[np.ndarray, " n_kept"]
@@ -83,9 +78,9 @@ class Jumps(NamedTuple):
     """Values among others that may jump.
 
     Attributes:
-        places: Of these, in their order.
-        evaluate: These alone, from columns [n] to [n, len(places)].
-        jumping: What of these jumps, where they are sums with what does not.
+        places: Indices of these values.
+        evaluate: Function from columns [n] to these values alone [n, len(places)].
+        jumping: The part of them that jumps, where they are sums with a part that does not.
     """
 
     places: Sequence[int]
@@ -94,12 +89,7 @@ class Jumps(NamedTuple):
 
 
 class Acting(NamedTuple):
-    """V for forces on one of the learned states that share rows.
-
-    Attributes:
-        operator: V.
-        size: Of such forces, over that of the learned state with the largest.
-    """
+    """V for forces on one of the learned states that share rows, and their size over that of the largest."""
 
     operator: Operator
     size: float
@@ -109,9 +99,9 @@ class Unfollowed(NamedTuple):
     """An unknown force along a path that its model does not follow.
 
     Attributes:
-        nats: That it gains over no such force.
+        nats: Log likelihood that it gains over no such force.
         intensity: λ = q²/σ², σ the noise of a typical sensor.
-        misfit: How far the path is from the samples, RMS over their spread; of several sensors the largest.
+        misfit: Distance of the path from the samples, RMS over their spread; of several sensors the largest.
     """
 
     nats: float
@@ -123,8 +113,9 @@ ExactRows = Callable[
     [Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], Float[np.ndarray, "n_draw n_start"]],
     Float[np.ndarray, "n_draw n_row"],
 ]
-"""From what draws add to the rates of the learned states, by columns and the draw's number, and their starts, in units
-of the rows' σ times those of `RowNoise.starts_given`, to rows without noise; user's units."""
+"""Function from what draws add to the rates of the learned states, by columns and the draw's number, and from their
+starts, in units of the rows' σ times those of `RowNoise.starts_given`, to rows without noise; user's units.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,20 +127,20 @@ class EquationRows:
     Attributes:
         equation: The learned state, or all together by `block_name`.
         columns: States and inputs at the samples, which Φ and f are evaluated on.
-        measured: What was measured [n_row].
-        simulated: What the simulation says of it [n_row], V g.
+        measured: Measurements.
+        simulated: V g, the measurements according to the simulation.
         noise: R, and W with W R Wᵀ = I.
         time: Time stamps of the rows.
         run: Number of the run of each row.
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
-        gain: What a sensor's unit was divided by to have the rows in the unit of the rate; 1 where they are rates.
-        unfollowed: What the model does not follow of the path that the rows are taken at.
+        gain: Divisor that took a sensor's unit to the unit of the rate; 1 where rows are rates.
+        unfollowed: Force that the model lacks along the path that the rows are taken at.
         learned: V of each learned state; empty where rows are of one alone.
-        exact: Rows as they would be if they were not linear near a model, `ExactRows`; None where rows are linear.
-        output: Whether rows are of an output, and not of a rate.
-        n_all: How many rows a design has of which these are some; None where it has these.
-        segments: Of each run of the path that the rows are taken at, each with a start of its own.
-        spread: What a sample stands for; None where columns are evaluated at the very samples.
+        exact: Rows as they would be if they were not linear near a model; None where rows are linear.
+        output: If true, the rows are of an output, else of a rate.
+        n_all: Number of rows of a design of which these are some; None where it has these.
+        segments: Number of segments, each with a start of its own, of each run of the path that rows are taken at.
+        spread: Distribution of states that a sample stands for; None where columns are evaluated at the samples.
     """
 
     equation: str
@@ -171,32 +162,39 @@ class EquationRows:
 
     @property
     def label(self) -> str:
-        """What the equation gives: d(y)/dt, or an output itself."""
+        """Left-hand side of the equation: d(y)/dt, or an output itself."""
         return self.equation if self.output else derivative_label(self.equation)
 
     @property
+    def measurement(self) -> str:
+        """Kind of what was measured: "derivative", "output", or "sample" of the states that learned equations move."""
+        if self.output:
+            return "output"
+        return "sample" if self.learned else "derivative"
+
+    @property
     def n_row(self) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self.measured)
 
     @property
     def n_white(self) -> int:
-        """White numbers that the rows carry: the observations that count."""
+        """Number of white numbers that the rows carry: the observations that count."""
         return self.noise.n_white
 
     @cached_property
     def target(self) -> Float[np.ndarray, " n_row"]:
-        """y: what was measured less what is simulated."""
+        """y: measured less simulated values."""
         return self.measured - self.simulated
 
     @property
     def shown(self) -> Float[np.ndarray, " n_row"]:
-        """What was measured, in the unit of the sensor that showed it: the same whatever model the rows are near."""
+        """Measurements in the unit of the sensor that showed them: the same whatever model the rows are near."""
         return self.measured * self.gain
 
     @property
     def nothing_left(self) -> bool:
-        """Whether the simulation equals the measurement but for rounding errors."""
+        """True if the simulation equals the measurement but for rounding errors."""
         return nothing_left(np.linalg.norm(self.target), np.linalg.norm(self.measured))
 
     @cached_property
@@ -211,51 +209,46 @@ class EquationRows:
         return float(np.sqrt(np.mean(self.target**2)))
 
     def nothing_to_learn(self) -> InputError:
-        """The error for a simulation that equals the measurement."""
+        """Return the error for a simulation that equals the measurement."""
         measured = self.equation if self.output else f"derivative of {self.equation!r}"
         return InputError(f"The simulation equals the measured {measured} exactly: there is nothing to learn.")
 
     @property
     def n_sample(self) -> int:
-        """Samples that terms are evaluated at."""
+        """Number of samples that terms are evaluated at."""
         return len(next(iter(self.columns.values())))
 
     @property
     def sample(self) -> Int[np.ndarray, " n_row"]:
-        """The sample of the data that each row is at."""
+        """Sample of the data that each row is at."""
         return np.arange(self.n_row) if self.operator is None else self.operator.sample
 
     def at(self, index: Int[np.ndarray, " n"] | slice) -> dict[str, Float[np.ndarray, " n"]]:
-        """States and inputs at some samples."""
+        """Return states and inputs at some samples."""
         return {name: column[index] for name, column in self.columns.items()}
 
     def at_rows(self) -> dict[str, Float[np.ndarray, " n_row"]]:
-        """States and inputs where the rows are."""
+        """Return states and inputs where the rows are."""
         return self.at(slice(None) if self.operator is None else self.operator.place)
 
     def operate(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
-        """V table: values of the rows from values at the samples."""
+        """Return V table: values of the rows from values at the samples."""
         return table if self.operator is None else self.operator(table)
 
     def at_samples(self, evaluate: Evaluate, jumps: "Jumps | None" = None) -> Float[np.ndarray, "n_sample k"]:
-        """Values at the samples, or what these stand for; `operate` makes rows of them.
-
-        Args:
-            evaluate: From columns [n] to values [n, k].
-            jumps: Which of these may jump.
-        """
+        """Return values at the samples, or means over what these stand for; `operate` makes rows of them."""
         values = np.array(evaluate(self.columns), float)
         if self.spread is not None and jumps is not None and jumps.places:
             values[:, jumps.places] = self.spread.mean(jumps.evaluate, self.spread.beside(self.columns), jumps.jumping)
         return values
 
     def table(self, evaluate: Evaluate, acts_on: Sequence[str] = (), jumps: "Jumps | None" = None) -> Table:
-        """V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
+        """Return V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
 
         Args:
-            evaluate: From columns [n] to F [n, k].
-            acts_on: The learned state that each of the k acts on, where several share the rows.
-            jumps: Which of the k may jump: a sample has what it stands for.
+            evaluate: Function from columns [n] to F [n, k].
+            acts_on: Learned state that each of the k acts on, where several share the rows.
+            jumps: Those of the k that may jump: they are averaged over what a sample stands for.
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
@@ -267,23 +260,23 @@ class EquationRows:
             return lambda index: whole[index]
         shared = np.empty((self.n_row, len(acts_on)))
         for name, acting in self.learned.items():
-            own = np.array([each == name for each in acts_on])
-            shared[:, own] = acting.operator.of(lambda at, own=own: np.asarray(evaluate(at))[:, own], self.columns)
+            on = np.array([each == name for each in acts_on])
+            shared[:, on] = acting.operator.of(lambda at, on=on: np.asarray(evaluate(at))[:, on], self.columns)
         return lambda index: shared[index]
 
     def whiten(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
-        """W table."""
+        """Return W table."""
         return self.noise.whiten(table)
 
     def whitened(self, table: Table) -> Table:
-        """W table, by index of the whitened rows; the very table where every row is whitened by itself."""
+        """Return W table by index of the whitened rows; the very table where every row is whitened by itself."""
         if self.noise.local:
             return table
         white = self.noise.whiten(table(np.arange(self.n_row)))
         return lambda index: white[index]
 
     def weighted(self, table: Table) -> tuple[Table, Table]:
-        """R⁻¹ table and diag R⁻¹ [n, 1] by index of the observations; W table and ones where W is not square."""
+        """Return R⁻¹ table and diag R⁻¹ [n, 1] by index of the observations; W table and ones where W is not square."""
         if self.noise.local:
             return table, lambda index: np.ones((len(index), 1))
         weighted = self.noise.whiten(table(np.arange(self.n_row)))
@@ -295,10 +288,9 @@ class EquationRows:
     def precision_blocks(
         self, folds: Sequence[Int[np.ndarray, " _"]]
     ) -> Callable[[Int[np.ndarray, "n_fold size"]], Float[np.ndarray, "n_fold size size"]]:
-        """(R⁻¹)_FF of folds of observations, by their numbers.
+        """Return a function from folds of observations, by their numbers, to (R⁻¹)_FF.
 
-        Args:
-            folds: All that will be asked for, each in increasing order.
+        The folds are all that will be asked for, each in increasing order.
         """
         if self.noise.local or not self.noise.square:
             return lambda index: np.broadcast_to(np.eye(index.shape[1]), (*index.shape, index.shape[1]))
@@ -345,20 +337,20 @@ class EquationRows:
         return Removal(kept, directions, 2 * float(np.sum(np.log(np.abs(np.diag(triangle))))))
 
     def log_det_of(self, kept: Int[np.ndarray, " n_kept"]) -> float:
-        """log|R_AA| of the first rows A of each run."""
+        """Return log|R_AA| of the first rows A of each run."""
         starts = self._starts(np.sort(kept))
         if starts is None:
             raise ValueError("these rows are not the first ones of each run")
         return self._log_det_of_starts(starts)
 
     def _starts(self, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
-        """How many rows of each run these are, if they are the first ones of each run; else None."""
+        """Return the number of rows of each run, if these are the first ones of each run; else None."""
         counts, start = [], 0
         for n in self.noise.run_lengths:
-            own = kept[(kept >= start) & (kept < start + n)]
-            if not np.array_equal(own, start + np.arange(len(own))):
+            of_run = kept[(kept >= start) & (kept < start + n)]
+            if not np.array_equal(of_run, start + np.arange(len(of_run))):
                 return None
-            counts.append(len(own))
+            counts.append(len(of_run))
             start += n
         return counts
 

@@ -1,4 +1,4 @@
-"""What rows of rates cannot say of themselves: noisy regressors, a filter that cuts too deep, too few samples."""
+"""Warnings on rows of rates: noisy regressors, a filter that cuts too deep, too few samples."""
 
 import math
 from collections.abc import Mapping
@@ -15,10 +15,10 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from .row_kind import RowKind
 
 NOISE_SHARE = 0.1
-"""Variance that the states' noise brings into the simulation, over that of the rate's own noise, worth saying."""
+"""Variance that the states' noise brings into the simulation, over that of the rate's own noise, from which to warn."""
 
 TRUNCATION_SHARE = 0.1
-"""RMS of what the filter takes from the simulation, over that of the gap, worth saying."""
+"""RMS of what the filter takes from the simulation, over that of the gap, from which to warn."""
 
 FEWEST_SAMPLES = 10.0
 """Samples per period of the fastest visible motion below which derivatives of samples are rough."""
@@ -28,18 +28,12 @@ VISIBLE = 0.99
 
 
 def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: Simulation) -> list[str]:
-    """Sentences on what is wrong with the rows of an equation, each with its figures; none where nothing is.
+    """Return a sentence with its figures on each thing that is wrong with the rows of an equation.
 
     Noise in the regressors: s² mean (∂g/∂x)² of each state x with noise s against the noise variance σ² of the rate,
     since E[e | x] = s² ∇ log p(x) is a force that more rows make surer; s and σ from third differences of the samples.
     Truncation: what the filter takes from the simulation's rate when the states pass through it once more, against the
     gap. Sampling: samples per period of the frequency below which 99 % of the rate's power lies.
-
-    Args:
-        kind: Kind of the rows.
-        data: Measurements.
-        equation: The learned state.
-        simulation: The known rates.
 
     Returns:
         At most one sentence on each state's noise, one on truncation and one on sampling.
@@ -80,7 +74,7 @@ def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[st
 
 
 def _truncation(data: Trajectories, equation: str, simulation: Simulation) -> float:
-    """RMS of s ∗ g(x) − s ∗ g(s ∗ x), x the smoothed states."""
+    """Return the RMS of s ∗ g(x) − s ∗ g(s ∗ x), x the smoothed states."""
     filtered = data.filter
     if filtered is None or not filtered.finite or max(data.run_lengths) < 2 * filtered.window:
         return 0.0

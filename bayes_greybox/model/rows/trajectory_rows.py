@@ -1,4 +1,4 @@
-"""Rows of a sensor's samples: what is modelled is the path that they are samples of.
+"""Rows of a sensor's samples, by a model of the path that they are samples of.
 
 A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for a learned state k and x(t₀) unknown. Along a
 reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ and δ̇ = A δ + e_k (Φθ + f − Φθ̄) is linear, so
@@ -15,9 +15,7 @@ path that the model allows. States that no sensor measures are part of x all the
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any
-from weakref import WeakKeyDictionary
+from functools import cache, partial
 
 import numpy as np
 
@@ -27,25 +25,21 @@ from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.rows.path.common import Common, ends_of_sensors
-from bayes_greybox.model.rows.path.exact_path import exact_samples
-from bayes_greybox.model.rows.path.forced_rate import Force, ForcedRate
-from bayes_greybox.model.rows.path.reference_path import ReferencePath, follow_samples
 from bayes_greybox.physics.integrate import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import with_rates
 from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows, block_name
-from .row_kind import RowKind
+from .path.common import Common, ends_of_sensors
+from .path.exact_path import exact_samples
+from .path.forced_rate import Force, ForcedRate
+from .path.reference_path import PathSettings, ReferencePath, follow_samples
+from .row_kind import Remembered, RowKind, RowsOfRuns
 
-_KNOWN: WeakKeyDictionary[Trajectories, dict[Any, ReferencePath]] = WeakKeyDictionary()
-"""Reference paths by the samples that they were found from, the latest `REMEMBERED`."""
-
-REMEMBERED = 4
-"""Paths of some samples that are kept: a study asks for the same one several times in a row."""
+_PATHS = Remembered()
+"""Reference paths by the samples that they were found from."""
 
 
 @dataclass(frozen=True)
@@ -55,21 +49,26 @@ class TrajectoryRows(RowKind):
     Where a noisy sensor stays at the end of its range, samples are no rows: it shows less than there is.
 
     Attributes:
-        substeps: Steps of the path between two samples; enough for the equations by default.
-        interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic"; by default each input's own.
-        added: Terms and coefficients of the model that the rows are linear near: what a fit or a study has found.
-        added_to: The learned state of each of these, where there are several.
-        process_noise: Whether the path that rows are linear near may be moved by an unknown force, as strong as the
-            samples ask for. Without, it is a path that the model allows.
-        same_noise: Whether the noise of all sensors is known to be the same, in their common unit; else each has its
+        substeps: Number of steps of the path between two samples; by default enough for the equations.
+        interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic"; by
+            default each input's own.
+        added: Terms and coefficients of the model that the rows are linear near: the findings of a fit or a study.
+        added_to: Learned state of each of these, where there are several.
+        process_noise: If true, the path that rows are linear near may be moved by an unknown force, as strong as the
+            samples ask for. Else it is a path that the model allows.
+        same_noise: If true, the noise of all sensors is known to be the same, in their common unit; else each has its
             own, which few samples tell poorly.
         force: Intensity λ = q²/σ² of an unknown force that is part of the noise, as `bg.Noise(force="fit")` finds it.
         at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
             the column that it is about as large as. Other hidden states may start anywhere.
         moving: Those of them that start about where a sampled column does, with that column.
-        segment: Time that a segment of the path lasts at most: each has a start of its own. None: as long as a change
+        segment: Longest time that a segment of the path lasts: each has a start of its own. None: as long as a change
             of a start stays within bounds, which no segment exceeds.
     """
+
+    linear = False
+    shared = True
+    follows_path = True
 
     substeps: int | None = None
     interpolation: str | None = None
@@ -100,27 +99,12 @@ class TrajectoryRows(RowKind):
             )
 
     @property
-    def rates_measured(self) -> bool:
-        """No: rates are those of the path."""
-        return False
-
-    @property
-    def integrated(self) -> bool:
-        """Yes: a path goes where its coefficients lead it."""
-        return True
-
-    @property
     def starts(self) -> Mapping[str, str]:
-        """Of hidden states that rest or move along with a column where a run starts."""
+        """Hidden states that rest or move along with a column where a run starts."""
         return {**{name: "" for name, _ in self.at_rest}, **dict(self.moving)}
 
-    @property
-    def shared(self) -> bool:
-        """Yes: each sample tells of all states."""
-        return True
-
     def nodes(self, data: Trajectories, equation: str, simulation: Simulation, whole: bool = False) -> Trajectories:
-        """States and inputs at the ends and middles of the path's steps; a segment is a run, or part of one."""
+        """Return states and inputs at the ends and middles of the path's steps; see `RowKind.nodes`."""
         path = self.path(data, (equation,), simulation)
         n_segment, n_node = path.segments.grid.time.shape
         run = np.arange(n_segment)
@@ -138,56 +122,48 @@ class TrajectoryRows(RowKind):
             samples=None,
         )
 
-    def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
-        """States of the simulation's expressions that the data lack."""
-        return tuple(name for name in named_states(simulation) if name not in data.columns)
-
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "TrajectoryRows":
-        """Rows linear near the model with these terms."""
+        """Return rows linear near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
 
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "TrajectoryRows":
-        """Rows with more hidden states that are at rest where a run starts, or move along with a column."""
+        """Return rows with more hidden states that are at rest where a run starts, or move along with a column."""
         at_rest, moving = {**dict(self.at_rest), **states}, {**dict(self.moving), **starts}
         return replace(self, at_rest=tuple(at_rest.items()), moving=tuple(moving.items()))
 
     def moved_by(self, intensity: float) -> "TrajectoryRows":
-        """Rows with an unknown force in their noise."""
+        """Return rows with an unknown force in their noise."""
         return replace(self, force=float(intensity))
 
     def in_words(self, data: Trajectories) -> str:
-        """Samples, and of which states."""
+        """Return the names of the sampled states, in a few words."""
         return f"samples of {', '.join((data.samples or data).state_names)} along a path"
 
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
-        """Samples of clipped sensors."""
+        """Return sentences on samples of clipped sensors."""
         samples = data.samples or data
         if samples.unseen is not None:
             return (f"sensors are clipped at {int(samples.unseen.sum())} samples, which are left out",)
         return tuple(clipped_in_words(name, rows) for name, rows in clipped_states(samples).items())
 
     def unforced(self) -> "TrajectoryRows":
-        """Rows without process noise."""
+        """Return rows of a path that the model allows, without process noise."""
         return replace(self, process_noise=False)
 
     def segments(self, data: Trajectories) -> int:
-        """Segments of each run that are asked for."""
+        """Return the least number of segments that each run is to be cut into."""
         return 1 if self.segment is None else max(1, math.ceil(_longest(data) / self.segment * (1 - 1e-9)))
 
     def in_segments(self, segments: int, data: Trajectories) -> "TrajectoryRows":
-        """Rows of a path in so many segments at least, and as long ones on other data."""
+        """Return rows of a path in at least so many segments on these data, and as long ones on others."""
         return replace(self, segment=None if segments == 1 else _longest(data) / segments)
 
     def held(self) -> "TrajectoryRows":
-        """Rows whose inputs are held."""
+        """Return rows with a zero-order hold of every input."""
         return replace(self, interpolation="zoh")
 
-    def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
-        """Data with the reference path for states and its rate for the learned state's; samples go along."""
-        return self.complete_all(data, (equation,), simulation)
-
     def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
-        """The same with the rates of several learned states."""
+        """Return the data with the reference path for states and its slopes for rates; samples go along."""
         path = self.path(data, equations, simulation)
         samples = data.samples or data
         noise = {} if data.samples is None else data.noise
@@ -197,95 +173,61 @@ class TrajectoryRows(RowKind):
         return replace(data, states=states, derivatives=rates, units=units, noise=noise, samples=samples)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """The rows of one equation; see `RowKind.rows`."""
+        """Return the rows of one equation; see `RowKind.rows`."""
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """The rows that tell of all these equations; see `RowKind.shared_rows`."""
+        """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
         path, samples = self.path(data, equations, simulation), data.samples or data
         # Noise of completed data was found on these rows; that of others is of rates.
         sensor = None if data.samples is None else data.noise.get(block_name(equations))
         return _rows_of(path, samples, equations, simulation, sensor, self.force)
 
-    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "TrajectoryRuns":
-        """Rows of further runs, with noise, sizes, steps and the unknown force as these samples have them."""
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
+        """Return a function to rows with noise, sizes, steps and the unknown force as these samples have them."""
         common = self.path(data, equations, simulation).common
-        return TrajectoryRuns(self, replace(common, clipped=ends_of_sensors(data.samples or data)))
+        return partial(self._rows_like, replace(common, clipped=ends_of_sensors(data.samples or data)))
+
+    def _rows_like(
+        self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> EquationRows:
+        path = self.followed(data, equations, simulation, common)
+        return _rows_of(path, data, equations, simulation, None, self.force)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
-        """The reference path.
-
-        Args:
-            data: Samples, or completed data.
-            equations: The learned states.
-            simulation: The known rates of all states.
+        """Return the reference path through samples, or through those of completed data.
 
         Raises:
-            InputError: A state without an equation; too few samples.
+            InputError: A state without an equation; too few samples; no path near them.
         """
         samples = data.samples or data
         # The force in the noise changes no path.
         key = (replace(self, force=0.0), equations, simulation.key)
-        known = _KNOWN.setdefault(samples, {})
-        if key not in known:
-            while len(known) >= REMEMBERED:
-                del known[next(iter(known))]
-            known[key] = self.followed(samples, equations, simulation)
-        return known[key]
+        return _PATHS.result(samples, key, lambda: self.followed(samples, equations, simulation))
 
     def followed(
         self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, common: Common | None = None
     ) -> ReferencePath:
-        """The path through samples.
+        """Return the path through samples.
 
-        Args:
-            samples: What the sensors showed.
-            equations: The learned states.
-            simulation: The known rates of all states.
-            common: What other runs have in common with these; found from these if left out.
+        Findings in `common` are shared with other runs; left out, they are found from these.
         """
         to = self.added_to or (equations[0],) * len(self.added)
         states = [simulation.states.index(name) for name in to]
         terms = [Force(Term(text), value, k) for (text, value), k in zip(self.added, states, strict=True)]
-        return follow_samples(
-            samples,
-            equations,
-            simulation,
-            terms,
-            self.substeps,
-            self.interpolation,
-            self.process_noise,
-            self.same_noise,
-            dict(self.at_rest),
-            dict(self.moving),
-            self.segments(samples),
-            common,
-        )
-
-
-@dataclass(frozen=True)
-class TrajectoryRuns:
-    """Rows of runs one by one, which together are those of all runs at once.
-
-    Attributes:
-        kind: The kind of rows.
-        common: What the runs have in common.
-    """
-
-    kind: TrajectoryRows
-    common: Common
-
-    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """The rows of some runs."""
-        path = self.kind.followed(data, equations, simulation, self.common)
-        return _rows_of(path, data, equations, simulation, None, self.kind.force)
+        settings = PathSettings(
+            self.substeps, self.interpolation, self.process_noise, self.same_noise, dict(self.at_rest),
+            dict(self.moving), self.segments(samples),
+        )  # fmt: skip
+        driven = tuple(simulation.states.index(name) for name in equations)
+        return follow_samples(samples, ForcedRate(simulation, driven, terms), settings, common)
 
 
 def _rows_of(
     path: ReferencePath, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation,
     sensor: RowNoise | None, force: float,
 ) -> EquationRows:  # fmt: skip
-    """Rows along a path; the noise of the sensors is white where it is not known."""
+    """Return rows along a path; the noise of the sensors is white where it is not known."""
     measured, run = samples.matrix(samples.state_names)[path.seen], samples.run[path.seen]
     n_seen, n_output = measured.shape
     lengths = tuple(np.bincount(run, minlength=samples.n_run).tolist()) * n_output
@@ -314,7 +256,7 @@ def _rows_of(
 
 
 def _longest(data: Trajectories) -> float:
-    """Time that the longest run of the samples lasts."""
+    """Return the time that the longest run of the samples lasts."""
     samples = data.samples or data
     parts = np.split(samples.time, np.cumsum(samples.run_lengths)[:-1])
     return float(max(part[-1] - part[0] for part in parts))

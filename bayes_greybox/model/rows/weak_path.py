@@ -39,23 +39,23 @@ from bayes_greybox.data.weak.weak_form import CENTRES_PER_RADIUS, FEWEST_RADIUS_
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.running.errors import InputError
 
-FINEST = 1e-5
-"""Noise of a state over the spread of its samples, at least: rounding, and what sums for integrals leave."""
+LEAST_STATE_NOISE = 1e-5
+"""Least noise of a state over the spread of its samples: rounding, and what sums for integrals leave."""
 
-TURNS = 2
-"""How often states are taken anew near the frozen model."""
+STATE_PASSES = 2
+"""Number of times that states are taken anew near the frozen model."""
 
-MOST_ROWS = 6000
-"""Rows at most; on longer records test functions are wider than the data ask for."""
+MOST_WEAK_ROWS = 6000
+"""Most rows; on longer records test functions are wider than the data ask for."""
 
 
 class Level(NamedTuple):
-    """What all rows of a turn have in common.
+    """Scales that all rows of a pass share.
 
     Attributes:
-        size: RMS of L S^½ over the rows that there might be.
-        variance: Mean variance of those that there are, over its square.
-        share: Share of the noise that the rows say there is which is taken out of the samples.
+        size: RMS of L S^½ over all rows that the test functions could give.
+        variance: Mean variance of the rows that are kept, over its square.
+        share: Share of the noise found by the rows which is taken out of the samples.
     """
 
     size: float
@@ -65,13 +65,13 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Common:
-    """What runs have in common, whichever of them are looked at together.
+    """Findings that all runs share, whichever of them are looked at together.
 
     Attributes:
         sd: Noise of each state.
-        half_widths: Neighbours on either side in the cubics of each state.
-        radius: Of the test functions.
-        levels: Of each turn.
+        half_widths: Number of neighbours on either side in the cubics of each state.
+        radius: Half the support of the test functions.
+        levels: Level of each pass.
         sizes: RMS of the measured rows of each equation.
     """
 
@@ -84,12 +84,11 @@ class Common:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What is read off samples before any model: noise, windows and test functions.
+    """Noise, windows and test functions of samples, before any model.
 
     Attributes:
-        samples: The samples.
         sd: Noise of each state.
-        half_widths: Neighbours on either side in the cubics of each state.
+        half_widths: Number of neighbours on either side in the cubics of each state.
         fits: These cubics.
         bumps: Test functions.
     """
@@ -102,38 +101,29 @@ class Reading:
 
     @classmethod
     def of(cls, samples: Trajectories, radius: float | None) -> "Reading":
-        """Read samples.
+        """Read samples of all states.
 
-        Args:
-            samples: All states.
-            radius: Of the test functions; by default as far as the cubic reaches that follows the fastest state best.
+        The radius of the test functions is by default the reach of the cubic that follows the fastest state best.
         """
         values = samples.matrix(samples.state_names)
         spread = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)
-        sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), FINEST * spread)
+        sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), LEAST_STATE_NOISE * spread)
         parts = stretches(samples.time, samples.run_lengths)
         widths = chosen_half_widths(samples.time, values, sd, parts)
         reach = radius or _radius(samples.time, parts, min(widths), len(sd))
-        return cls.given(samples, sd, widths, reach)
+        return cls.of_windows(samples, sd, widths, reach)
 
     @classmethod
-    def given(
+    def of_windows(
         cls, samples: Trajectories, sd: Float[np.ndarray, " n_state"], widths: tuple[int, ...], radius: float
     ) -> "Reading":
-        """The same with what samples are read for taken from elsewhere.
-
-        Args:
-            samples: All states.
-            sd: Noise of each state.
-            widths: Neighbours on either side in the cubics of each state.
-            radius: Of the test functions.
-        """
+        """Read samples with noise, half-widths of the cubics and a radius from elsewhere."""
         parts = stretches(samples.time, samples.run_lengths)
         made = {width: LocalFits.of(samples.time, parts, width) for width in set(widths)}
         return cls(samples, sd, widths, tuple(made[m] for m in widths), Bumps.along(samples.time, parts, radius))
 
     def smooth(self, values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
-        """H values, state by state."""
+        """Return H values, state by state."""
         return np.column_stack([fits.smooth(x) for fits, x in zip(self.fits, values.T, strict=True)])
 
 
@@ -141,9 +131,7 @@ class Reading:
 class Weighing:
     """V, from values at the samples to the rows of one equation among those of all.
 
-    Attributes:
-        table: V [n_row, n_sample]; empty lines where rows are of other equations.
-        sample: Sample nearest to the centre of each row.
+    `table` has empty lines where rows are of other equations; `sample` is the one nearest to the centre of each row.
     """
 
     table: csr_matrix
@@ -151,11 +139,11 @@ class Weighing:
 
     @property
     def place(self) -> Int[np.ndarray, " n_row"]:
-        """The same: terms are evaluated at samples."""
+        """The same samples: terms are evaluated there."""
         return self.sample
 
     def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
-        """V table."""
+        """Return V table."""
         return np.asarray(self.table @ table)
 
     def of(
@@ -163,7 +151,7 @@ class Weighing:
         evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n_sample k"]],
         columns: Mapping[str, Float[np.ndarray, " n_sample"]],
     ) -> Float[np.ndarray, "n_row k"]:
-        """V F, F evaluated on columns."""
+        """Return V F, F evaluated on columns."""
         return self(np.asarray(evaluate(columns)))
 
 
@@ -172,17 +160,16 @@ class WeakPath:
     """States near those that were sampled, and rows of some equations there, in order of time, then of equation.
 
     Attributes:
-        reading: What was read off the samples.
-        states: X [n_sample, n_state].
+        reading: Reading of the samples.
+        states: X.
         rates: Slopes of X.
         weighing: V of each equation that has rows.
-        measured: −V̇ Y − V J (Y − X) [n_row].
+        measured: −V̇ Y − V J (Y − X).
         simulated: V g(X), g without the frozen model's own terms.
         noise: R, whose `scale` is that of the rows.
-        sizes: RMS of the measured rows of each equation.
         time: Centres of the rows.
         run: Their runs.
-        levels: What all rows of each turn have in common.
+        common: Findings that further runs share with these.
     """
 
     reading: Reading
@@ -192,16 +179,9 @@ class WeakPath:
     measured: Float[np.ndarray, " n_row"]
     simulated: Float[np.ndarray, " n_row"]
     noise: OverlappingNoise
-    sizes: Mapping[str, float]
     time: Float[np.ndarray, " n_row"]
     run: Int[np.ndarray, " n_row"]
-    levels: tuple[Level, ...]
-
-    @property
-    def common(self) -> Common:
-        """What further runs have in common with these."""
-        reading = self.reading
-        return Common(tuple(reading.sd.tolist()), reading.half_widths, reading.bumps.radius, self.levels, self.sizes)
+    common: Common
 
 
 def weak_path(
@@ -212,52 +192,52 @@ def weak_path(
     white_share: float,
     levels: Sequence[Level] = (),
 ) -> WeakPath:
-    """States and rows near a frozen model.
+    """Return states and rows near a frozen model.
 
     Args:
-        reading: What was read off the samples.
-        equations: Those that have rows.
+        reading: Reading of the samples.
+        equations: Equations that have rows.
         known: The known rates.
         whole: The same with the terms of the frozen model.
         white_share: δ.
-        levels: What these rows have in common with others, turn by turn; found from these if left out.
+        levels: Levels of each pass that these rows share with others; found from these if left out.
 
     Raises:
         InputError: Rates of the frozen model are not finite near the samples.
     """
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
-    own = [samples.state_names.index(name) for name in equations]
+    states = [samples.state_names.index(name) for name in equations]
     X = reading.smooth(Y)
-    given = [*levels] or [None] * (TURNS + 1)
-    near = _linear(reading, own, X, whole, white_share, given[0])
+    first, *others = [*levels] or [None] * (STATE_PASSES + 1)
+    near = _linear(reading, states, X, whole, white_share, first)
     found = [near.level]
-    for level in given[1:]:
+    for level in others:
         X = reading.smooth(Y - near.error(reading))
-        near = _linear(reading, own, X, whole, white_share, level)
+        near = _linear(reading, states, X, whole, white_share, level)
         found.append(near.level)
     g, rows = known.rates(samples.time, X, U), near.rows
-    measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in own])[rows]
+    measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in states])[rows]
     weighing = {}
     for i, name in enumerate(equations):
-        parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(own))]
-        weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(own))[rows])
+        parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(states))]
+        weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(states))[rows])
     of = rows // max(len(bumps), 1)
+    sizes = {
+        name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
+        for i, name in enumerate(equations)
+    }
     return WeakPath(
         reading=reading,
         states=X,
         rates=np.column_stack([fits.rate(x) for fits, x in zip(reading.fits, X.T, strict=True)]),
         weighing=weighing,
         measured=measured,
-        simulated=np.concatenate([bumps.values @ g[:, k] for k in own])[rows],
+        simulated=np.concatenate([bumps.values @ g[:, k] for k in states])[rows],
         noise=near.noise,
-        sizes={
-            name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
-            for i, name in enumerate(equations)
-        },
-        time=np.tile(bumps.centre, len(own))[rows],
-        run=np.tile(bumps.run, len(own))[rows],
-        levels=tuple(found),
+        time=np.tile(bumps.centre, len(states))[rows],
+        run=np.tile(bumps.run, len(states))[rows],
+        common=Common(tuple(reading.sd.tolist()), reading.half_widths, bumps.radius, tuple(found), sizes),
     )
 
 
@@ -267,10 +247,10 @@ class _Linear(NamedTuple):
     Attributes:
         L: L S^½.
         noise: R.
-        rows: Which of all rows, equation by equation, these are, in order of time.
-        left: ρ, what the frozen model leaves of each.
-        back: J (Y − X) [n_sample, n_state].
-        level: What the rows have in common.
+        rows: Numbers of the rows among all, equation by equation, in order of time.
+        left: ρ, the residual of each under the frozen model.
+        back: J (Y − X).
+        level: Scales of the rows.
     """
 
     L: csr_matrix
@@ -281,7 +261,7 @@ class _Linear(NamedTuple):
     level: Level
 
     def error(self, reading: Reading) -> Float[np.ndarray, "n_sample n_state"]:
-        """ê."""
+        """Return ê."""
         if not len(self.rows):
             return np.zeros(self.back.shape)
         white = self.noise.whiten(self.left[:, None] / self.noise.scale)
@@ -290,29 +270,29 @@ class _Linear(NamedTuple):
 
 
 def _linear(
-    reading: Reading, own: Sequence[int], X: np.ndarray, whole: Simulation, share: float, level: Level | None
+    reading: Reading, states: Sequence[int], X: np.ndarray, whole: Simulation, share: float, level: Level | None
 ) -> _Linear:
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
     F, J = whole.rates(samples.time, X, U), whole.jacobian(samples.time, X, U)
-    if not (np.all(np.isfinite(F[:, own])) and np.all(np.isfinite(J[:, own]))):
-        names = ", ".join(samples.state_names[k] for k in own)
+    if not (np.all(np.isfinite(F[:, states])) and np.all(np.isfinite(J[:, states]))):
+        names = ", ".join(samples.state_names[k] for k in states)
         raise InputError(f"The rates of {names} are not finite near the samples: check the domain of the terms.")
     back = np.einsum("nij,nj->ni", J, Y - X)
     # Row by row of time, equation by equation.
-    order = np.arange(len(own) * len(bumps)).reshape(len(own), -1).T.ravel()
+    order = np.arange(len(states) * len(bumps)).reshape(len(states), -1).T.ravel()
     lines = []
-    for k in own:
+    for k in states:
         blocks = [bumps.values @ diags(J[:, k, j] * s) for j, s in enumerate(reading.sd)]
         blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
         lines.append(csr_matrix(hstack(blocks)))
     L = _lines(lines, order)
     size = level.size if level is not None else _rms(L)
-    bands, kept = _bands(L, np.tile(bumps.run, len(own))[order], size, share)
+    bands, kept = _bands(L, np.tile(bumps.run, len(states))[order], size, share)
     variance = level.variance if level is not None else mean_diagonal(bands)
     noise = overlapping(bands, size, variance)
     rows = order[kept]
-    left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in own])[rows]
+    left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in states])[rows]
     if level is None:
         # σ̂², of which more than one is no noise of the samples.
         square = float(np.mean(noise.whiten(left[:, None] / noise.scale) ** 2)) if len(rows) else 1.0
@@ -321,34 +301,34 @@ def _linear(
 
 
 def _rms(L: csr_matrix) -> float:
-    """RMS over the rows of their norms."""
+    """Return the RMS of the norms of the rows."""
     return float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
 
 
 def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:
-    """Some lines of matrices on top of each other."""
+    """Return some lines of matrices stacked on top of each other."""
     whole: Any = csr_matrix(vstack(parts))
     return whole[rows]
 
 
 def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state: int) -> float:
-    """Half the window of the narrowest cubic in time, but no fewer steps and no more rows than may be."""
+    """Return half the window of the narrowest cubic in time, within the limits on steps and rows."""
     steps = np.concatenate([np.diff(time[slice(*part.rows)]) for part in parts])
     step, whole = float(np.median(steps)) if len(steps) else 1.0, float(np.sum(steps))
     # On uneven steps a bump needs its fewest samples on average.
     fewest = FEWEST_RADIUS_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
-    return max(half_width * step, fewest, CENTRES_PER_RADIUS * n_state * whole / MOST_ROWS)
+    return max(half_width * step, fewest, CENTRES_PER_RADIUS * n_state * whole / MOST_WEAK_ROWS)
 
 
 def _bands(
     L: csr_matrix, run: np.ndarray, size: float, share: float
 ) -> tuple[list[Float[np.ndarray, "_ _"]], Int[np.ndarray, " n_row"]]:
-    """Covariance of the rows of each run over a square, and which of them the rows before do not tell."""
+    """Return the covariance of the rows of each run over a square, and the rows that are no sums of those before."""
     bands, kept = [], [np.zeros(0, int)]
     for r in np.unique(run):
         rows = np.flatnonzero(run == r)
         band = _banded(_lines([L], rows) / size, share)
-        if not _told_apart(band):
+        if not _independent(band):
             rows = rows[independent_rows(band)]
             band = _banded(_lines([L], rows) / size, share)
         bands.append(band)
@@ -356,8 +336,8 @@ def _bands(
     return bands, np.concatenate(kept)
 
 
-def _told_apart(band: np.ndarray) -> bool:
-    """Whether no row is told by those before it."""
+def _independent(band: np.ndarray) -> bool:
+    """Return whether no row is, nearly, a sum of those before it."""
     try:
         factor = cholesky_banded(band, lower=True)
     except LinAlgError:
@@ -366,7 +346,7 @@ def _told_apart(band: np.ndarray) -> bool:
 
 
 def _banded(L: Any, share: float) -> np.ndarray:
-    """(1 − δ) L Lᵀ + δ diag L Lᵀ in lower banded form."""
+    """Return (1 − δ) L Lᵀ + δ diag L Lᵀ in lower banded form."""
     lower = (L @ L.T).tocoo()
     below = lower.row >= lower.col
     row, column, value = lower.row[below], lower.col[below], lower.data[below]

@@ -9,37 +9,33 @@ is taken anew near the likeliest one. Bumps overlap: n is the number of rows tha
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
-from weakref import WeakKeyDictionary
+from functools import partial
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Lt
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.weak.weak_form import FEWEST_RADIUS_STEPS
-from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import NotNegative, Positive, require_limits
 
 from .equation_rows import Acting, EquationRows, block_name
-from .row_kind import RowKind
+from .path.reference_path import ReferencePath
+from .row_kind import Remembered, RowKind, RowsOfRuns
 from .weak_path import Common, Reading, WeakPath, weak_path
 
-_READ: WeakKeyDictionary[Trajectories, dict[float | None, Reading]] = WeakKeyDictionary()
-_KNOWN: WeakKeyDictionary[Trajectories, dict[Any, WeakPath]] = WeakKeyDictionary()
-"""What was found of some samples, the latest `REMEMBERED` paths."""
+_READINGS, _WEAK_PATHS = Remembered(), Remembered()
+"""Readings and paths by the samples that they are of."""
 
 Share = Annotated[NotNegative, Lt(1)]
-"""Of a variance; all of it would leave no covariance."""
+"""Share of a variance; all of it would leave no covariance."""
 
-AFAR = (0.5, 0.2, 0.05, 0.01)
-"""White shares of the first turns: the frozen model may be far off, and some sums of rows are exact under it alone."""
-
-REMEMBERED = 4
-"""Paths of some samples that are kept: a fit asks for the same one several times in a row."""
+FIRST_WHITE_SHARES = (0.5, 0.2, 0.05, 0.01)
+"""White shares of the first outer iterations: the frozen model may be far off, and some sums of rows are exact under it
+alone."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +58,10 @@ class WeakRows(RowKind):
         added_to: The learned state of each of these.
     """
 
+    linear = False
+    shared = True
+    studied = False
+
     radius: Positive | None = None
     white_share: Share = 0.0
     added: tuple[tuple[str, float], ...] = ()
@@ -73,39 +73,22 @@ class WeakRows(RowKind):
         object.__setattr__(self, "added_to", tuple(self.added_to))
         require_limits(self)
 
-    @property
-    def rates_measured(self) -> bool:
-        """No: rates are those of the path."""
-        return False
-
-    @property
-    def studied(self) -> bool:
-        """No: what errors of the sensors do to such rows is not worked out, and explanations pass for them."""
-        return False
-
-    @property
-    def shared(self) -> bool:
-        """Yes: the noise of each state is in the rows of all equations."""
-        return True
-
-    def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
-        """States of the simulation's expressions that the data lack; they are refused by name."""
-        return tuple(name for name in named_states(simulation) if name not in data.columns)
-
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "WeakRows":
-        """Rows near the model with these terms."""
+        """Return rows near the model with these terms."""
         return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
 
-    def from_afar(self, turn: int) -> "WeakRows":
-        """Rows with a larger white share at first."""
-        return replace(self, white_share=max(self.white_share, AFAR[turn])) if turn < len(AFAR) else self
+    def from_afar(self, iteration: int) -> "WeakRows":
+        """Return the rows of an outer iteration in which the frozen model is found: at first more of R is diagonal."""
+        if iteration >= len(FIRST_WHITE_SHARES):
+            return self
+        return replace(self, white_share=max(self.white_share, FIRST_WHITE_SHARES[iteration]))
 
     def in_words(self, data: Trajectories) -> str:
-        """Integrals, and of which samples."""
+        """Return the names of the sampled states, in a few words."""
         return f"integrals of {', '.join((data.samples or data).state_names)} with test functions"
 
     def left_out(self, data: Trajectories) -> tuple[str, ...]:
-        """Which test functions were chosen, and what of the data has no row."""
+        """Return a sentence on the test functions, and on what of the data has no row."""
         reading = _read(data.samples or data, self.radius)
         windows = ", ".join(
             f"{2 * m + 1} samples of {name}" for name, m in zip(data.state_names, reading.half_widths, strict=True)
@@ -118,12 +101,8 @@ class WeakRows(RowKind):
             f"{len(reading.bumps)} for each equation{left}; terms at states smoothed by cubics over {windows}",
         )
 
-    def complete(self, data: Trajectories, equation: str, simulation: Simulation) -> Trajectories:
-        """Data with the states that terms are evaluated at, and their slopes; samples go along."""
-        return self.complete_all(data, (equation,), simulation)
-
     def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
-        """The same with the rates of several learned states."""
+        """Return the data with the states that terms are evaluated at, and their slopes; samples go along."""
         path, samples = self._near(data, equations, simulation), data.samples or data
         index = [samples.state_names.index(name) for name in equations]
         return replace(
@@ -135,11 +114,11 @@ class WeakRows(RowKind):
         )
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """The rows that tell of one equation; see `RowKind.rows`."""
+        """Return the rows that tell of one equation; see `RowKind.rows`."""
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """The rows that tell of all these equations; see `RowKind.shared_rows`."""
+        """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
         path = self._near(data, equations, simulation)
         if not len(path.measured):
             raise InputError(
@@ -147,14 +126,22 @@ class WeakRows(RowKind):
                 f"{2 * FEWEST_RADIUS_STEPS + 1} samples without a gap: give longer runs or a smaller "
                 "WeakRows(radius=...), or use GreyBox(rows=bg.TrajectoryRows()), which needs no test functions."
             )
-        return _rows_of(path, equations, path.sizes)
+        return _rows_of(path, equations, path.common.sizes)
 
-    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> "WeakRuns":
-        """Rows of further runs, with noise, windows and scales as these samples have them."""
-        return WeakRuns(self, self._near(data, equations, simulation).common)
+    def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
+        """Return a function to rows with noise, windows and scales as these samples have them."""
+        return partial(self._rows_like, self._near(data, equations, simulation).common)
+
+    def _rows_like(
+        self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> EquationRows:
+        reading = Reading.of_windows(data, np.array(common.sd), common.half_widths, common.radius)
+        with_rows, whole = self.frozen(data, equations, simulation)
+        path = weak_path(reading, with_rows, simulation, whole, self.white_share, common.levels)
+        return _rows_of(path, equations, common.sizes)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
-        """Weak rows follow none."""
+        """Refuse: weak rows follow no path."""
         raise InputError("Weak rows follow no path from its start: for that use GreyBox(rows=bg.TrajectoryRows()).")
 
     def _near(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> WeakPath:
@@ -165,26 +152,17 @@ class WeakRows(RowKind):
                 f"Weak rows need samples of all states, and those of {lacking[0]!r} are missing: give them, or use "
                 "GreyBox(rows=bg.TrajectoryRows()), which does without."
             )
-        key = self, equations, simulation.key
-        known = _KNOWN.setdefault(samples, {})
-        if key not in known:
-            while len(known) >= REMEMBERED:
-                del known[next(iter(known))]
-            reading = _read(samples, self.radius)
+
+        def near() -> WeakPath:
             with_rows, whole = self.frozen(samples, equations, simulation)
-            known[key] = weak_path(reading, with_rows, simulation, whole, self.white_share)
-        return known[key]
+            return weak_path(_read(samples, self.radius), with_rows, simulation, whole, self.white_share)
+
+        return _WEAK_PATHS.result(samples, (self, equations, simulation.key), near)
 
     def frozen(
         self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation
     ) -> tuple[tuple[str, ...], Simulation]:
-        """Equations that have rows, and the simulation with the terms of the frozen model.
-
-        Args:
-            samples: The samples.
-            equations: The learned states.
-            simulation: The known rates.
-        """
+        """Return the equations that have rows, and the simulation with the terms of the frozen model."""
         with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
         added: dict[str, list[tuple[Term, float]]] = {}
         to = self.added_to or (equations[0],) * len(self.added)
@@ -193,29 +171,8 @@ class WeakRows(RowKind):
         return with_rows, simulation.beside(added)
 
 
-@dataclass(frozen=True)
-class WeakRuns:
-    """Rows of runs one by one, which together are those of all runs at once.
-
-    Attributes:
-        kind: The kind of rows.
-        common: What the runs have in common.
-    """
-
-    kind: WeakRows
-    common: Common
-
-    def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """The rows of some runs; none where these are shorter than a test function."""
-        known = self.common
-        reading = Reading.given(data, np.array(known.sd), known.half_widths, known.radius)
-        with_rows, whole = self.kind.frozen(data, equations, simulation)
-        path = weak_path(reading, with_rows, simulation, whole, self.kind.white_share, known.levels)
-        return _rows_of(path, equations, known.sizes)
-
-
 def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, float]) -> EquationRows:
-    """Rows of a path; forces on each state are over their sizes."""
+    """Return the rows of a path; forces on each state are over their sizes."""
     largest = max(sizes[name] for name in equations)
     learned = {name: Acting(path.weighing[name], sizes[name] / largest if largest > 0 else 1.0) for name in equations}
     samples = path.reading.samples
@@ -233,7 +190,4 @@ def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, flo
 
 
 def _read(samples: Trajectories, radius: float | None) -> Reading:
-    known = _READ.setdefault(samples, {})
-    if radius not in known:
-        known[radius] = Reading.of(samples, radius)
-    return known[radius]
+    return _READINGS.result(samples, radius, lambda: Reading.of(samples, radius))

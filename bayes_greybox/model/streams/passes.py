@@ -6,7 +6,7 @@ result is the same to the last bit wherever they were read, on processors of one
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,55 +20,63 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
-from ..algebra.stacking import BLOCK, stacked
-from ..assemble import scaled_table, with_steps
+from ..algebra.stacking import CACHED_ROWS, stacked
+from ..assemble import require_rows, scaled_table, with_steps
 from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
-from ..rows.row_kind import RunRows
+from ..rows.row_kind import RowsOfRuns
 from ..scaling import scaled_frame
-from .extent import Extent, Factors, Sizes, together
-from .sampled import of_the_sample
+from .extent import Extent, Factors, Sizes, ends_of, together
 from .statistics import RowStatistics
 
-RANGES, STATISTICS = "Reading ranges of the rows", "Reading the rows"
-"""What bars say of the passes: the first, and a further one."""
+READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
+"""Labels of the progress bars of the passes: the first, and a further one."""
 
-SAME = 1e-6
+SAME_WITHIN = 1e-6
 """Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
 errors, and far below what other random rows make of a hundred million."""
 
 
+@contextmanager
+def of_the_sample(sample: Trajectories, stream: RowStream) -> Iterator[None]:
+    """Say of errors within that they are of a sample of whole runs, as they were measured, and not of all."""
+    try:
+        yield
+    except InputError as error:
+        runs = "1 run" if sample.n_run == 1 else f"{sample.n_run} runs"
+        raise InputError(
+            f"In the sample of {runs} of {stream.source.where}: {error} If it is otherwise in other runs, look at "
+            "more of them: bg.stream(..., sample=...)."
+        ) from error
+
+
 @dataclass(frozen=True)
 class Rows:
-    """How chunks become rows of equations, wherever they are read.
+    """Rows of equations from chunks of a source, wherever these are read, by functions to the rows of each block.
 
-    Attributes:
-        source: The chunks.
-        model: Model.
-        sample: Some of the rows as they were measured, whose names and units are those of all.
-        runs: What makes rows of each block.
+    The sample has some of the rows as they were measured, with the names and units of all.
     """
 
     source: Source
     model: Program
     sample: Trajectories
-    runs: Mapping[str, RunRows]
+    runs: Mapping[str, RowsOfRuns]
 
     def of_part(self, part: int) -> Iterator[tuple[Trajectories, dict[str, EquationRows]]]:
-        """Chunks of a part, and rows by block."""
+        """Return the chunks of a part, each with its rows by block."""
         simulation, names = self.model.simulator(self.sample), set(self.sample.columns)
         for chunk in self.source.chunks(part):
             if set(chunk.columns) != names:
                 raise InputError(f"Part {part} of {self.source.where} has other columns than its first one.")
             self._require_units(part, chunk)
             blocks = self.model.blocks.items()
-            for piece in _alone(chunk) if self.model.rows.integrated else [chunk]:
+            for piece in _alone(chunk) if self.model.rows.follows_path else [chunk]:
                 try:
-                    rows = {name: self.runs[name].shared_rows(piece, of, simulation) for name, of in blocks}
+                    rows = {name: self.runs[name](piece, of, simulation) for name, of in blocks}
                 except InputError as error:
-                    if self.model.rows.rates_measured:
+                    if self.model.rows.linear:
                         raise
                     raise InputError(f"In {_runs_in_words(piece)} of {self.source.where}: {error}") from error
                 yield piece, rows
@@ -85,7 +93,7 @@ class Rows:
 
 
 def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
-    """Its runs one by one: a smoother is compiled for each number of runs that it is given at once."""
+    """Return the runs one by one: a smoother is compiled for each number of runs that it is given at once."""
     for run in range(chunk.n_run):
         yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
 
@@ -97,27 +105,21 @@ def _runs_in_words(piece: Trajectories) -> str:
 
 @dataclass(frozen=True)
 class Whole:
-    """All rows of a stream, of which ranges and sizes are known.
+    """All rows of a stream, with a sample to look at and the extent that the first pass found.
 
-    Attributes:
-        stream: The stream.
-        sample: Rows that are looked at.
-        extent: What the first pass found.
-        runs: What makes rows of each block.
-        first: Frames that the factors of the first pass were made in, where rows are of paths.
+    Where rows are of paths, `first` are the frames in which the first pass made factors.
     """
 
     stream: RowStream
     sample: Trajectories
     extent: Extent
-    runs: Mapping[str, RunRows]
+    runs: Mapping[str, RowsOfRuns]
     first: Mapping[str, Frame]
 
     def statistics(self, model: Program) -> dict[str, RowStatistics]:
-        """What all rows say under a model, by block: one pass over them, none where the first has told all.
+        """Return the statistics of all rows by block: one pass over them, none where those of the first are enough.
 
-        Args:
-            model: One with the terms and the simulation of the first pass; its features may be others.
+        The model has the terms and the simulation of the first pass; its features may be others.
 
         Raises:
             InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
@@ -132,26 +134,25 @@ class Whole:
             factors = self._factors(model, frames)
         found = {}
         for block, frame in frames.items():
-            levels, floor, own = sizes[block].levels, model.noise_floor, sizes[block]
-            if levels is not None:
-                floor = with_steps(levels / frame.target_scale, own.n_white, floor)
+            size, floor = sizes[block], model.noise_floor
+            if size.levels is not None:
+                floor = with_steps(size.levels / frame.target_scale, size.n_white, floor)
             found[block] = RowStatistics(
                 n_row=self.extent.n_row,
-                ends=own.ends,
+                ends=size.ends,
                 term_scale=frame.term_scale,
                 target_scale=frame.target_scale,
                 noise_floor=floor,
                 factor=factors[block].white,
-                n_white=own.n_white,
-                log_det=own.log_det,
+                n_white=size.n_white,
+                log_det=size.log_det,
                 plain=factors[block].plain if self.first else None,
             )
         return found
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
-        parts = _over_parts(
-            self.stream, _factors_of_part, STATISTICS, model, measured_of(self.sample), self.runs, frames
-        )
+        rows = Rows(self.stream.source, model, measured_of(self.sample), self.runs)
+        parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
         factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
         for part in parts:
             factors = {block: factor.joined(part[block]) for block, factor in factors.items()}
@@ -168,7 +169,7 @@ class Whole:
     def _require_same(self, factors: Factors, block: str, n_term: int) -> None:
         # Terms of rates, and targets, were divided by their RMS over the rows of the first pass.
         squares = np.sum(factors.plain[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.sizes[block].n_white
-        if not np.all(np.abs(squares - 1.0) <= SAME):
+        if not np.all(np.abs(squares - 1.0) <= SAME_WITHIN):
             raise InputError(
                 f"The rows of {self.stream.source.where} were others when they were read again: let nothing write to "
                 "the files during a fit; a function must give the same rows each time, from a seed of the chunk's "
@@ -177,11 +178,7 @@ class Whole:
 
     def _frame(self, model: Program, rows: EquationRows, dictionary: Dictionary) -> Frame:
         sizes = self.extent.sizes[rows.equation]
-        if sizes.n_white < len(dictionary):
-            raise InputError(
-                f"Equation {rows.equation!r} has {len(dictionary)} terms but only {sizes.n_white} rows of data: give "
-                "at least as many rows as terms."
-            )
+        require_rows(rows.equation, sizes.n_white, len(dictionary))
         if nothing_left(np.sqrt(sizes.target), np.sqrt(sizes.measured)):
             raise rows.nothing_to_learn()
         scales = sizes.scales(rows, dictionary)
@@ -191,12 +188,7 @@ class Whole:
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
-    """The first pass.
-
-    Args:
-        stream: All rows; whole runs where they are of paths.
-        model: Model, which chose its kind of rows.
-        sample: Some of the rows.
+    """Make the first pass.
 
     Raises:
         InputError: Chunks that cannot be read; a column that is the same everywhere; a term that is not finite, or
@@ -205,19 +197,21 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     simulation = model.simulator(sample)
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
     frames = {}
-    if not model.rows.rates_measured:
+    if not model.rows.linear:
         # Paths cost more than a factor of their terms: another pass may be saved.
         for block, dictionary in _terms(model, sample).items():
             rows = model.equation_rows(sample, block)
             scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
             with of_the_sample(measured_of(sample), stream):
                 frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
-    arguments = (model, measured_of(sample), runs, frames)
-    return Whole(stream, sample, together(_over_parts(stream, _extent_of_part, RANGES, *arguments)), runs, frames)
+    rows = Rows(stream.source, model, measured_of(sample), runs)
+    return Whole(
+        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, rows, frames)), runs, frames
+    )
 
 
 def measured_of(sample: Trajectories) -> Trajectories:
-    """Rows as they were measured, of such as were completed."""
+    """Return rows as they were measured, if they were completed."""
     return sample.samples or sample
 
 
@@ -225,54 +219,35 @@ def _terms(model: Program, sample: Trajectories) -> dict[str, Dictionary]:
     return by_block(model.blocks, model.dictionaries(sample))
 
 
-def _extent_of_part(
-    source: Source,
-    part: int,
-    model: Program,
-    sample: Trajectories,
-    runs: Mapping[str, RunRows],
-    frames: Mapping[str, Frame],
-) -> Extent | None:
-    dictionaries = _terms(model, sample)
-    found: Extent | None = None
+def _extent_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> Extent | None:
+    dictionaries = _terms(rows.model, rows.sample)
+    total: Extent | None = None
     with threadpool_limits(1):
-        for chunk, rows in Rows(source, model, sample, runs).of_part(part):
-            own = Extent(
-                chunk.n_obs,
-                chunk.dropped,
-                chunk.n_run,
-                max(len(np.unique(each.run)) for each in rows.values()) if frames else chunk.n_run,
-                {name: float(column.min()) for name, column in chunk.columns.items()},
-                {name: float(column.max()) for name, column in chunk.columns.items()},
-                {block: Sizes.of(each, dictionaries[block]) for block, each in rows.items()},
-                {
-                    block: _with_rows(Factors.empty(_width(frame)), frame, rows[block])
-                    for block, frame in frames.items()
-                },
-            )
-            found = own if found is None else found + own
-    return found
+        for chunk, by_name in rows.of_part(part):
+            factors = {
+                block: _with_rows(Factors.empty(_width(frame)), frame, by_name[block])
+                for block, frame in frames.items()
+            }
+            n_telling = max(len(np.unique(each.run)) for each in by_name.values()) if frames else chunk.n_run
+            sizes = {block: Sizes.of(each, dictionaries[block]) for block, each in by_name.items()}
+            ends = ends_of(chunk.columns)
+            extent = Extent(chunk.n_obs, chunk.dropped, chunk.n_run, n_telling, ends, sizes, factors)
+            total = extent if total is None else total + extent
+    return total
 
 
-def _factors_of_part(
-    source: Source,
-    part: int,
-    model: Program,
-    sample: Trajectories,
-    runs: Mapping[str, RunRows],
-    frames: Mapping[str, Frame],
-) -> dict[str, Factors]:
+def _factors_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> dict[str, Factors]:
     factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
     # The last digits of a factor may depend on how many threads made it.
     with threadpool_limits(1):
-        for _, rows in Rows(source, model, sample, runs).of_part(part):
-            for block, each in rows.items():
+        for _, by_name in rows.of_part(part):
+            for block, each in by_name.items():
                 factors[block] = _with_rows(factors[block], frames[block], each)
     return factors
 
 
 def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
-    """Factors of more rows: of rates the same one twice, as each is white by itself."""
+    """Add rows to factors: to those of rates twice the same, as each is white by itself."""
     if rows.operator is None:
         R = _with_rates(factors.white, frame, rows)
         return Factors(R, R)
@@ -285,13 +260,13 @@ def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
 def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
     n_term = len(frame.dictionary)
     y = rows.target / frame.target_scale
-    for start in range(0, rows.n_row, BLOCK):
-        columns = rows.at(slice(start, start + BLOCK))
-        table = np.empty((len(y[start : start + BLOCK]), len(R)), order="F")
+    for start in range(0, rows.n_row, CACHED_ROWS):
+        columns = rows.at(slice(start, start + CACHED_ROWS))
+        table = np.empty((len(y[start : start + CACHED_ROWS]), len(R)), order="F")
         # [Φ ψ y] by NumPy: XLA takes twice the processor's time for these few rows, and compiles before.
         table[:, :n_term] = frame.dictionary_rows(columns)
         table[:, n_term:-1] = frame.plain_features(columns)
-        table[:, -1] = y[start : start + BLOCK]
+        table[:, -1] = y[start : start + CACHED_ROWS]
         R = stacked(R, table)
     return R
 
@@ -300,16 +275,18 @@ def _width(frame: Frame) -> int:
     return len(frame.dictionary) + 1 + (0 if frame.basis is None else frame.basis.size)
 
 
-def _over_parts(stream: RowStream, function: Callable[..., Any], what: str, *arguments: Any) -> Iterator[Any]:
-    """What a function gives of each part that has rows, in the order of the parts."""
+def _over_parts(
+    stream: RowStream, function: Callable[..., Any], label: str, rows: Rows, frames: Mapping[str, Frame]
+) -> Iterator[Any]:
+    """Return the results of a function for each part that has rows, in the order of the parts."""
     n_part = stream.source.n_part
-    tasks = {str(part): (stream.source, part, *arguments) for part in range(n_part)}
+    tasks = {str(part): (part, rows, frames) for part in range(n_part)}
     # Without a wish parts are read here: workers have to be paid for, and a part may hold all rows.
     workers = stream.workers if stream.scheduler is not None else stream.workers or 1
     waiting: dict[int, Any] = {}
     turn = 0
     with (
-        stage(what, n_part) as line,
+        stage(label, n_part) as line,
         closing(run_tasks(function, tasks, workers=workers, scheduler=stream.scheduler)) as done_tasks,
     ):
         for done in done_tasks:

@@ -1,4 +1,4 @@
-"""What all rows of an equation say, in numbers whose count does not depend on that of the rows."""
+"""Statistics of all rows of an equation, whose number does not depend on that of the rows."""
 
 import hashlib
 from collections.abc import Mapping, Sequence
@@ -27,14 +27,12 @@ class RowStatistics:
     """All rows of one equation: a frame and a design are made of them without the rows.
 
     Attributes:
-        n_row: Rows of the data.
         ends: Least and largest value of each state and input, user's units.
         term_scale: RMS of each term, user's units.
         target_scale: RMS of the target, user's units.
         noise_floor: Least σ, scaled units.
         factor: Triangular factor of [Φ ψ y], whitened, scaled units.
-        n_white: White numbers that the rows carry.
-        log_det: log|R|.
+        n_white: Number of white numbers that the rows carry.
         plain: The same factor without whitening, where that is another one.
     """
 
@@ -50,7 +48,7 @@ class RowStatistics:
 
     @property
     def digest(self) -> str:
-        """A word that tells these rows from others."""
+        """Word that distinguishes these rows from others."""
         ends = np.concatenate([*self.ends.values()])
         scales = np.array([self.target_scale, self.noise_floor, self.log_det])
         parts = (ends, self.term_scale, scales, self.factor)
@@ -64,13 +62,7 @@ class RowStatistics:
         discrepancy: OrthogonalGP | None,
         coefficients: Sequence[Coefficient | None],
     ) -> Equation:
-        """The equation as the likelihood sees it, with a design of all rows, and some of them to look at.
-
-        Args:
-            sample: These.
-            dictionary: Terms of the equation.
-            discrepancy: The Gaussian process, or None.
-            coefficients: Prior of each term, None where the model's holds alone.
+        """Return the equation as the likelihood sees it, with a design of all rows, and some of them to look at.
 
         Raises:
             InputError: Collinear terms; statistics of another model.
@@ -94,12 +86,7 @@ class RowStatistics:
 
 
 def equations_of(model: Program, sample: Trajectories, statistics: Mapping[str, RowStatistics]) -> dict[str, Equation]:
-    """Equations by block, in the place of `model.assemble(data)` with all rows in `data`.
-
-    Args:
-        model: Model.
-        sample: Rows that are looked at.
-        statistics: Of all rows, by block.
+    """Return equations by block, in the place of `model.assemble(data)` with all rows in `data`.
 
     Raises:
         InputError: See `RowStatistics.equation`.

@@ -1,4 +1,4 @@
-"""What a fit takes: rows in memory, or a stream of them with a sample that is looked at."""
+"""The data of a fit: rows in memory, or a stream of them with a sample that is looked at."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -11,21 +11,17 @@ from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
 from .extent import Extent
-from .passes import Whole, whole_of
-from .sampled import of_the_sample
+from .passes import Whole, of_the_sample, whole_of
 from .statistics import equations_of
 
-TURNS = 5
-"""How often rows of paths are taken anew near what all runs say: each is a pass over them."""
+MOST_PASSES = 5
+"""Most times that rows of paths are taken anew near the estimate on all runs: each is a pass over them."""
 
 
 class Taken(NamedTuple):
-    """What a fit is of.
+    """Model, with the kind of rows and the noise that the data have, and data of a fit.
 
-    Attributes:
-        model: With the kind of rows and the noise that the data have.
-        data: Rows in memory: all, or some that are looked at.
-        whole: All rows, where those are some of them.
+    Where the data are some of the rows only, `whole` are all.
     """
 
     model: Program
@@ -34,22 +30,18 @@ class Taken(NamedTuple):
 
 
 def taken(model: Program, data: Trajectories | RowStream) -> Taken:
-    """Model and data as a fit takes them.
-
-    Args:
-        model: Model.
-        data: Training data.
+    """Return model and training data as a fit takes them.
 
     Raises:
-        InputError: See `Program.near` and `Program.with_noise_found`; of a stream noise that is to be found, the exact
-            path, and coefficients of paths that do not settle.
+        InputError: See `Program.near` and `Program.with_noise_found`; with a stream, noise that is to be found, the
+            exact path, and coefficients of paths that do not settle.
     """
     if not isinstance(data, RowStream):
         return Taken(*Program.with_noise_found(*Program.near(model, data)))
     sample = data.sample
     model = model.on(sample)
     _require_streamed(model)
-    if not model.rows.rates_measured:
+    if not model.rows.linear:
         return _runs_taken(model, data.whole_runs())
     rows = [model.equation_rows(sample, block) for block in model.blocks]
     if any(each.operator is not None or not each.noise.local for each in rows):
@@ -59,18 +51,18 @@ def taken(model: Program, data: Trajectories | RowStream) -> Taken:
 
 
 def _runs_taken(model: Program, data: RowStream) -> Taken:
-    """Rows of paths, run by run: near what some whole runs say at first, then near what all do."""
+    """Take rows of paths, run by run, near the estimate on some whole runs at first, then near that on all."""
     measured, earlier = data.sample, None
     # Names are those of all runs.
     model.dictionaries(measured)
     model.simulator(measured)
     with of_the_sample(measured, data):
         model, sample = model.near(measured)
-    for turn in range(TURNS):
+    for turn in range(MOST_PASSES):
         whole = whole_of(data, model, sample)
         lean = replace(model, discrepancy=None)
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
-        found = nearer(model, equation, earlier, turn == TURNS - 1)
+        found = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
         if found is None:
             silent = _silent(model, whole.extent)
             return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
@@ -79,26 +71,27 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
             sample = model.complete(measured)
     raise InputError(
         f"The coefficients of {', '.join(model.equations)} do not settle: rows were taken near what all runs say "
-        f"{TURNS} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are near."
+        f"{MOST_PASSES} times. Leave terms out, or look at more runs, bg.stream(..., sample=...), which the first are "
+        "near."
     )
 
 
 def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) -> Trajectories:
-    said = (
+    remark = (
         f"{whole.extent.n_row:,} rows of {data.source.where} were read in chunks; of these, {sample.n_obs} rows in "
         f"{sample.n_run} {pieces}, evenly spaced over its parts, are looked at one by one"
     )
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
-    return sample.remarked(said, *left_out)
+    return sample.remarked(remark, *left_out)
 
 
 def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
-    """How many runs say nothing."""
+    """Return a sentence on runs without rows, if there are any."""
     silent = extent.n_run - extent.n_telling
     if not silent:
         return ()
-    why = "have no row" if model.rows.integrated else "are too short or too coarsely sampled for a test function"
+    why = "have no row" if model.rows.follows_path else "are too short or too coarsely sampled for a test function"
     return (f"{silent:,} of {extent.n_run:,} runs {why} and say nothing",)
 
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.estimate.descent import SETTLED, STAYING, Standing, descended, likeliest_of
+from bayes_greybox.model.estimate.descent import SETTLED_WITHIN, STAYING_WITHIN, Standing, descended, likeliest_of
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.path.path_segments import GROWTH
+from bayes_greybox.model.rows.path.path_segments import MOST_GROWTH
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
@@ -25,7 +25,7 @@ MODEL = Program(
 
 def sampled(one_segment, n=150, noise=0.01):
     """Samples for a = 1 and b = 1/2 that last as long as one segment does at a given a; SciPy."""
-    end, rng = math.log(GROWTH) / one_segment, np.random.default_rng(0)
+    end, rng = math.log(MOST_GROWTH) / one_segment, np.random.default_rng(0)
     t = np.linspace(0, end, n)
     x, u = np.sin(1.3 * t), 1.3 * np.cos(1.3 * t) - np.sin(1.3 * t)
     y = solve_ivp(
@@ -55,12 +55,12 @@ def at_the_edge():
 
 def test_an_estimate_where_the_number_of_segments_changes_is_settled_upon(at_the_edge):
     found = descended(near(at_the_edge, 0.9), at_the_edge, most=15)
-    assert found is not None and found.moved < SETTLED and found.segments == 2
+    assert found is not None and found.moved < SETTLED_WITHIN and found.segments == 2
     # The whole way from the model alone comes to it as well, and needs no force.
     rows = near_estimate(MODEL, at_the_edge).rows
     assert not rows.process_noise and rows.added[0][1] == pytest.approx(1.0011, abs=2e-4)
     (equation,) = replace(MODEL, rows=rows).assemble(at_the_edge).values()
-    assert equation.moved([(Term("x"), value) for _, value in rows.added]) < STAYING
+    assert equation.moved([(Term("x"), value) for _, value in rows.added]) < STAYING_WITHIN
 
 
 def test_paths_are_compared_with_as_many_segments(at_the_edge):

@@ -8,9 +8,10 @@ from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.model.gp.hyper import NoisePrior
-from bayes_greybox.model.noise.in_time import SHORTEST, TIME_SPREAD, TIME_STEPS, WHITE_SHARES, in_time
+from bayes_greybox.model.noise.in_time import PROCESS_WHITE_SHARES as SHARES
+from bayes_greybox.model.noise.in_time import SHORTEST_TIME, TIME_SPREAD, TIME_STEPS, Stamps, in_time
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
-from bayes_greybox.model.noise.suspicions import DEGREES, EXPONENTS, LEVELS, heavy, suspicions
+from bayes_greybox.model.noise.suspicions import DEGREES, EXPONENTS, NOISE_LEVELS, heavy, suspicions
 
 PRIOR = NoisePrior(1e-4, 1.0)
 STEP = 0.1
@@ -64,15 +65,15 @@ def test_evidence_of_a_process_in_time_is_that_of_its_dense_matrices(name, sever
     e = rough(0.7, n, rng)
     step = np.median(np.diff(time)[np.diff(run) == 0])
     longest = max(np.log(max(np.bincount(run))), 1.8)
-    taus = np.exp(np.arange(np.log(SHORTEST[name]), longest + 0.3, 0.55))
+    taus = np.exp(np.arange(np.log(SHORTEST_TIME[name]), longest + 0.3, 0.55))
     weight = np.exp(-0.5 * ((np.log(taus) - np.log(TIME_STEPS)) / TIME_SPREAD) ** 2)
     weight /= weight.sum()
     process = "exponential" if name == CORRELATED else "matern32"
     stretches = tuple(time[run == r] for r in np.unique(run))
     logs = [
-        np.log(p / len(WHITE_SHARES[name])) + normal(e, StateSpaceNoise(stretches, process, tau * step, w).covariance())
+        np.log(p / len(SHARES[name])) + normal(e, StateSpaceNoise(stretches, process, tau * step, w).covariance())
         for tau, p in zip(taus, weight, strict=True)
-        for w in WHITE_SHARES[name]
+        for w in SHARES[name]
     ]
     expected = np.logaddexp.reduce(logs)
     found = weighed(e, time, run)[name]
@@ -87,7 +88,7 @@ def test_evidence_of_noise_that_depends_on_the_state():
     x = path(n)
     e = 0.3 * (np.abs(x) + 0.05) * rng.standard_normal(n)
     logs = []
-    for level in LEVELS:
+    for level in NOISE_LEVELS:
         z = 0.5 * np.log(level**2 + x**2 / np.mean(x**2))
         logs += [normal(e, np.diag(np.exp(2 * a * (z - z.mean())))) for a in EXPONENTS]
     found = weighed(e)[VARYING]
@@ -116,7 +117,7 @@ def test_evidence_of_heavy_tails(correlated):
 def test_a_known_time_scale_is_kept():
     e = rough(0.9, 300, np.random.default_rng(3))
     known, time, run = NoiseModel(WhiteNoise((300,))), np.arange(300) * STEP, np.zeros(300, int)
-    found = in_time(e, known, time, run, PRIOR, CORRELATED, time_scale=0.5)
+    found = in_time(e, known, Stamps(time, run), PRIOR, CORRELATED, time_scale=0.5)
     assert found is not None
     assert found.model.about[CORRELATED]["time_scale"] == pytest.approx(0.5)
 
@@ -139,7 +140,7 @@ def test_rough_noise_is_correlated_and_no_process(rho, seed):
     assert max(factors, key=factors.__getitem__) == CORRELATED
     assert factors[CORRELATED] > 10 and factors[CORRELATED] > factors[PROCESS] + 2
     assert found[CORRELATED].model.about[CORRELATED]["correlation"] == pytest.approx(rho, abs=0.12)
-    assert found[CORRELATED].model.process_share == 0.0
+    assert PROCESS not in found[CORRELATED].model.about
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -149,7 +150,7 @@ def test_a_smooth_rest_beside_white_noise_is_a_process(seed):
     smooth = StateSpaceNoise((time,), "matern32", 1.5, 0.0).correlated(rng.standard_normal((1, n)))[0]
     found = weighed(0.1 * smooth + 0.01 * rng.standard_normal(n))
     assert found[PROCESS].log_bayes_factor > max(100, found[CORRELATED].log_bayes_factor + 2)
-    assert found[PROCESS].model.process_share > 0.5
+    assert found[PROCESS].model.about[PROCESS]["share"] > 0.5
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,7 +7,7 @@ import pytest
 from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
-from bayes_greybox.model.rows.as_measured import AsMeasured
+from bayes_greybox.model.rows.kinds import AsMeasured
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.report.folders.record import run_record
 

@@ -107,6 +107,6 @@ def test_what_cannot_be_used_is_refused(build, message):
 
 def test_coefficients_that_do_not_settle_are_refused(monkeypatch):
     monkeypatch.setattr(near, "TRIES", (1,))
-    monkeypatch.setattr(near, "UNFORCED_TURNS", 1)
+    monkeypatch.setattr(near, "UNFORCED_ITERATIONS", 1)
     with pytest.raises(InputError, match="of x, y do not settle"):
         model_of().near(sampled())

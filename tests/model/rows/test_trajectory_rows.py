@@ -401,7 +401,7 @@ def test_where_all_of_an_equation_is_learned_turns_go_on_till_it_settles():
 
 
 def test_coefficients_that_do_not_settle_are_refused(monkeypatch):
-    monkeypatch.setattr(near_module, "UNSETTLED", -1.0)
+    monkeypatch.setattr(near_module, "UNSETTLED_BEYOND", -1.0)
     with pytest.raises(InputError, match="do not settle"):
         program().near(sampled(noise=0.01, n=100))
 

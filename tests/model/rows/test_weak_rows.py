@@ -13,7 +13,7 @@ from bayes_greybox.model.estimate import near
 from bayes_greybox.model.estimate.likeliest import likeliest
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows import weak_rows
-from bayes_greybox.model.rows.kinds import ROWS
+from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.rows.weak_path import Reading, weak_path
 from bayes_greybox.model.rows.weak_rows import WeakRows
 from bayes_greybox.physics.terms import Term
@@ -118,8 +118,8 @@ def test_all_terms_are_found_near_the_likeliest_model():
 
 def test_terms_that_come_and_go_are_refused(monkeypatch):
     # Without a white share the first turn, which knows nothing of the terms, finds far too many.
-    monkeypatch.setattr(weak_rows, "AFAR", ())
-    monkeypatch.setattr(near, "ALTERNATIONS", 2)
+    monkeypatch.setattr(weak_rows, "FIRST_WHITE_SHARES", ())
+    monkeypatch.setattr(near, "MOST_SEARCHES", 2)
     candidates = ["1", "x", "y", "x**2", "x*y", "y**2", "x**3", "x**2*y"]
     with pytest.raises(InputError, match="terms of x, y do not settle: after 2 turns .* WeakRows\\(white_share=0.05"):
         model_of({"x": candidates, "y": candidates}).near(samples(0.1))
@@ -176,7 +176,7 @@ def test_what_cannot_be_is_refused():
 
 
 def test_it_is_known_by_name():
-    assert ROWS["weak"] is WeakRows and bg.WeakRows is WeakRows
+    assert ROW_KINDS["weak"] is WeakRows and bg.WeakRows is WeakRows
 
 
 @pytest.fixture(scope="module")

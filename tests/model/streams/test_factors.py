@@ -13,8 +13,8 @@ from streamed import chunk, chunks, deadly_chunk, model, together
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
-from bayes_greybox.model.algebra.stacking import BLOCK, empty_factor, joined, stacked
-from bayes_greybox.model.streams.extent import LEVELS, Sizes
+from bayes_greybox.model.algebra.stacking import CACHED_ROWS, empty_factor, joined, stacked
+from bayes_greybox.model.streams.extent import MOST_LEVELS, Sizes
 from bayes_greybox.model.streams.statistics import equations_of
 from bayes_greybox.model.streams.taken import taken
 from bayes_greybox.running.errors import InputError
@@ -115,9 +115,9 @@ def test_the_likelihood_is_that_of_one_pass_in_extended_precision(ill_conditione
 
 
 def test_parts_may_have_any_number_of_rows():
-    F = np.random.default_rng(0).standard_normal((3 * BLOCK + 7, 5))
+    F = np.random.default_rng(0).standard_normal((3 * CACHED_ROWS + 7, 5))
     whole = stacked(empty_factor(5), F)
-    cuts = [0, 1, 3, BLOCK, 2 * BLOCK + 1, len(F)]
+    cuts = [0, 1, 3, CACHED_ROWS, 2 * CACHED_ROWS + 1, len(F)]
     parts = [stacked(empty_factor(5), F[a:b]) for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
     np.testing.assert_allclose(whole.T @ whole, F.T @ F, rtol=1e-12, atol=1e-9)
     R = joined(parts)
@@ -206,8 +206,8 @@ def test_rows_are_rounded_where_those_in_memory_are():
 
 
 def test_of_many_different_values_none_is_kept():
-    few = Sizes(1, 1, 0.0, {}, {}, np.zeros(1), 0.0, 0.0, np.arange(LEVELS - 1.0))
-    more = Sizes(1, 1, 0.0, {}, {}, np.zeros(1), 0.0, 0.0, np.arange(5.0) + 0.5)
+    few = Sizes(1, 1, 0.0, {}, np.zeros(1), 0.0, 0.0, np.arange(MOST_LEVELS - 1.0))
+    more = Sizes(1, 1, 0.0, {}, np.zeros(1), 0.0, 0.0, np.arange(5.0) + 0.5)
     assert (few + more).levels is None and (more + more).levels is not None
     assert ((few + more) + more).levels is None
 

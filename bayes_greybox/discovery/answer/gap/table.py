@@ -59,7 +59,7 @@ def gap_rows(
         starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
         seed: Seed of these draws.
     """
-    rows, rates = [], model.rows.rates_measured
+    rows = []
     for equation, amendment in amendments.items():
         if equation not in data.derivatives:
             continue
@@ -94,7 +94,7 @@ def gap_rows(
             # Single samples that are far off say nothing of the others.
             return np.sqrt(over(np.median(left, axis=-1) / MEDIAN_SQUARED_NORMAL, allowed))
 
-        of = ("output" if measured.output else "derivative") if rates else "sample"
+        of = measured.measurement
         metrics: dict[str, Callable] = {f"{of} NMSE": nmse, "unexplained share": share}
         if data.samples is not None and len(data.samples.state_names) == 1:
             metrics[MISFIT] = misfit

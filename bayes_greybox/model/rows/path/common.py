@@ -1,4 +1,4 @@
-"""What the paths of runs have in common, whichever of them are followed together: sizes, noise, steps."""
+"""Findings on the paths of runs that all runs share, whichever are followed together: sizes, noise, steps."""
 
 import math
 from collections.abc import Mapping
@@ -12,22 +12,21 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .forced_rate import ForcedRate
-from .path_segments import WIDE
+from .path_segments import START_WIDTH
 
-STEP = 0.1
-"""Steps are so short, over the fastest time scale of the equations along the path, or the steps that were asked for."""
+STEP_SHARE = 0.1
+"""Length of a step, over the fastest time scale of the equations along the path."""
 
-DRIFT = 0.3
+PHASE_LOSS = 0.3
 """Phase that steps may lose over a record, over what samples tell of it."""
 
-LEAST_TOLD = 1e-12
+LEAST_PHASE = 1e-12
 """Radians: samples without any noise tell no more of a phase than rounding does."""
 
-FORGETS = 0.1
+UNDAMPED_SHARE = 0.1
 """Share of a path on which a mode may be undamped and yet forget what it did."""
 
-MOST_STEPS = 50
-"""Most steps between two samples."""
+MOST_STEPS_BETWEEN_SAMPLES = 50
 
 MOST_TRIED = 500
 """Samples, evenly thinned, at which the time scales of the equations are looked at."""
@@ -35,7 +34,7 @@ MOST_TRIED = 500
 
 @dataclass(frozen=True)
 class Common:
-    """What the paths of some runs have found that holds for further runs too.
+    """Findings on the paths of some runs that hold for further runs too.
 
     Attributes:
         clipped: Values at which the sensor of a state was at its end; looked for where there are further runs.
@@ -43,11 +42,11 @@ class Common:
         slow: Time in which the slowest sensor's signal changes by half its spread.
         first_sd: Noise of each sensor before there is a path.
         sd: The same along the path.
-        steps: Steps between two samples.
+        steps: Number of steps between two samples.
         step: Usual time between two samples.
-        ratio: Intensity of the unknown force.
-        passes: Passes of the smoother.
-        pieces: Segments of each run.
+        ratio: Intensity of the unknown force, λ = q²/σ².
+        passes: Number of passes of the smoother.
+        pieces: Number of segments of each run.
         gain: RMS response of an output to a force of unit RMS.
     """
 
@@ -56,46 +55,36 @@ class Common:
     slow: float
     first_sd: tuple[float, ...]
     sd: tuple[float, ...]
-    steps: int
-    step: float
-    ratio: float
-    passes: int
-    pieces: int
-    gain: float
+    steps: int = 1
+    step: float = math.nan
+    ratio: float = math.nan
+    passes: int = 0
+    pieces: int = 1
+    gain: float = math.nan
 
     def seen(self, samples: Trajectories) -> Bool[np.ndarray, " n_obs"]:
-        """Samples of a run that no sensor clipped.
-
-        Args:
-            samples: What the sensors showed.
-        """
+        """Return which samples of a run no sensor clipped."""
+        if samples.unseen is not None:
+            return seen_samples(samples)
         at_end = [np.isin(samples.states[name], ends) for name, ends in self.clipped.items()]
-        return (
-            seen_samples(samples)
-            if samples.unseen is not None
-            else ~np.any([np.zeros(samples.n_obs, bool), *at_end], axis=0)
-        )
+        return ~np.any([np.zeros(samples.n_obs, bool), *at_end], axis=0)
 
 
 def ends_of_sensors(samples: Trajectories) -> dict[str, tuple[float, ...]]:
-    """Values at which the sensor of a state was at its end, of states that were clipped.
-
-    Args:
-        samples: What the sensors showed.
-    """
+    """Return the values at which the sensor of a state was at its end, by state that was clipped."""
     clipped = {} if samples.unseen is not None else clipped_states(samples)
     return {name: tuple(np.unique(samples.states[name][rows]).tolist()) for name, rows in clipped.items()}
 
 
 def usual_step(samples: Trajectories) -> float:
-    """Median time between two samples of a run."""
+    """Return the median time between two samples of a run."""
     return float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
 
 
 def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
-    """Typical size of each state, and the time in which the slowest sensor's signal changes by half its spread.
+    """Return the typical size of each state, and the time in which the slowest signal changes by half its spread.
 
-    Of a state at rest, where its run starts, it is that of its start over `WIDE`.
+    The size of a state that is at rest where a run starts is that of its column over `START_WIDTH`.
     """
     times = []
     for x in samples.states.values():
@@ -104,23 +93,25 @@ def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str
             inside = samples.run[lag:] == samples.run[:-lag]
             if np.sqrt(np.mean((x[lag:] - x[:-lag])[inside] ** 2)) >= 0.5 * spread:
                 break
-        times.append(lag * float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0])))
+        times.append(lag * usual_step(samples))
     slow = min(times)
-    known = {name: float(np.sqrt(np.mean(x**2))) for name, x in samples.states.items()}
-    largest = max(known.values())
+    size = {name: float(np.sqrt(np.mean(x**2))) for name, x in samples.states.items()}
+    largest = max(size.values())
     for name in simulation.states:
         # A hidden state that is a measured one's rate changes it by its spread in that time.
-        source = [m for m, x in samples.states.items() if simulation.kinematic(m) and simulation.rate_name(m) == name]
+        source = [m for m in samples.states if simulation.kinematic(m) and simulation.rate_name(m) == name]
         if name not in at_rest:
-            known.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
+            size.setdefault(name, float(np.std(samples.states[source[0]])) / slow if source else largest)
     for name, column in at_rest.items():
-        size = known[column] if column in known else float(np.sqrt(np.mean(samples.column(column) ** 2)))
-        known.setdefault(name, size / WIDE)
-    return np.array([known[name] if known[name] > 0 else largest for name in simulation.states]), slow
+        like = size[column] if column in size else float(np.sqrt(np.mean(samples.column(column) ** 2)))
+        size.setdefault(name, like / START_WIDTH)
+    return np.array([size[name] if size[name] > 0 else largest for name in simulation.states]), slow
 
 
 def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
-    """Steps between samples that resolve the equations along a path; hidden states that it lacks are as the others.
+    """Return the number of steps between samples that resolve the equations along a path.
+
+    Hidden states that the path lacks are taken to be as the others.
 
     An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, for as long as its damping lets it be
     remembered, and that shall be little against what the samples together tell of it.
@@ -134,18 +125,20 @@ def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: n
         return 1
     values = np.linalg.eigvals(A)
     fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
-    step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
+    step = usual_step(samples)
     spread = np.std(samples.matrix(samples.state_names), axis=0)
     # A sensor that shows no motion tells nothing of a phase.
     seen = spread > 0
-    told = DRIFT * float(np.min(np.broadcast_to(s, spread.shape)[seen] / spread[seen], initial=math.inf))
-    told = max(told / math.sqrt(samples.n_obs), LEAST_TOLD)
+    lost = PHASE_LOSS * float(np.min(np.broadcast_to(s, spread.shape)[seen] / spread[seen], initial=math.inf))
+    lost = max(lost / math.sqrt(samples.n_obs), LEAST_PHASE)
     # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
     # where it is damped along nearly all of the path.
     values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
     turning = np.median(np.abs(values.imag), axis=0)
-    damping = np.quantile(-values.real, FORGETS, axis=0).clip(0.0)
+    damping = np.quantile(-values.real, UNDAMPED_SHARE, axis=0).clip(0.0)
     remembered = 1 / np.maximum(damping, 1 / (step * max(samples.run_lengths)))
     phase = float(np.max(turning**5 * remembered))
-    longest = min(STEP / fastest, (120 * told / phase) ** 0.25 if phase > 0 else math.inf) if fastest > 0 else math.inf
-    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS))
+    longest = (120 * lost / phase) ** 0.25 if phase > 0 else math.inf
+    if fastest > 0:
+        longest = min(STEP_SHARE / fastest, longest)
+    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS_BETWEEN_SAMPLES))

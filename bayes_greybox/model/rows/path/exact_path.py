@@ -1,4 +1,4 @@
-"""What samples would be on the exact path: the judge of rows that are linear near a reference path."""
+"""Samples on the exact path: the judge of rows that are linear near a reference path."""
 
 from collections.abc import Callable, Mapping
 
@@ -8,18 +8,19 @@ from jaxtyping import Float
 from bayes_greybox.physics.sensitivity import carried, hermite
 
 from .forced_rate import ForcedRate
+from .path_grid import points_at_ends, points_at_nodes
 from .path_segments import departures
 from .reference_path import ReferencePath
 
-TURNS = 12
+MOST_CORRECTIONS = 12
 """Most corrections of a path; each is of the order of the one before times what the path has moved."""
 
-EXACT = 0.1
-"""Root of the sum of squares of what the last correction changes all samples by, over their noise, that ends them."""
+LAST_CORRECTION = 0.1
+"""Norm of the change of all samples by a correction, over their noise, that ends the corrections."""
 
-LOOSE = 0.5
-"""The same of a path that is still taken for exact where corrections no longer shrink: times of jumps are known to
-parts of a step."""
+LOOSE_CORRECTION = 0.5
+"""Norm at which a path is still taken for exact where corrections no longer shrink: times of jumps are known to parts
+of a step."""
 
 Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned"]]
 """From columns [n] and the number of a draw to what it adds to the rates of the learned states, user's units."""
@@ -28,7 +29,7 @@ Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned
 def exact_samples(
     path: ReferencePath, rate: ForcedRate, added: Added, starts: Float[np.ndarray, "n_draw n_start"]
 ) -> Float[np.ndarray, "n_draw n_row"]:
-    """Samples of the paths that solve dx/dt = g + e_k (Φθ + f) for draws of coefficients and starts.
+    """Return samples of the paths that solve dx/dt = g + e_k (Φθ + f) for draws of coefficients and starts.
 
     Newton's method with the linear equation of the reference path: each correction answers what the path before still
     departs from the equations by, x ← x + δ with δ̇ = A δ + g(x) + e_k (Φ(x)θ + f(x)) − ẋ. The first gives what linear
@@ -37,11 +38,12 @@ def exact_samples(
     Args:
         path: The reference.
         rate: The known rates.
-        added: What draws add to them.
-        starts: Of the segments, in prior standard deviations from the reference.
+        added: Rates that draws add to them.
+        starts: Starts of the segments, in prior standard deviations from the reference.
 
     Returns:
-        Without noise, user's units; NaN where a path leaves the domain of its equations, or is not `LOOSE` in `TURNS`.
+        Samples without noise, user's units; NaN where a path leaves the domain of its equations, or is not within
+        `LOOSE_CORRECTION` after `MOST_CORRECTIONS`.
     """
     segments, grid, n_state = path.segments, path.segments.grid, len(path.start_sd)
     shape = (len(starts), len(grid.time), n_state)
@@ -51,20 +53,20 @@ def exact_samples(
     sd, moved = np.repeat(path.sensor_sd, len(segments.end)), np.zeros(len(starts))
     # A draw that leaves the domain of the equations has no path; it is said by NaN.
     with np.errstate(all="ignore"):
-        for _ in range(TURNS):
+        for _ in range(MOST_CORRECTIONS):
             jumps = np.stack([_jumps(path, rate, added, k, x) for k, x in enumerate(ends)], axis=-1)
             delta = carried(segments.response.M, np.moveaxis(aims - ends[:, :, 0], 0, -1), jumps)
             ends = ends + np.moveaxis(delta, -1, 0)
             moved = np.linalg.norm(segments.rows(delta) / sd[:, None], axis=0)
-            if not np.nanmax(moved, initial=0.0) > EXACT:
+            if not np.nanmax(moved, initial=0.0) > LAST_CORRECTION:
                 break
-    found = segments.rows(np.moveaxis(ends, 0, -1)).T
-    found[moved > LOOSE] = np.nan
-    return found
+    samples = segments.rows(np.moveaxis(ends, 0, -1)).T
+    samples[moved > LOOSE_CORRECTION] = np.nan
+    return samples
 
 
 def _jumps(path: ReferencePath, rate: ForcedRate, added: Added, draw: int, ends: np.ndarray) -> np.ndarray:
-    """What the departure of a path from its equations adds to δ after each step."""
+    """Return the change of δ after each step by the departure of a path from its equations."""
     grid, driven = path.segments.grid, list(path.segments.driven)
 
     def learned(points: np.ndarray) -> np.ndarray:
@@ -72,11 +74,9 @@ def _jumps(path: ReferencePath, rate: ForcedRate, added: Added, draw: int, ends:
         return added(columns, draw).reshape(*points.shape[:-1], len(driven))
 
     def rates(points: np.ndarray) -> np.ndarray:
-        found = np.array(rate.known(points))
-        found[..., driven] += learned(points)
-        return found
+        total = np.array(rate.known(points))
+        total[..., driven] += learned(points)
+        return total
 
-    at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
-    states, slope = hermite(grid.time, ends, rates(at_ends))
-    points = np.concatenate([grid.time[..., None], states, grid.inputs], axis=-1)
-    return path.segments.response.jumps(departures(rates, points, slope))
+    states, slope = hermite(grid.time, ends, rates(points_at_ends(grid, ends)))
+    return path.segments.response.jumps(departures(rates, points_at_nodes(grid, states), slope))

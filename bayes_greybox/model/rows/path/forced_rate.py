@@ -1,4 +1,4 @@
-"""Rates of all states with what was added to those that are learned."""
+"""Rates of all states with terms added to those that are learned."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -56,7 +56,7 @@ class ForcedRate:
         return isinstance(other, ForcedRate) and self._key == other._key
 
     def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
-        """Rates at one point; `args` has the simulation's numbers, then coefficient and numbers of each term."""
+        """Return the rates at a point; `args` are numbers of the simulation, then coefficient and numbers by term."""
         known, *added = args
         rate = jnp.asarray(self.bare.rate(t, x, jnp.concatenate([u, known])), float)
         columns = dict(zip(self.names, (*x, *u), strict=True))
@@ -73,15 +73,15 @@ class ForcedRate:
         return (*self.simulation.states, *self.simulation.inputs)
 
     def known(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
-        """Rates of the simulation alone; points are time, states and inputs."""
+        """Return the rates of the simulation alone; points are time, states and inputs."""
         return self.simulation.rates(*self._parted(points))
 
     def rates(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state"]:
-        """Rates with what was added."""
+        """Return the rates with the added terms."""
         return np.array(self.whole.rates(*self._parted(points)))
 
     def jacobian(self, points: Float[np.ndarray, "*n c"]) -> Float[np.ndarray, "*n n_state n_state"]:
-        """Their derivatives by the states; neighbours on a path are neighbours along the last axis but one."""
+        """Return their derivatives by the states; neighbours on a path are neighbours along the last axis but one."""
         return self.whole.jacobian(*self._parted(points))
 
     def _parted(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,6 +1,7 @@
 """The grid of steps between the samples of runs."""
 
 import numpy as np
+from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -9,32 +10,46 @@ from bayes_greybox.physics.sensitivity import Grid
 
 
 def runs_of(samples: Trajectories) -> list[np.ndarray]:
-    """Rows of each run."""
+    """Return the rows of each run."""
     return [np.flatnonzero(samples.run == r) for r in range(samples.n_run)]
 
 
-def grid_of(
-    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None, typical: float
-) -> tuple[Grid, np.ndarray]:
-    """Nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
+def points_at_ends(
+    grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"]
+) -> Float[np.ndarray, "n_segment n_end c"]:
+    """Return time, states and inputs at the ends of steps."""
+    return np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
 
-    Where an input that is held changes, a step of no length leads from the value before to the value after: a step's
-    end is the next one's start, and would have a sixth of its input too early.
+
+def points_at_nodes(
+    grid: Grid, states: Float[np.ndarray, "n_segment n_node n_state"]
+) -> Float[np.ndarray, "n_segment n_node c"]:
+    """Return time, states and inputs at the ends and middles of steps."""
+    return np.concatenate([grid.time[..., None], states, grid.inputs], axis=-1)
+
+
+def grid_of(
+    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None, usual_gap: float
+) -> tuple[Grid, np.ndarray]:
+    """Return the nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
+
+    Where an input with a zero-order hold changes, a step of no length leads from the value before to the value after: a
+    step's end is the next one's start, and would have a sixth of its input too early.
 
     Args:
-        samples: Of the runs.
-        runs: Rows of each.
-        steps: Between two samples that are as far apart as is usual.
-        interpolation: Of the inputs between samples.
-        typical: How far apart these are.
+        samples: Samples of the runs.
+        runs: Rows of each run.
+        steps: Number of steps between two samples that are `usual_gap` apart.
+        interpolation: Interpolation of all inputs between samples; None: each input's own.
+        usual_gap: Usual time between two samples.
     """
     times, inputs, end = [], [], np.zeros((samples.n_obs, 2), int)
-    for r, own in enumerate(runs):
-        t = samples.time[own]
-        u = samples.matrix(samples.input_names)[own]
+    for r, rows in enumerate(runs):
+        t = samples.time[rows]
+        u = samples.matrix(samples.input_names)[rows]
         kinds = (interpolation,) * u.shape[1] if interpolation else between_samples(t, u)
         leaps = np.any(np.diff(u[:, [kind == "zoh" for kind in kinds]], axis=0) != 0, axis=1)
-        count = np.maximum(np.ceil(steps * np.diff(t) / typical - 1e-6), steps).astype(int)
+        count = np.maximum(np.ceil(steps * np.diff(t) / usual_gap - 1e-6), steps).astype(int)
         interval = np.repeat(np.arange(len(count)), count + leaps)
         place = np.concatenate([[0], np.cumsum(count + leaps)])
         # Where in its interval each step begins, in steps; one of no length begins where the interval ends.
@@ -51,36 +66,32 @@ def grid_of(
             # A straight line from the value before to the value after: what is evaluated on it lies between them.
             values[leap] = (values[leap - 1] + values[leap + 1]) / 2
         columns = [held.get(k, _between(t, u[:, k], nodes, kind)) for k, kind in enumerate(kinds)]
-        inputs.append(np.column_stack(columns or [nodes]))
-        end[own, 0], end[own, 1] = r, place
-    longest = max(map(len, times))
-    time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
-    u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in inputs])
-    u = u if samples.input_names else u[..., :0]
-    return Grid(time, u), end
+        inputs.append(np.column_stack(columns) if columns else np.zeros((len(nodes), 0)))
+        end[rows, 0], end[rows, 1] = r, place
+    return Grid(_padded(times), _padded(inputs)), end
 
 
 def split(grid: Grid, end: np.ndarray, ends: np.ndarray, pieces: int) -> tuple[Grid, np.ndarray, np.ndarray]:
-    """Every run cut into pieces at samples; the steps from one piece to the next belong to none."""
+    """Cut every run into pieces at samples; the steps from one piece to the next belong to none."""
     if pieces == 1:
         return grid, end, ends
-    time, inputs = grid.time, grid.inputs
-    times, us, xs, fresh = [], [], [], np.zeros_like(end)
-    for r in range(len(time)):
-        own = np.flatnonzero(end[:, 0] == r)
-        for part in np.array_split(own, pieces):
+    times, inputs, states, new_end = [], [], [], np.zeros_like(end)
+    for r in range(len(grid.time)):
+        for part in np.array_split(np.flatnonzero(end[:, 0] == r), pieces):
             if not len(part):
                 continue
             first, last = end[part[0], 1], end[part[-1], 1]
-            times.append(time[r, 2 * first : 2 * last + 1])
-            us.append(inputs[r, 2 * first : 2 * last + 1])
-            xs.append(ends[r, first : last + 1])
-            fresh[part, 0], fresh[part, 1] = len(times) - 1, end[part, 1] - first
-    longest = max(map(len, times))
-    time = np.array([np.pad(t, (0, longest - len(t)), mode="edge") for t in times])
-    u = np.array([np.pad(v, ((0, longest - len(v)), (0, 0)), mode="edge") for v in us])
-    x = np.array([np.pad(v, ((0, longest // 2 + 1 - len(v)), (0, 0)), mode="edge") for v in xs])
-    return Grid(time, u), fresh, x
+            times.append(grid.time[r, 2 * first : 2 * last + 1])
+            inputs.append(grid.inputs[r, 2 * first : 2 * last + 1])
+            states.append(ends[r, first : last + 1])
+            new_end[part, 0], new_end[part, 1] = len(times) - 1, end[part, 1] - first
+    return Grid(_padded(times), _padded(inputs)), new_end, _padded(states)
+
+
+def _padded(parts: list[np.ndarray]) -> np.ndarray:
+    """Stack parts of different lengths; shorter ones go on with their last value."""
+    longest = max(map(len, parts))
+    return np.array([np.pad(x, [(0, longest - len(x)), (0, 0)][: x.ndim], mode="edge") for x in parts])
 
 
 def _between(t: np.ndarray, values: np.ndarray, at: np.ndarray, kind: str) -> np.ndarray:

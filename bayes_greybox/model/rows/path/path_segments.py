@@ -1,4 +1,4 @@
-"""Segments of a path with the linear equation along them: how samples answer forces and other starts."""
+"""Segments of a path with the linear equation along them: the response of samples to forces and other starts."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,21 +10,21 @@ from jaxtyping import Float, Int
 from bayes_greybox.physics.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
 
 from .forced_rate import ForcedRate
+from .path_grid import points_at_ends, points_at_nodes
 
-WIDE = 10.0
+START_WIDTH = 10.0
 """Prior standard deviation of a start, over the size of its state."""
 
-GROWTH = 1e3
-"""A segment ends where a change of its start has grown this much: beyond it nothing is linear, nor known."""
+MOST_GROWTH = 1e3
+"""Growth of a change of its start at which a segment ends: beyond it nothing is linear, nor known."""
 
-CHUNK = 4096
+STEPS_AT_ONCE = 4096
 """Steps whose forces are evaluated at once."""
 
-FAINT = 1e-3
-"""What rates lack of a path's slope is looked at closely from this share of the slope's size on."""
+LEAST_DEPARTURE = 1e-3
+"""Share of the size of a path's slope from which on a departure of the rates from it is looked at closely."""
 
-NOWHERE = np.zeros((0, 2), int)
-"""No sample."""
+NO_SAMPLES = np.zeros((0, 2), int)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,11 +34,11 @@ class Segments:
     Attributes:
         grid: Nodes; shorter segments end in steps of no length.
         points: Time, states and inputs at the nodes.
-        slope: Of the path's states at the nodes.
+        slope: Slope of the path's states at the nodes.
         response: Steps of the linear equation.
         driven: Indices of the learned states.
         outputs: Indices of the measured states.
-        end: Index of the end of a step, segment by segment, at which each sample is that is a row.
+        end: Segment and end of a step, segment by segment, of each sample that is a row.
     """
 
     grid: Grid
@@ -50,12 +50,12 @@ class Segments:
     end: Int[np.ndarray, "n_sample 2"]
 
     def rows(self, ends: Float[np.ndarray, "n_segment n_end n_state k"]) -> Float[np.ndarray, "n_row k"]:
-        """Rows from changes of the states at the ends of steps."""
+        """Return rows from changes of the states at the ends of steps."""
         at = ends[self.end[:, 0], self.end[:, 1]]
         return np.concatenate([at[:, k] for k in self.outputs])
 
     def respond_to(self, table: Float[np.ndarray, "n_node k"], learned: int = 0) -> Float[np.ndarray, "n_row k"]:
-        """Response to forces on a learned state, by its number, that are known at the nodes."""
+        """Return the response to forces on a learned state, by its number, that are known at the nodes."""
         by_node = table.reshape(*self.grid.time.shape, -1)
         return self._respond(lambda nodes: triples(by_node[:, nodes]), learned)
 
@@ -63,13 +63,7 @@ class Segments:
         self, evaluate: Callable[[Mapping[str, np.ndarray]], np.ndarray], columns: Mapping[str, np.ndarray],
         learned: int = 0,
     ) -> Float[np.ndarray, "n_row k"]:  # fmt: skip
-        """Response to forces that are evaluated a stretch of all segments at a time; memory is bounded by a stretch.
-
-        Args:
-            evaluate: From columns [n] to forces [n, k].
-            columns: At all nodes.
-            learned: Number of the learned state that they act on.
-        """
+        """Return the response to forces that are evaluated a stretch of all segments at a time, to bound the memory."""
         names, values = list(columns), np.stack(list(columns.values()), axis=-1)
         by_node = values.reshape(*self.grid.time.shape, -1)
 
@@ -79,19 +73,12 @@ class Segments:
         return self._respond(lambda nodes: forces(at, by_node[:, nodes]), learned)
 
     def departure(self, rates: Callable[[np.ndarray], np.ndarray]) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:
-        """Rates less the path's slope, at the start, the middle and the end of each step.
-
-        What is rough is judged by the size of the difference, not of the rates: a jump that is small beside these, such
-        as dry friction in a machine that is driven hard, is most of what is left.
-
-        Args:
-            rates: From points to rates of the states.
-        """
+        """Return rates less the path's slope, at the start, the middle and the end of each step; see `departures`."""
         return departures(rates, self.points, self.slope)
 
     def _respond(self, forced: Callable[[slice], np.ndarray], learned: int) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
-        n_step, span = (n_node - 1) // 2, max(1, CHUNK // n_segment)
+        n_step, span = (n_node - 1) // 2, max(1, STEPS_AT_ONCE // n_segment)
         b = self.response.b[..., self.driven[learned]]
         whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
@@ -112,78 +99,63 @@ def departures(
     rates: Callable[[np.ndarray], np.ndarray], points: Float[np.ndarray, "n_segment n_node c"],
     slope: Float[np.ndarray, "n_segment n_node n_state"],
 ) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:  # fmt: skip
-    """Rates less the slope of a path, at the start, the middle and the end of each step; see `Segments.departure`.
+    """Return rates less the slope of a path, at the start, the middle and the end of each step.
 
-    Args:
-        rates: From points to rates of the states.
-        points: Time, states and inputs at the nodes.
-        slope: Of the states there.
+    What is rough is judged by the size of the difference, not of the rates: a jump that is small beside these, such
+    as dry friction in a machine that is driven hard, is most of what is left.
     """
-    n, least = points.shape[-1], FAINT * np.sqrt(np.mean(slope**2, axis=(0, 1)))
+    n, least = points.shape[-1], LEAST_DEPARTURE * np.sqrt(np.mean(slope**2, axis=(0, 1)))
     both = np.concatenate([points, slope], axis=-1)
     return forces(lambda at: rates(at[:, :n]) - at[:, n:], both, least)
 
 
 def segments_of(
     rate: ForcedRate, grid: Grid, ends: Float[np.ndarray, "n_segment n_end n_state"], outputs: tuple[int, ...],
-    end: Int[np.ndarray, "n_sample 2"] = NOWHERE,
+    end: Int[np.ndarray, "n_sample 2"] = NO_SAMPLES,
 ) -> Segments:  # fmt: skip
-    """The path through given ends of steps, and the linear equation along it.
-
-    Args:
-        rate: Of all states.
-        grid: Nodes.
-        ends: The path at the ends of steps.
-        outputs: Indices of the measured states.
-        end: Segment and end of the step of each sample that is a row.
-    """
-    at_ends = np.concatenate([grid.time[:, ::2, None], ends, grid.inputs[:, ::2]], axis=-1)
-    rates = rate.rates(at_ends)
+    """Return the path through given ends of steps, and the linear equation along it."""
+    rates = rate.rates(points_at_ends(grid, ends))
     path, _ = hermite(grid.time, ends, rates)
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
-    middles = rate.rates(np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)[:, 1::2])
+    middles = rate.rates(points_at_nodes(grid, path)[:, 1::2])
     driven = list(rate.driven)
     rates[..., driven] += _at_ends(grid.time, _lacking(grid.time, ends, rates, middles)[..., driven])
     path, slope = hermite(grid.time, ends, rates)
-    points = np.concatenate([grid.time[..., None], path, grid.inputs], axis=-1)
+    points = points_at_nodes(grid, path)
     return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
 
 
 def responses_to_unit_starts(
     segments: Segments, sizes: np.ndarray
 ) -> Float[np.ndarray, "n_segment n_end n_state n_state"]:
-    """Change of the path by one size of each state at the start of its segment."""
+    """Return the change of the path by one size of each state at the start of its segment."""
     n_segment, n_step, n_state = segments.response.M.shape[:3]
     start = np.broadcast_to(np.diag(sizes), (n_segment, n_state, n_state))
     return carried(segments.response.M, start, np.zeros((n_segment, n_step, n_state, n_state)))
 
 
 def pieces_of(grown: Float[np.ndarray, "n_segment n_end n_state n_state"], sizes: np.ndarray) -> int:
-    """Segments that a run is cut into, so that no change of a start grows by more than `GROWTH` within one."""
+    """Return the number of segments of a run in which no change of a start grows by more than `MOST_GROWTH`."""
     size = np.abs(grown / sizes[:, None]).max(axis=(0, 1, 2, 3))
     largest = float(np.max(size)) if np.all(np.isfinite(size)) else math.inf
-    return 1 if largest <= GROWTH else int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(GROWTH)), 200))
+    if largest <= MOST_GROWTH:
+        return 1
+    return int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(MOST_GROWTH)), 200))
 
 
 def responses_to_starts(segments: Segments, sizes: np.ndarray) -> Float[np.ndarray, "n_row n_start"]:
-    """Rows' change by one prior standard deviation of each start of each segment."""
-    rows = segments.rows(responses_to_unit_starts(segments, WIDE * sizes))
-    own = np.tile(segments.end[:, 0], len(segments.outputs))
-    n_segment = len(segments.grid.time)
-    return np.hstack([np.where((own == k)[:, None], rows, 0.0) for k in range(n_segment)])
+    """Return the rows' change by one prior standard deviation of each start of each segment."""
+    rows = segments.rows(responses_to_unit_starts(segments, START_WIDTH * sizes))
+    segment = np.tile(segments.end[:, 0], len(segments.outputs))
+    return np.hstack([np.where((segment == k)[:, None], rows, 0.0) for k in range(len(segments.grid.time))])
 
 
 def gain_of(
     segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray, sizes: Sequence[float]
 ) -> float:
-    """RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns.
+    """Return the RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns.
 
-    Args:
-        segments: Of the path.
-        columns: Of the path at its nodes.
-        starts: Responses to starts.
-        sd: Noise of each row.
-        sizes: Size of the forces on each learned state.
+    `sd` is the noise of each row, and `sizes` are those of the forces on each learned state.
     """
     powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
     scaled = [(name, k, size) for name, k, size in powers if size > 0]
@@ -198,11 +170,9 @@ def gain_of(
 
 
 def motion_of(segments: Segments, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From sample to sample: transitions, covariances of what an unknown force of unit intensity does, first samples.
+    """Return what happens from sample to sample: transitions, covariances by a force of unit intensity, first samples.
 
-    Args:
-        segments: Along the path; samples are in order of time within each.
-        sizes: Of the force on each learned state.
+    Samples are in order of time within each segment; `sizes` are those of the force on each learned state.
     """
     M, end = segments.response.M, segments.end
     b = segments.response.b[..., list(segments.driven)].sum(axis=-2) * np.asarray(sizes)
@@ -224,7 +194,7 @@ def motion_of(segments: Segments, sizes: Sequence[float]) -> tuple[np.ndarray, n
 
 
 def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """What rates lack on each step, on average, to lead from one end to the next; as before where a step is none."""
+    """Return what rates lack on average to lead from one end of a step to the next; as before where a step is none."""
     h = np.diff(time[:, ::2], axis=1)[..., None]
     chord = np.divide(np.diff(ends, axis=1), h, out=np.zeros_like(middles), where=h > 0)
     lacking = chord - (rates[:, :-1] + 4 * middles + rates[:, 1:]) / 6
@@ -233,7 +203,7 @@ def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.
 
 
 def _at_ends(time: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """From values of steps to those of their ends; across a leap of an input, which takes no time, nothing is even."""
+    """Average values of steps to their ends; across a leap of an input, which takes no time, nothing is even."""
     counts = np.where(np.diff(time[:, ::2], axis=1) > 0, 1.0, np.finfo(float).tiny)[..., None]
     before, after = (np.pad(counts, ((0, 0), pad, (0, 0))) for pad in ((1, 0), (0, 1)))
     left, right = (np.pad(steps, ((0, 0), pad, (0, 0))) for pad in ((1, 0), (0, 1)))
