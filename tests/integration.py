@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_greybox.physics.integrate import cut, follow_piece, joined, limits_of
+from bayes_greybox.physics.integration.adaptive_steps import cut, follow_piece, joined, limits_of
 
 
 class Path(NamedTuple):

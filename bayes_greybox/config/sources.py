@@ -286,7 +286,7 @@ class SystemSource(Source):
 
         import numpy as np
 
-        from bayes_greybox.physics import systems
+        from bayes_greybox.physics.experiments import systems
 
         build = getattr(systems, self.system)
         known = list(inspect.signature(build).parameters)

@@ -14,7 +14,7 @@ from bayes_greybox.data.samples.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.whole_rate import whole_rate
-from bayes_greybox.physics.integrate import (
+from bayes_greybox.physics.integration.adaptive_steps import (
     Limits,
     Samples,
     between_samples_of_runs,
@@ -23,7 +23,7 @@ from bayes_greybox.physics.integrate import (
     joined,
     limits_of,
 )
-from bayes_greybox.physics.solvers import diffrax
+from bayes_greybox.physics.integration.solvers import diffrax
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
@@ -34,7 +34,7 @@ from .prediction import require_columns
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
 
-ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integrate", "physics.simulation")
+ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integration.adaptive_steps", "physics.simulation")
 """Modules that a free run is traced through."""
 
 MOST_STIFF = 100_000
@@ -144,9 +144,9 @@ class FreeRunner:
     Args:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
-            default each input's own, linear or cubic, by `physics.integrate.between_samples`.
+            default each input's own, linear or cubic, by `physics.integration.adaptive_steps.between_samples`.
         identity: What the right-hand side depends on beside its arguments, for `traces.kept`; None: keep no trace.
-        **options: Tolerances of `physics.integrate.follow_piece`.
+        **options: Tolerances of `physics.integration.adaptive_steps.follow_piece`.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
 from bayes_greybox.discovery.next_experiment.ranked import FAILS, usual_sensors
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.missing_effects import Study, find_missing_effects
-from bayes_greybox.physics.candidate import Candidate
+from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.running.errors import InputError
 from benchmarks.answers import Answer
 from benchmarks.files import unwritable, write_tables

@@ -114,7 +114,7 @@ def measured(problem: Problem, seed: int) -> Data:
     """
     if problem.kind != BOX:
         # Imported here: it brings JAX.
-        from bayes_greybox.physics.systems import oscillator
+        from bayes_greybox.physics.experiments.systems import oscillator
 
         system, time = oscillator(), np.linspace(0.0, 100.0, problem.n_obs)
         if problem.n_obs <= INTEGRATED:

@@ -7,8 +7,8 @@ from numbers import Real
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.candidate import Candidate
-from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Signal, Usual, band
+from bayes_greybox.physics.experiments.candidate import Candidate
+from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL, Hold, Signal, Usual, band
 from bayes_greybox.running.errors import InputError
 
 

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.physics.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
-from bayes_greybox.physics.integrate import Limits, Samples, cut, follow_piece, joined
-from bayes_greybox.physics.solvers import diffrax
+from bayes_greybox.physics.integration.adaptive_steps import Limits, Samples, cut, follow_piece, joined
+from bayes_greybox.physics.integration.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
+from bayes_greybox.physics.integration.solvers import diffrax
 
 MOST = 64
 """Steps in an interval of typical length beyond which steps as they come are fewer."""

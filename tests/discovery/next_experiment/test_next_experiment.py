@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.missing_effects import load
-from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Usual
+from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL, Hold, Usual
 from bayes_greybox.running.errors import InputError
 
 

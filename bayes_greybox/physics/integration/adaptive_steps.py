@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.running.errors import InputError
 
-from .formula.expressions import namespace
 from .solvers import diffrax, ordered_times
 
 INTERPOLATIONS = ("linear", "zoh", "cubic")

@@ -7,7 +7,7 @@ import pytest
 from integration import integrate
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.physics.integrate import (
+from bayes_greybox.physics.integration.adaptive_steps import (
     PIECE,
     Limits,
     Samples,
@@ -18,7 +18,7 @@ from bayes_greybox.physics.integrate import (
     follow_piece,
     joined,
 )
-from bayes_greybox.physics.solvers import ordered_times
+from bayes_greybox.physics.integration.solvers import ordered_times
 from bayes_greybox.running.errors import InputError
 
 
