@@ -17,6 +17,7 @@ from bayes_greybox.inference.whole_rate import whole_rate
 from bayes_greybox.physics.integration.adaptive_steps import (
     Limits,
     Samples,
+    StepSettings,
     between_samples_of_runs,
     cut,
     follow_piece,
@@ -146,7 +147,7 @@ class FreeRunner:
         interpolation: Of the inputs between samples: "linear", "zoh" (held) or "cubic", for all or one for each. By
             default each input's own, linear or cubic, by `physics.integration.adaptive_steps.between_samples`.
         identity: What the right-hand side depends on beside its arguments, for `traces.kept`; None: keep no trace.
-        **options: Tolerances of `physics.integration.adaptive_steps.follow_piece`.
+        **options: Tolerances, as of `physics.integration.adaptive_steps.StepSettings`.
     """
 
     def __init__(
@@ -167,7 +168,8 @@ class FreeRunner:
                     more: dict[str, Any] = {"adjoint": diffrax().ForwardMode()}
                     if stiff:
                         more |= {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF}
-                    return follow_piece(right_hand_side, start, samples, own, args, kinds, **{**options, **more})
+                    settings = StepSettings(**{**options, **more})
+                    return follow_piece(right_hand_side, start, samples, own, args, kinds, settings)
 
                 return jax.vmap(one)(start, limits.x0, parameters)
 

@@ -1,8 +1,8 @@
 """Many runs of dx/dt = f(t, x, u) at once on fixed steps: candidates of an experiment under draws of a model.
 
 The method is the classical one of Runge and Kutta, of order four (Kutta 1901). All runs take the same steps, so that
-one evaluation of the rate serves thousands of them and nothing is compiled; how many steps are enough, the caller finds
-by doubling them.
+one evaluation of the rate serves thousands of them and nothing is compiled. The caller doubles the steps until they
+are enough.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,12 +21,7 @@ Rate = Callable[[Float[np.ndarray, "n_run n_draw d"], Float[np.ndarray, "n_run 1
 
 
 def stage_times(times: Float[np.ndarray, " n"], steps: int) -> Float[np.ndarray, " n_stage"]:
-    """Times at which inputs are needed: the start, middle and end of each step.
-
-    Args:
-        times: Of the samples.
-        steps: Between two of them.
-    """
+    """Return the times at which inputs are needed: start, middle and end of each of the steps between two samples."""
     share = np.arange(2 * steps) / (2 * steps)
     inside = times[:-1, None] + np.diff(times)[:, None] * share
     return np.append(inside.ravel(), times[-1])
@@ -39,18 +34,18 @@ def side_by_side(
     inputs: Float[np.ndarray, "n_run n_stage p"],
     limit: Float[np.ndarray, " d"],
 ) -> Float[np.ndarray, "n_run n_draw n d"]:
-    """States at the samples; NaN from where a run has left its limits, which is a result and no error.
+    """Integrate all runs at once; states are NaN from where a run has left its limits, which is a result and no error.
 
     Args:
-        rate: Of all runs at once.
+        rate: Rates of all runs at once.
         starts: States at the first sample.
-        times: Of the samples.
-        inputs: At the `stage_times`.
-        limit: A run has failed once a state is larger.
+        times: Sampling times.
+        inputs: Inputs at the `stage_times`.
+        limit: Size of each state beyond which a run has failed.
     """
     steps = (inputs.shape[1] - 1) // (2 * (len(times) - 1))
-    found = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
-    found[:, :, 0] = x = np.array(starts, float)
+    states = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
+    states[:, :, 0] = x = np.array(starts, float)
     place = 0
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for i, (begin, length) in enumerate(zip(times[:-1], np.diff(times), strict=True)):
@@ -65,19 +60,19 @@ def side_by_side(
                 x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
                 place += 2
             x = np.where(np.all(np.abs(x) < limit, axis=-1, keepdims=True), x, np.nan)
-            found[:, :, i + 1] = x
-    return found
+            states[:, :, i + 1] = x
+    return states
 
 
-SAME_PATH, MOST_STEPS = 1e-2, 32
+SAME_PATH, MOST_STEPS_BETWEEN_SAMPLES = 1e-2, 32
 """Share of a state's range that twice as many steps may change, and most steps between two samples."""
 
 
 def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, " d"]) -> tuple[int, list[bool]]:
-    """Return steps between samples that follow paths, by doubling them, and which runs they follow.
+    """Double the steps between samples until paths stay as they are; return the steps, and which runs they follow.
 
     Args:
-        paths: States [n_run, ..., d] by as many steps.
+        paths: Function from a number of steps to states [n_run, ..., d].
         range_: Range of each state.
     """
     steps, before = 4, paths(2)
@@ -85,7 +80,7 @@ def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, "
         now = paths(steps)
         near = (np.abs(now - before) <= SAME_PATH * range_) | (np.isnan(now) & np.isnan(before))
         same = np.all(near.reshape(len(near), -1), axis=1)
-        if np.all(same) or steps >= MOST_STEPS:
+        if np.all(same) or steps >= MOST_STEPS_BETWEEN_SAMPLES:
             return steps, same.tolist()
         before, steps = now, 2 * steps
 
@@ -94,7 +89,7 @@ class Added(NamedTuple):
     """Terms beside a simulation, which make another system of it.
 
     Attributes:
-        terms: The terms, without jumps, each with the number of the state whose rate it is in.
+        terms: Terms without jumps, each with the index of the state to whose rate it adds.
         theta: Their coefficients by draw.
     """
 
@@ -106,15 +101,15 @@ def run_with(
     simulation: Simulation, systems: Sequence[Added], starts: Sequence[np.ndarray], times: Float[np.ndarray, " n"],
     inputs: Float[np.ndarray, "n_run n_stage p"], limit: Float[np.ndarray, " d"],
 ) -> list[np.ndarray]:  # fmt: skip
-    """Return the states of a simulation with terms added to its rates, and with the hidden states of these.
+    """Integrate a simulation with terms added to its rates, and with the hidden states of these terms.
 
     Args:
-        simulation: The simulation, without jumps: an integrator cannot stay on them.
-        systems: What is added to it, by system.
+        simulation: Simulation without jumps: an integrator cannot stay on them.
+        systems: Terms added to it, by system.
         starts: States at the first sample [n_run, n_draw, d], by system; hidden states start as they say.
         times: Sampling times.
         inputs: Inputs at the `stage_times`.
-        limit: Size of a state beyond which a run has failed.
+        limit: Size of each state beyond which a run has failed.
 
     Returns:
         Paths [n_run, n_draw, n, d] by system.
@@ -139,7 +134,7 @@ def _together(
     simulation: Simulation, added: Sequence[tuple[int, Term, np.ndarray]], starts: np.ndarray,
     when: tuple[np.ndarray, np.ndarray, np.ndarray], hidden: Sequence[HiddenState],
 ) -> np.ndarray:  # fmt: skip
-    """Return paths of all draws; a term counts for nothing where its coefficient is zero."""
+    """Return paths of all draws; a term adds nothing where its coefficient is zero."""
     names, d, (times, inputs, limit) = simulation.states, starts.shape[-1], when
     rates = [parse_expression(state.rate) for state in hidden]
 

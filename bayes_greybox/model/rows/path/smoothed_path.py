@@ -7,7 +7,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.physics.integration.sensitivity import Grid, hermite
-from bayes_greybox.physics.integration.smoothing import PARTS, Observed, filtered, log_likelihoods, smooth, steps_along
+from bayes_greybox.physics.integration.smoothing import (
+    TRIED_SHARES,
+    Observed,
+    filtered,
+    log_likelihoods,
+    smooth,
+    steps_along,
+)
 from bayes_greybox.running.errors import InputError
 
 from .forced_rate import ForcedRate
@@ -99,7 +106,7 @@ def _inside(
         if np.all(_defined(rate, grid, path)):
             return path
     after, path, out = tried[0], tried[0].copy(), np.ones(len(before), bool)
-    for part in PARTS:
+    for part in TRIED_SHARES:
         path[out] = before[out] + part * (after[out] - before[out]) if part else before[out]
         out = ~_defined(rate, grid, path)
         if not np.any(out):
