@@ -1,4 +1,4 @@
-"""What is known of single coefficients, as a user states it of single terms."""
+"""Prior knowledge of single coefficients, as a user states it of single terms."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,15 +33,15 @@ class Coefficient:
 
     Attributes:
         mean: Its expected value.
-        sd: Standard deviation of what is known of it.
+        sd: Standard deviation of the prior.
         sign: 1: not negative; -1: not positive.
         lower: Least value.
         upper: Largest value.
         fixed: Its value.
 
     Raises:
-        InputError: Nothing stated, one of mean and sd without the other, bounds that leave no interval or contradict
-            the sign, a mean that they rule out, or `fixed` with anything else.
+        InputError: Nothing is stated; only one of mean and sd is given; bounds leave no interval or contradict the
+            sign; bounds rule the mean out; or `fixed` stands beside anything else.
     """
 
     mean: _Finite | None = None
@@ -87,35 +87,35 @@ class Coefficient:
 
     @property
     def bounded(self) -> bool:
-        """Whether some values are ruled out."""
+        """True if some values are ruled out."""
         return self.fixed is None and self.interval != (-math.inf, math.inf)
 
     @property
     def certain(self) -> bool:
-        """Whether the term is in whatever the data say, also under a prior with inclusion."""
+        """True if the term is in whatever the data say, also under a prior with inclusion."""
         return self.fixed is not None or self.mean is not None or not self.interval[0] <= 0 <= self.interval[1]
 
     @property
     def learned(self) -> bool:
-        """Whether it is a coefficient of the dictionary; else a number of the simulation."""
+        """True if it is a coefficient of the dictionary; false if it is a number of the simulation."""
         return self.fixed is None
 
     @property
     def known(self) -> float:
-        """What the simulation has of the term."""
+        """The part of the coefficient that belongs to the simulation."""
         return 0.0 if self.fixed is None else self.fixed
 
     def centred(self) -> "Coefficient":
-        """The prior of what is left of it when the simulation has the term with the mean."""
+        """Return the prior of the deviation from the mean, for a simulation that has the term with the mean."""
         return self if self.mean is None else _Deviation(0.0, self.sd, known_part=self.mean)
 
     def record(self) -> dict[str, Any]:
-        """What was stated, as plain values."""
+        """Return the statement as plain values."""
         stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
         return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
 
     def __str__(self) -> str:
-        """What was stated, in a few signs: `N(-2, 0.1²) ≤ 0`."""
+        """Return the statement in a few signs: `N(-2, 0.1²) ≤ 0`."""
         if self.fixed is not None:
             return f"= {_digits(self.fixed)}"
         law = "" if self.mean is None or self.sd is None else f"N({_digits(self.mean)}, {_digits(self.sd)}²)"
@@ -128,7 +128,7 @@ class Coefficient:
 
 
 def _digits(value: float) -> str:
-    """A number as it was stated, with all its digits."""
+    """Write a number as it was stated, with all its digits."""
     return repr(float(value)).removesuffix(".0")
 
 
@@ -137,11 +137,7 @@ _FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
 
 @dataclass(frozen=True)
 class _Deviation(Coefficient):
-    """What is left of a coefficient beside its mean, which the simulation has.
-
-    Attributes:
-        known_part: The mean.
-    """
+    """Deviation of a coefficient from its mean, where the simulation has the term with the mean."""
 
     known_part: float = 0.0
 
@@ -151,7 +147,7 @@ class _Deviation(Coefficient):
         return self.known_part
 
     def centred(self) -> "Coefficient":
-        """Itself."""
+        """Return the prior itself."""
         return self
 
 
@@ -169,21 +165,21 @@ def coefficient_of_term(
     fixed: float | None,
     bounds: Sequence[float | None] | None,
 ) -> Coefficient | None:
-    """What a term states of its own coefficient.
+    """Check what a term states of its own coefficient, in user's units.
 
     Args:
         term: Its name, for messages.
         sign: "+": not negative; "-": not positive.
-        prior: Mean and standard deviation, user's units.
-        fixed: The value, user's units.
-        bounds: Least and largest value, user's units; None leaves an end open.
+        prior: Mean and standard deviation.
+        fixed: The value.
+        bounds: Least and largest value; None leaves an end open.
 
     Returns:
         The same as a `Coefficient`; None where nothing is stated.
 
     Raises:
-        InputError: Values that are none; `fixed` with anything else; bounds the wrong way round or against the sign;
-            a mean that sign or bounds rule out.
+        InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the
+            sign; sign or bounds rule the mean out.
     """
     given = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
     given = {key: value for key, value in given.items() if value is not None}
@@ -218,11 +214,7 @@ def coefficient_of_term(
 
 
 def _ends(said: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
-    """Bounds as numbers, infinite where an end is open.
-
-    Raises:
-        InputError: No end is given; the wrong way round; a single value.
-    """
+    """Return bounds as numbers, infinite where an end is open."""
     if bounds is None:
         return -math.inf, math.inf
     least, largest = bounds

@@ -1,9 +1,9 @@
 """Hidden states of a formula, such as the displacement of a hysteretic element, and their values along known paths.
 
-A formula that remembers is a function of the states and of hidden ones, ż = r(x, u, z), which nobody measures. Along a
-path that is known, z follows from its rate alone: the hidden states are integrated by the method of Runge and Kutta of
-order four, with columns between nodes as the cubics through four neighbours have them halfway, and in so many steps
-between two nodes that no change of z is missed by much.
+A formula with memory is a function of the states and of hidden ones, ż = r(x, u, z), which nobody measures. Along a
+known path, z follows from its rate alone. Hidden states are integrated by the method of Runge and Kutta of order four.
+Halfway between nodes, columns are those of the cubic through four neighbours. Between two nodes there are enough steps
+that no change of z is missed by much.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,11 +46,11 @@ class HiddenState:
     Attributes:
         name: Its name in formulas.
         rate: Formula of its rate, over columns (of an effect of the catalogue: roles) and hidden states.
-        unit_of: Column, or role, whose unit it has, and whose size about.
-        meaning: What it is, in a few words.
-        start: Column, or role, whose value it has where a run starts, as what moves along with a body has; "": at rest,
-            which is zero.
-        named: The same rate where it is known already, with names for numbers in it.
+        unit_of: Column, or role, whose unit and approximate size it has.
+        meaning: A few words that describe it.
+        start: Column, or role, whose value it has where a run starts, for a part that moves along with a body; "": at
+            rest, which is zero.
+        named: The same rate, if it was parsed before, with names for numbers in it.
     """
 
     name: str
@@ -78,14 +78,14 @@ def along(
     systems: Sequence[Sequence[HiddenState]], time: Float[np.ndarray, " n"],
     columns: Mapping[str, Float[np.ndarray, " n"]], fresh: Bool[np.ndarray, " n"],
 ) -> list[dict[str, Float[np.ndarray, " n"]]]:  # fmt: skip
-    """Values of hidden states along known paths; those whose rates differ by numbers alone are integrated at once.
+    """Integrate hidden states along known paths; those whose rates differ by numbers alone go together.
 
     Args:
         systems: Hidden states that are integrated together.
-        time: Of the nodes, in order within a run; equal times where an input leaps.
-        columns: States and inputs at the nodes; of a hidden state itself, what it is where a run starts, in place of
-            what its `start` says.
-        fresh: Nodes at which a run starts.
+        time: Times of the nodes, in order within a run; equal where an input leaps.
+        columns: States and inputs at the nodes. A column of a hidden state holds its values where runs start, in place
+            of its `start`.
+        fresh: True at nodes where a run starts.
 
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
@@ -106,7 +106,7 @@ def along(
 
 @dataclass(frozen=True)
 class _Rates:
-    """Rates of hidden states, the numbers in them by name, so that formulas that differ by these are compiled once."""
+    """Rates of hidden states with named numbers, so that formulas which differ by these alone are compiled once."""
 
     names: tuple[str, ...]
     formulas: tuple[sympy.Expr, ...]
@@ -162,7 +162,7 @@ def _integrated(
 
 
 def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]) -> Float[np.ndarray, "n_step n_c"]:
-    """Columns halfway between nodes: of the cubic through four of them; of a line where steps are not equally long."""
+    """Interpolate columns halfway between nodes: cubics through four of them, lines where steps are not even."""
     line = (c[1:] + c[:-1]) / 2
     if len(h) < 3:
         return line

@@ -1,7 +1,7 @@
 """Input signals as functions of time, from which experiments are made.
 
-A family is a frozen dataclass with `value(t)` and `text`, listed in `SIGNALS`, with what is usual of it in `USUAL`;
-nothing else asks which one it holds. A signal of your own needs `value` and `text`.
+A family is a frozen dataclass with `value(t)` and `text`, listed in `SIGNALS`, with its usual members in
+`USUAL_SIGNALS`; no other module asks for the family. A signal of your own needs `value` and `text`.
 """
 
 from collections.abc import Callable, Mapping
@@ -24,7 +24,7 @@ class Signal(Protocol):
 
     @property
     def text(self) -> str:
-        """Return a few words with its numbers."""
+        """A few words with its numbers."""
         ...
 
 
@@ -36,7 +36,7 @@ class Usual:
         amplitude: Half its range, times a factor.
         offset: Middle of its range.
         low: Lowest frequency of which a run holds a few periods, cycles per unit of time.
-        high: Frequency below which the states' motion is, about.
+        high: Frequency below which most of the states' motion lies.
         duration: Duration of a run.
     """
 
@@ -59,7 +59,7 @@ class Hold:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         return f"held at {self.level:.3g}"
 
 
@@ -77,7 +77,7 @@ class Step:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         return f"step from {self.before:.3g} to {self.after:.3g} at {self.at:.3g}"
 
 
@@ -95,7 +95,7 @@ class Sine:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         return f"sine of amplitude {self.amplitude:.3g} at {self.frequency:.3g}{_about(self.offset)}"
 
 
@@ -117,7 +117,7 @@ class Sweep:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         return f"sweep of amplitude {self.amplitude:.3g} from {self.low:.3g} to {self.high:.3g}{_about(self.offset)}"
 
 
@@ -140,7 +140,7 @@ class Multisine:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         band = f"from {self.low:.3g} to {self.high:.3g}, seed {self.seed}"
         return f"multisine of {self.tones} tones {band}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
 
@@ -162,14 +162,14 @@ class Noise:
 
     @property
     def text(self) -> str:
-        """Return a few words."""
+        """The signal in a few words."""
         return f"noise up to {self.high:.3g}, seed {self.seed}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
 
 
 SIGNALS = {"hold": Hold, "step": Step, "sine": Sine, "sweep": Sweep, "multisine": Multisine, "noise": Noise}
 """Families by name."""
 
-USUAL: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
+USUAL_SIGNALS: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
     "hold": lambda u: (Hold(u.offset + u.amplitude), Hold(u.offset - u.amplitude)),
     # After a third of the run.
     "step": lambda u: tuple(Step(u.offset, u.offset + a, u.duration / 3) for a in (u.amplitude, -u.amplitude)),
@@ -182,12 +182,9 @@ USUAL: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
 
 
 def band(states: Mapping[str, Time], time: Time, duration: float) -> tuple[float, float]:
-    """Return two periods in a run, and the frequency of 95 % of the states' power; at least twice the first.
+    """Return the frequency of two periods in a run, and that below which 95 % of the states' power lies.
 
-    Args:
-        states: States of one run.
-        time: Its sampling times.
-        duration: Duration of a run to come.
+    The second is at least twice the first. `states` and `time` are of one run, `duration` is that of a run to come.
     """
     low, high = 2.0 / duration, 4.0 / duration
     even = np.linspace(time[0], time[-1], len(time))

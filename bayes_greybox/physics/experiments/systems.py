@@ -187,7 +187,7 @@ def two_tanks(gain: float = 0.05, c1: float = 0.1, c2: float = 0.1, c3: float = 
 
 
 def _sum(terms: Mapping[str, float]) -> str:
-    """The right-hand side as text; every number is written so that it reads back to the last bit."""
+    """Write the right-hand side as text, in which every number reads back to the last bit."""
     text = " ".join(f"{'-' if value < 0 else '+'} {abs(value)!r}*{term}" for term, value in terms.items())
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 
