@@ -62,9 +62,9 @@ class Coefficient:
                 "value and no prior."
             )
         if (self.mean is None) != (self.sd is None):
-            there, lacks = ("mean", "sd") if self.sd is None else ("sd", "mean")
+            present, missing = ("mean", "sd") if self.sd is None else ("sd", "mean")
             raise InputError(
-                f"Coefficient({there}=...) needs {lacks} too: both, or neither for the model's own prior on the term."
+                f"Coefficient({present}=...) needs {missing} too: both, or neither for the model's own prior."
             )
         low, high = self.interval
         if not low < high:
@@ -151,9 +151,6 @@ class _Deviation(Coefficient):
         return self
 
 
-SIGNS = {"+": 1, "-": -1}
-"""Signs as a term states them."""
-
 Bounds = tuple[float | None, float | None]
 """Least and largest value, None where an end is open."""
 
@@ -181,50 +178,50 @@ def coefficient_of_term(
         InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the
             sign; sign or bounds rule the mean out.
     """
-    given = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
-    given = {key: value for key, value in given.items() if value is not None}
-    if not given:
+    every = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
+    stated = {key: value for key, value in every.items() if value is not None}
+    if not stated:
         return None
-    said = f"The term {term!r} has "
-    for key, (holds, words) in _ASKED.items():
-        if key in given and not holds(given[key]):
-            raise InputError(f"{said}{key}={given[key]!r}: {words}.")
-    if fixed is not None and len(given) > 1:
-        other = next(key for key in given if key != "fixed")
+    subject = f"The term {term!r} has "
+    for key, (holds, remedy) in _CHECKS.items():
+        if key in stated and not holds(stated[key]):
+            raise InputError(f"{subject}{key}={stated[key]!r}: {remedy}.")
+    if fixed is not None and len(stated) > 1:
+        other = next(key for key in stated if key != "fixed")
         raise InputError(
-            f"{said}fixed={fixed:g} and {other}={given[other]!r}: a fixed coefficient has its value and nothing is "
+            f"{subject}fixed={fixed:g} and {other}={stated[other]!r}: a fixed coefficient has its value and nothing is "
             f"learned of it; leave out {other}, or fixed."
         )
-    low, high = _ends(said, bounds)
+    low, high = _ends(subject, bounds)
     if (sign == "+" and high <= 0) or (sign == "-" and low >= 0):
         raise InputError(
-            f"{said}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
+            f"{subject}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
             "leave out one of them, or turn it round."
         )
     low, high = max(low, 0.0) if sign == "+" else low, min(high, 0.0) if sign == "-" else high
     if prior is not None and not low <= prior[0] <= high:
-        limit = " and ".join(f"{key}={given[key]!r}" for key in ("sign", "bounds") if key in given)
+        limit = " and ".join(f"{key}={stated[key]!r}" for key in ("sign", "bounds") if key in stated)
         raise InputError(
-            f"{said}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
+            f"{subject}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
             "coefficient may be, or correct the limit."
         )
     least, largest = bounds or (None, None)
     mean, sd = prior or (None, None)
-    return Coefficient(mean, sd, None if sign is None else SIGNS[sign], least, largest, fixed)
+    return Coefficient(mean, sd, None if sign is None else {"+": 1, "-": -1}[sign], least, largest, fixed)
 
 
-def _ends(said: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
+def _ends(subject: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
     """Return bounds as numbers, infinite where an end is open."""
     if bounds is None:
         return -math.inf, math.inf
     least, largest = bounds
     low, high = -math.inf if least is None else least, math.inf if largest is None else largest
     if least is None and largest is None:
-        raise InputError(f"{said}bounds=(None, None), which rule out nothing: leave bounds out.")
+        raise InputError(f"{subject}bounds=(None, None), which rule out nothing: leave bounds out.")
     if low == high:
-        raise InputError(f"{said}bounds={tuple(bounds)!r}, which leave a single value: write fixed={low:g}.")
+        raise InputError(f"{subject}bounds={tuple(bounds)!r}, which leave a single value: write fixed={low:g}.")
     if low > high:
-        raise InputError(f"{said}bounds={tuple(bounds)!r}, the wrong way round: write bounds=({high:g}, {low:g}).")
+        raise InputError(f"{subject}bounds={tuple(bounds)!r}, the wrong way round: write bounds=({high:g}, {low:g}).")
     return low, high
 
 
@@ -232,7 +229,7 @@ def _is_pair(value: Any) -> bool:
     return isinstance(value, tuple | list) and len(value) == 2
 
 
-_ASKED: dict[str, tuple[Callable[[Any], bool], str]] = {
+_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
     "prior": (
         lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,

@@ -84,14 +84,14 @@ class Term:
         object.__setattr__(self, "stated", stated)
         # As plain values: lists, as files have them, cannot be keys.
         for key, plain in (("prior", _plain), ("fixed", float), ("bounds", _plain)):
-            given = getattr(self, key)
-            object.__setattr__(self, key, None if given is None else plain(given))
+            value = getattr(self, key)
+            object.__setattr__(self, key, None if value is None else plain(value))
 
     @cached_property
     def expr(self) -> sympy.Expr:
         """The SymPy expression over real symbols."""
-        given = self.expression
-        return parse_expression(given) if isinstance(given, str) else check_expression(given)
+        formula = self.expression
+        return parse_expression(formula) if isinstance(formula, str) else check_expression(formula)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -152,18 +152,18 @@ class Dictionary:
     @classmethod
     def joined(cls, parts: Mapping[str, "Dictionary"]) -> "Dictionary":
         """Join the dictionaries of several learned states; a term of the state x is called "x: x*y" in it."""
-        terms = [replace(term, name=f"{state}: {term.name}") for state, own in parts.items() for term in own.terms]
+        terms = [replace(term, name=f"{state}: {term.name}") for state, part in parts.items() for term in part.terms]
         return cls(tuple(terms), tuple(parts.items()))
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Dictionary":
         """Return the dictionary with jumps of its terms rounded, as an integrator needs them."""
-        parts = tuple((state, own.rounded(columns)) for state, own in self.parts)
+        parts = tuple((state, part.rounded(columns)) for state, part in self.parts)
         return Dictionary(tuple(term.rounded(columns) for term in self.terms), parts)
 
     @property
     def acts_on(self) -> tuple[str, ...]:
         """Learned state to whose rate each term adds, where there are several states; else empty."""
-        return tuple(state for state, own in self.parts for _ in own.terms)
+        return tuple(state for state, part in self.parts for _ in part.terms)
 
     @classmethod
     def of(cls, spec: object, names: Iterable[str]) -> "Dictionary":
@@ -286,7 +286,8 @@ def _monomial(factors: Sequence[str]) -> str:
 
 def terms_of(spec: object) -> tuple[Term, ...]:
     """Read terms as `Dictionary.of` does, without checking them against columns or each other."""
-    return tuple(_as_term(item) for item in _flat(spec))
+    # Nested sequences are opened one level deep.
+    return tuple(_as_term(item) for part in _items(spec) for item in _items(part))
 
 
 def stating(spec: object) -> tuple[Term, ...]:
@@ -296,14 +297,6 @@ def stating(spec: object) -> tuple[Term, ...]:
     items = _items(spec)
     nested = [each if isinstance(each, Term | Dictionary | list | tuple) else () for each in items]
     return tuple(t for each in nested for t in _items(each) if isinstance(t, Term) and t.stated is not None)
-
-
-def _flat(spec: object) -> list[object]:
-    """The items of a term list, with nested sequences opened one level deep."""
-    items: list[object] = []
-    for item in _items(spec):
-        items.extend(_items(item))
-    return items
 
 
 def _plain(pair: Iterable[float | None]) -> tuple[float | None, ...]:

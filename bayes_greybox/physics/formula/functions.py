@@ -14,7 +14,7 @@ class Function:
     """One function of the formula language.
 
     Attributes:
-        symbolic: Builds the SymPy node; takes `evaluate`.
+        symbolic: Function that builds the SymPy node; takes `evaluate`.
         node: The SymPy class of that node (an empty tuple where the node is a plain power).
         number: The function on Python floats.
         array: The function on arrays: takes their namespace, `numpy` or `jax.numpy`, then the arguments of the SymPy
@@ -29,7 +29,7 @@ class Function:
     arity: tuple[int, int] = (1, 1)
 
     def written(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The arguments that a user writes, out of those of the SymPy node."""
+        """Select the arguments that a user writes from those of the SymPy node."""
         return args[: self.arity[1]]
 
 
@@ -56,7 +56,7 @@ def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
 
 
 def _plain(node: Any, number: Callable[..., float], name: str) -> Function:
-    """A function that NumPy and JAX have under one name."""
+    """Describe a function that NumPy and JAX have under one name."""
     return Function(symbolic=node, node=node, number=number, array=lambda xp, x: getattr(xp, name)(x))
 
 
@@ -90,7 +90,7 @@ ALIASES = {
 }  # fmt: skip
 
 # Node classes that an expression may contain.
-NODES = (
+NODE_CLASSES = (
     sympy.Symbol,
     sympy.Integer,
     sympy.Rational,

@@ -19,7 +19,7 @@ import sympy
 
 from bayes_greybox.running.errors import InputError
 
-from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
+from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODE_CLASSES, Function
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 50
@@ -31,8 +31,8 @@ _MAX_BITS = 512
 # Roots of higher degree are taken in floating point.
 _MAX_ROOT = 1000
 
-REMEMBERED = 4096
-"""Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
+REMEMBERED_FORMULAS = 4096
+"""Size of caches: a study reads the same formulas along every path, and each takes milliseconds."""
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _REFUSED = {
@@ -49,47 +49,30 @@ _REFUSED = {
 }
 
 
-@lru_cache(REMEMBERED)
+@lru_cache(REMEMBERED_FORMULAS)
 def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
-    """Read a formula; see `expressions.parse_expression`.
-
-    Args:
-        text: The formula.
-        names: Names that may appear; None accepts any.
-
-    Returns:
-        The expression.
-
-    Raises:
-        InputError: Anything outside the whitelist.
-    """
+    """Read a formula; see `expressions.parse_expression`."""
     text = _clean(text)
-    found = _Builder(text, names).build(_syntax_tree(text), 0)
-    if found.has(sympy.zoo, sympy.nan):
-        # Of parts that are finite one by one, as 0**(y**y) and its inverse.
+    expr = _Builder(text, names).build(_syntax_tree(text), 0)
+    if expr.has(sympy.zoo, sympy.nan):
+        # Its parts may be finite one by one, as 0**(y**y) and its inverse.
         raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
-    if found.has(sympy.I):
-        # SymPy may find out that late, as it takes a root apart that is within another one.
+    if expr.has(sympy.I):
+        # SymPy may notice it only when it takes a root apart that is within another one.
         raise InputError(f"{_shown(text)} contains the root of a negative number; take abs(...) of it.")
-    return found
+    return expr
 
 
 def symbol(name: str) -> sympy.Symbol:
-    """The SymPy symbol that stands for a column: real, so that sqrt(y**2) is |y|."""
+    """Return the SymPy symbol that stands for a column: real, so that sqrt(y**2) is |y|."""
     return sympy.Symbol(name, real=True)
 
 
 def check_name(name: str) -> str:
-    """Refuse a column name that cannot be used in a formula.
-
-    Args:
-        name: The column's name.
-
-    Returns:
-        The name, unchanged.
+    """Return a column name unchanged, or refuse one that formulas cannot use.
 
     Raises:
-        InputError: Not an identifier, a word of the formula language, or a function's name.
+        InputError: It is no identifier, a word of the formula language, or a function's name.
     """
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
@@ -112,10 +95,10 @@ def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.
     Args:
         used: Names that appear in the formula.
         names: Names that exist.
-        formula: For the message; as text only there, since SymPy takes a millisecond to write one.
+        formula: The formula, for the message; it is written only there, because SymPy takes a millisecond to do so.
 
     Raises:
-        InputError: Names the unknown one, the nearest known ones and the list.
+        InputError: A name is unknown; the message has the nearest known ones and the list.
     """
     known = tuple(names)
     for name in sorted(set(used) - set(known)):
@@ -136,12 +119,12 @@ def check_size(expr: sympy.Expr, text: str) -> None:
 
 
 def function_list() -> str:
-    """The known functions, for messages."""
+    """List the known functions, for messages."""
     return ", ".join(FUNCTIONS)
 
 
 def _clean(text: str) -> str:
-    """Refuse what is too long, too deep or would be misread, before any parsing."""
+    """Refuse text that is too long, too deep or would be misread, before any parsing."""
     if len(text) > MAX_LENGTH:
         raise InputError(
             f"A formula has {len(text)} characters, starting with {text[:30]!r}; {MAX_LENGTH} is the limit: "
@@ -276,7 +259,7 @@ class _Builder:
         if value_base is None:
             whole: Any = base
             if base.atoms(sympy.Float):
-                # SymPy takes roots of numbers apart, and beside a tiny or huge decimal does not come back from it.
+                # SymPy takes roots of numbers apart, and beside a tiny or huge decimal never finishes.
                 roots = {root: _from_float(float(root)) for root in base.atoms(sympy.Pow) if root.is_number}
                 whole = base.xreplace(roots)
             return self.real(whole**exponent)
@@ -288,13 +271,11 @@ class _Builder:
             self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
         if result == 0 and value_base != 0:
             self.refuse("contains a number too small to tell from zero; check its constants")
-        if base.atoms(sympy.Float) and not base.is_Float:
-            # A decimal beside roots: SymPy would look for what they have in common, and may not come back from it.
-            return _from_float(result)
-        if exponent.atoms(sympy.Pow):
-            # Each further storey of a tower of powers would be evaluated with all those below it, again and again.
-            return _from_float(result)
-        if base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS:
+        # Beside roots SymPy would look for common factors of a decimal, and may never finish. Each further storey of a
+        # tower of powers would be evaluated with all those below it, again and again.
+        decimal_beside_roots = base.atoms(sympy.Float) and not base.is_Float
+        too_long = base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS
+        if decimal_beside_roots or exponent.atoms(sympy.Pow) or too_long:
             return _from_float(result)
         return self.checked(base**exponent)
 
@@ -349,13 +330,13 @@ def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
         result = function.symbolic(*args, evaluate=True)
     except (ValueError, TypeError):
         result = None
-    if result is not None and all(isinstance(n, NODES) for n in sympy.preorder_traversal(result)):
+    if result is not None and all(isinstance(n, NODE_CLASSES) for n in sympy.preorder_traversal(result)):
         return result
     return function.symbolic(*args, evaluate=False)
 
 
 def _number_value(expr: sympy.Expr) -> float | None:
-    """The value of an expression without symbols, None for the others."""
+    """Return the value of an expression without symbols, None for the others."""
     if expr.is_Number:
         return float(expr)
     return float(expr.evalf()) if expr.is_number else None
