@@ -16,14 +16,14 @@ from bayes_greybox.running.errors import InputError
 
 from .description import Description, description_of
 
-INSTALL = 'install it with pip install ".[fmu]" in the checkout'
+INSTALL_FMPY = 'install it with pip install ".[fmu]" in the checkout'
 
-KNOWN = 64
-"""Files whose digest is kept, by when they were changed and their size."""
+KEPT_DIGESTS = 64
+"""Files whose digest is kept, by their size and the time of their last change."""
 
 
 def fmpy() -> Any:
-    """FMPy.
+    """Import FMPy.
 
     Raises:
         InputError: It is not installed.
@@ -31,19 +31,16 @@ def fmpy() -> Any:
     try:
         import fmpy
     except ImportError as error:
-        raise InputError(f"Running an FMU needs FMPy; {INSTALL}.") from error
+        raise InputError(f"Running an FMU needs FMPy; {INSTALL_FMPY}.") from error
     return fmpy
 
 
 def read_fmu(path: str | os.PathLike[str]) -> Description:
-    """Read what an FMU says of itself, and keep a copy of what is in it: what becomes of the file later is another FMU.
-
-    Args:
-        path: The file.
+    """Read the description of an FMU, and keep a copy of its content: a file that changes later is another FMU.
 
     Raises:
-        InputError: FMPy is not installed; no such file; no FMU; a version of FMI that is not supported; no library for
-            this system.
+        InputError: FMPy is not installed; there is no such file; it is no FMU, or of a version of FMI that is not
+            supported; or it has no library for this system.
     """
     file = Path(path)
     if not file.is_file():
@@ -61,7 +58,7 @@ _known: weakref.WeakValueDictionary[str, Description] = weakref.WeakValueDiction
 _reading = threading.Lock()
 
 
-@lru_cache(maxsize=KNOWN)
+@lru_cache(maxsize=KEPT_DIGESTS)
 def _digest(file: Path, changed: int, size: int) -> str:
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.physics.simulation.fmu.description import Description, Variable
-from bayes_greybox.physics.simulation.fmu.files import read_fmu
 from bayes_greybox.running.errors import InputError
 
+from .description import Description, Variable
+from .files import read_fmu
+from .loaded import Ports
 from .naming import by_column, require_number, require_once, require_real, without_states
-from .ports import Ports
 from .running import running
 
 MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
@@ -24,8 +24,9 @@ MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
 class FMU:
     """A simulation that is an FMU of FMI 2.0, run by FMPy (extra `fmu`): for Model Exchange, else for Co-Simulation.
 
-    Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_"
-    for what no column may be called: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows of samples.
+    Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_" in
+    place of characters that no column may have: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows
+    of samples.
 
     A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
     declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
@@ -34,20 +35,20 @@ class FMU:
     longer than these.
 
     Attributes:
-        path: The file. What becomes of it later changes nothing: a copy is kept.
+        path: The file. Later changes of it have no effect: a copy is kept.
         parameters: Values of parameters, and of inputs that no column feeds, by the FMU's names.
         states: The FMU's state by the column's name, {"y": "mass.s"}; all of them for a Co-Simulation that declares
             none.
         inputs: The FMU's input by the column's name.
         outputs: The FMU's variable by the name of a measured output.
-        starts: What sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state itself by
-            default.
-        step: Length of the steps of a Co-Simulation, s; by default what the FMU says. The data need no such steps.
-        description: What the file says of itself.
+        starts: Parameter that sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state
+            itself by default.
+        step: Length of the steps of a Co-Simulation, s; by default that of the FMU. The data need no such steps.
+        description: Content of the file's description.
 
     Raises:
-        InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not,
-            or that is no real number; one column for two variables, or two for one; a state that cannot be set.
+        InputError: FMPy is not installed; the file is missing or cannot be run here; a variable is missing or no real
+            number; two variables have one column, or one has two; a state cannot be set.
     """
 
     path: str | os.PathLike[str]
@@ -86,7 +87,7 @@ class FMU:
         for name in self.inputs.values():
             if name in self.parameters:
                 raise InputError(f"The input {name!r} of the FMU {found.name} is held and fed by a column: do one.")
-        columns = [name for name, _ in (*self._of_states(), *self._of_inputs())]
+        columns = [name for name, _ in (*self._state_pairs(), *self._input_pairs())]
         require_once(found, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
             require_once(found, "variable", list(given.values()))
@@ -133,13 +134,13 @@ class FMU:
             )
 
     def __reduce__(self) -> Any:
-        """Another process reads the file again."""
+        """Have another process read the file again."""
         given = {name: getattr(self, name) for name in (*MAPPINGS, "step")}
         return _read_again, (self.path, given, self.description.content)
 
     @property
     def dynamics(self) -> tuple[tuple[Variable, Variable | None], ...]:
-        """States, each with the variable that is its rate: what a Co-Simulation does not declare, users name."""
+        """States, each with the variable that is its rate; users name those that a Co-Simulation does not declare."""
         found = self.description
         if found.states or found.exchanged:
             return found.states
@@ -148,16 +149,11 @@ class FMU:
 
     @property
     def stepped(self) -> bool:
-        """Whether rates are differences over steps: a Co-Simulation that does not give them."""
+        """True if rates are differences over steps: a Co-Simulation that does not give them."""
         return any(rate is None for _, rate in self.dynamics)
 
     def ports(self, states: Sequence[str], inputs: Sequence[str]) -> Ports:
-        """What is set at a point.
-
-        Args:
-            states: Columns of states, in the FMU's order.
-            inputs: Columns of inputs.
-        """
+        """Return the variables that are set at a point, for columns of states in the FMU's order, and of inputs."""
         found, known, fed = self.description, self.state_columns, self.input_columns
         starts = [found.variables[self.starts[each]] if each in self.starts else known[each] for each in states]
         return Ports(
@@ -170,16 +166,16 @@ class FMU:
     @property
     def state_columns(self) -> dict[str, Variable]:
         """States by the name of their column, in the FMU's order."""
-        return dict(self._of_states())
+        return dict(self._state_pairs())
 
     @property
     def input_columns(self) -> dict[str, Variable]:
         """Inputs that columns feed, by the name of the column."""
-        return dict(self._of_inputs())
+        return dict(self._input_pairs())
 
     @property
     def derivatives(self) -> str:
-        """By what the rates are differentiated, in words: what the FMU declares is used once it was found right."""
+        """The method by which rates are differentiated, in words; declared derivatives are used once found right."""
         if not self.description.exchanged:
             return "central differences: a Co-Simulation is started anew at every point"
         if not self.description.interface.directional:
@@ -188,11 +184,11 @@ class FMU:
             None: "the FMU's directional derivatives, if they agree with central differences: not looked at yet",
             True: "the FMU's directional derivatives, which agree with central differences",
             False: "central differences: the FMU's directional derivatives are not those of its rates",
-        }[running(self.description).right(self.parameters)]
+        }[running(self.description).derivatives_right(self.parameters)]
 
     @property
     def rates(self) -> str:
-        """What the rates are, in words."""
+        """The kind of rates, in words."""
         if self.description.exchanged:
             return "the FMU's own, by Model Exchange"
         if self.stepped:
@@ -201,26 +197,26 @@ class FMU:
         return "variables of the FMU, which is started at each point, by Co-Simulation"
 
     def __str__(self) -> str:
-        """What it is, and how its rates and their derivatives are had."""
+        """Describe the FMU, its rates and their derivatives."""
         columns = ", ".join(f"{column} = {v.name}" for column, v in self.state_columns.items())
         return f"FMU {self.description.name}: {columns}\nrates: {self.rates}\nderivatives: {self.derivatives}"
 
     def record(self) -> dict[str, Any]:
-        """The FMU as plain values for a file: where it is, its GUID, and what was given with it."""
+        """Return the FMU as plain values for a file: its path, its GUID, and what was given with it."""
         given = {name: dict(getattr(self, name)) for name in MAPPINGS}
         return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
-    def _of_states(self) -> list[tuple[str, Variable]]:
+    def _state_pairs(self) -> list[tuple[str, Variable]]:
         return by_column([state for state, _ in self.dynamics], self.states)
 
-    def _of_inputs(self) -> list[tuple[str, Variable]]:
-        known = self.description.variables.values()
-        fed = [v for v in known if v.causality == "input" and v.name not in self.parameters]
+    def _input_pairs(self) -> list[tuple[str, Variable]]:
+        variables = self.description.variables.values()
+        fed = [v for v in variables if v.causality == "input" and v.name not in self.parameters]
         return by_column(fed, self.inputs)
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
-    """The inverse of `FMU.record`.
+    """Invert `FMU.record`.
 
     Raises:
         InputError: The file is not where it was, or is another one.
@@ -238,26 +234,21 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
     return found
 
 
-def given_again(record: Mapping[str, Any], fmu: FMU) -> FMU:
-    """An FMU that is given in the place of a saved one, with that one's parameters and names where it has none.
-
-    Args:
-        record: Of `FMU.record`.
-        fmu: What was given.
-    """
+def with_record(record: Mapping[str, Any], fmu: FMU) -> FMU:
+    """Give an FMU in the place of a saved one that one's parameters and names, where it has none."""
     return fmu if any(getattr(fmu, name) for name in (*MAPPINGS, "step")) else FMU(fmu.path, **_given(record))
 
 
 def _given(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What was given with a file; older records lack what is of Co-Simulation."""
+    """Return what was given with a file; older records lack the fields of Co-Simulation."""
     return {name: record[name] for name in (*MAPPINGS, "step") if name in record}
 
 
 def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
-    """An FMU in another process.
+    """Read an FMU in another process.
 
     Raises:
-        InputError: The file is another one by now.
+        InputError: The file has changed.
     """
     found = FMU(path, **given)
     if found.description.content != content:

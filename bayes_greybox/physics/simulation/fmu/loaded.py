@@ -1,25 +1,46 @@
-"""The library of an FMU, loaded, with its words heard."""
+"""The library of an FMU, loaded, with its messages heard; and the variables that are set at a point."""
 
 import os
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from ctypes import byref
+from dataclasses import dataclass
 from typing import Any
 
-from bayes_greybox.physics.simulation.fmu.description import Description
-from bayes_greybox.physics.simulation.fmu.files import fmpy
+from .description import Description
+from .files import fmpy
 
 DEAD, FATAL = 3, 4
 """Status of FMI from which on an instance is of no use, and from which on nothing may be asked of it at all."""
 
+Key = tuple[tuple[str, float], ...]
+"""Parameters of an FMU, as a key."""
 
-def instantiated(description: Description, said: deque[str]) -> Any:
-    """An instance by FMPy.
 
-    Args:
-        description: Of the FMU.
-        said: Where its words are kept.
+@dataclass(frozen=True)
+class Ports:
+    """Value references of the variables that are set at a point.
+
+    Attributes:
+        inputs: Inputs.
+        states: States, in order.
+        starts: Variables that set the states where a Co-Simulation starts.
+        step: Length of its steps.
     """
+
+    inputs: tuple[int, ...]
+    states: tuple[int, ...]
+    starts: tuple[int, ...]
+    step: float
+
+
+def key_of(parameters: Mapping[str, float]) -> Key:
+    """Return parameters as a key."""
+    return tuple(sorted((name, float(value)) for name, value in parameters.items()))
+
+
+def instantiated(description: Description, messages: deque[str]) -> Any:
+    """Instantiate an FMU by FMPy; its messages are appended to the queue."""
     from fmpy.fmi2 import FMU2Model, FMU2Slave
 
     here, kind = os.getcwd(), FMU2Model if description.exchanged else FMU2Slave
@@ -33,24 +54,18 @@ def instantiated(description: Description, said: deque[str]) -> Any:
     finally:
         # FMPy stays in the folder of a library that cannot be loaded.
         os.chdir(here)
-    # It keeps them as long as it lives.
-    fmu.instantiate(callbacks=_callbacks(said.append))
+    # FMPy keeps the callbacks as long as the instance lives.
+    fmu.instantiate(callbacks=_callbacks(messages.append))
     return fmu
 
 
-def left(fmu: Any, error: Exception | None = None) -> None:
-    """Free an instance that is of no use.
-
-    Args:
-        fmu: The instance, if there is one.
-        error: What it failed by; after a fatal one nothing may be asked of it.
-    """
+def discard(fmu: Any, error: Exception | None = None) -> None:
+    """Free an instance that is of no use, if there is one; after a fatal error nothing may be asked of it."""
     if fmu is not None and getattr(fmu, "component", None) and getattr(error, "status", DEAD) < FATAL:
         fmu.freeInstance()
 
 
 def _callbacks(hear: Callable[[str], None]) -> Any:
-    """Callbacks of an instance, whose words are kept."""
     from fmpy import fmi2, logging
 
     library = fmpy()
@@ -59,9 +74,9 @@ def _callbacks(hear: Callable[[str], None]) -> Any:
         if status > 1 and message:
             hear(message.decode("utf-8", "replace").strip())
 
-    found = fmi2.fmi2CallbackFunctions()
-    found.logger = fmi2.fmi2CallbackLoggerTYPE(heard)
-    found.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(library.calloc)
-    found.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(library.free)
-    logging.addLoggerProxy(byref(found))
-    return found
+    callbacks = fmi2.fmi2CallbackFunctions()
+    callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard)
+    callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(library.calloc)
+    callbacks.freeMemory = fmi2.fmi2CallbackFreeMemoryTYPE(library.free)
+    logging.addLoggerProxy(byref(callbacks))
+    return callbacks

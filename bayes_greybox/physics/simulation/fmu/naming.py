@@ -1,4 +1,4 @@
-"""Names of an FMU's variables as users give them, and what is refused of them."""
+"""Names of an FMU's variables as users give them, and checks of these."""
 
 import math
 import numbers
@@ -6,23 +6,19 @@ from collections.abc import Collection, Mapping
 from difflib import get_close_matches
 from typing import Any
 
-from bayes_greybox.physics.simulation.fmu.description import Description, Variable
 from bayes_greybox.running.errors import InputError
+
+from .description import Description, Variable
 
 
 def by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
-    """Variables with the names of their columns.
-
-    Args:
-        variables: In the FMU's order.
-        given: Variables by the columns that users named; the others have names of their own.
-    """
+    """Pair variables, in the FMU's order, with their columns: those that users named, or the variables' own names."""
     names = {variable: column for column, variable in given.items()}
     return [(names.get(each.name, each.column), each) for each in variables]
 
 
 def without_states(found: Description) -> str:
-    """What is said of an FMU that has, or declares, no state."""
+    """Say that an FMU has, or declares, no state."""
     if found.exchanged:
         return f"The FMU {found.name} has no continuous state: there is no rate that it could give."
     return (
@@ -32,15 +28,10 @@ def without_states(found: Description) -> str:
 
 
 def require_real(found: Description, name: str, known: Collection[str]) -> None:
-    """Refuse a variable that there is not, or that is no single real number.
-
-    Args:
-        found: The FMU's description.
-        name: As it was given.
-        known: Names that it may be.
+    """Refuse a variable that is not among the known names, or is no single real number.
 
     Raises:
-        InputError: Such a variable.
+        InputError: The variable is refused.
     """
     if name not in known:
         near = get_close_matches(name, known, n=1)
@@ -56,22 +47,17 @@ def require_number(found: Description, name: str, value: Any) -> None:
     """Refuse a value of a parameter that is no finite number.
 
     Raises:
-        InputError: Such a value.
+        InputError: The value is refused.
     """
     if not isinstance(value, numbers.Real) or not math.isfinite(value):
         raise InputError(f"{name!r} of the FMU {found.name} is set to {value!r}: give a finite number.")
 
 
 def require_once(found: Description, what: str, names: list[str]) -> None:
-    """Refuse a name that stands for two.
-
-    Args:
-        found: The FMU's description.
-        what: "column" or "variable".
-        names: All that were given.
+    """Refuse a name, of a "column" or a "variable", that stands twice in a list.
 
     Raises:
-        InputError: Such a name.
+        InputError: A name is refused.
     """
     twice = [name for name in names if names.count(name) > 1]
     if twice:
