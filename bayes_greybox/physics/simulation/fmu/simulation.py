@@ -127,7 +127,7 @@ class FMUSimulation(Simulation):
     def differences(
         self, t: np.ndarray, x: np.ndarray, u: np.ndarray, by: slice = slice(None), output: str | None = None
     ) -> Float[np.ndarray, "n ... n_by"]:
-        """Differentiate rates, or an output, by t, x and u in this order, or by some of them, by central differences."""
+        """Differentiate rates, or an output, by t, x and u in this order, or some of them, by central differences."""
         whole, n = np.column_stack([t, x, u]), 1 + x.shape[-1]
 
         def values(points: np.ndarray) -> np.ndarray:
@@ -145,8 +145,8 @@ class FMUSimulation(Simulation):
         if running(description).derivatives_right(self.given.parameters) is not False:
             return ()
         return (
-            f"The directional derivatives of the FMU {description.name} are not those of its rates: central differences "
-            "are used instead.",
+            f"The directional derivatives of the FMU {description.name} are not those of its rates: central "
+            "differences are used instead.",
         )
 
     def formula(self, name: str) -> sympy.Expr:
