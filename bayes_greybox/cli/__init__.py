@@ -333,7 +333,7 @@ def init(
         write_text(config, start.text)
     except OSError as error:
         raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
-    typer.echo("\n".join(start.told))
+    typer.echo("\n".join(start.summary))
     return DONE
 
 

@@ -15,12 +15,12 @@ from .section import Section, suggestion, wrong
 
 
 class Derived(Section):
-    """The fields of a class of the package; what the file leaves out has the default of the class."""
+    """The fields of a class of the package; keys that the file leaves out have the defaults of the class."""
 
     made: ClassVar[Callable[..., Any]]
 
     def build(self) -> Any:
-        """The object of the package."""
+        """Return the object of the package."""
         fields = self.given(*self._own())
         return type(self).made(**{key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()})
 
@@ -41,12 +41,12 @@ class Kind(Derived):
 
 
 class Switch(Derived):
-    """The fields of a class, and whether there is such a part at all."""
+    """The fields of a class, and a switch for the whole part."""
 
     enabled: bool = True
 
     def build(self) -> Any:
-        """The object of the package, or None where it is switched off."""
+        """Return the object of the package, or None where it is switched off."""
         return super().build() if self.enabled else None
 
     @classmethod
@@ -56,11 +56,11 @@ class Switch(Derived):
 
 @cache
 def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
-    """The section that has the fields of a dataclass.
+    """Return the section that has the fields of a dataclass.
 
     Args:
-        part: The dataclass; its types state its limits (see `data.limits`).
-        base: The keys that the section has before those of the class.
+        part: The dataclass; its types state its limits (see `running.limits`).
+        base: Section with the keys that come before those of the class.
     """
     hints = get_type_hints(part, include_extras=True)
     fields: dict[str, Any] = {}
@@ -75,10 +75,10 @@ def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Annotation of a table whose section is found when it is read, because that imports the room of models.
+    """Annotation of a table whose section is imported when it is read, because it needs the room of models.
 
     Attributes:
-        section: Finds the section for what the file has there.
+        section: Function from the content of the table to its section.
         shown: JSON schema of all that a file may have there; None for that of the one section.
     """
 
@@ -96,10 +96,10 @@ class Table:
 
 
 def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Table:
-    """Annotation of a table whose key `kind` says which class of a registry it has the fields of.
+    """Annotate a table whose key `kind` names the class of a registry that it has the fields of.
 
     Args:
-        kinds: Imports the registry: classes by kind.
+        kinds: Function that imports the registry: classes by kind.
         example: One of its kinds.
     """
 
@@ -124,11 +124,11 @@ def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Tab
 
 @dataclasses.dataclass(frozen=True)
 class AlsoAs:
-    """Annotation of a value that a file may write in other ways too, which a validator turns into the one.
+    """Annotation of a value that a file may write in other ways, which a validator turns into the one.
 
     Attributes:
-        types: Those ways.
-        only: Whether they are all.
+        types: The other ways.
+        only: True if they are all.
     """
 
     types: tuple[Any, ...]
@@ -140,7 +140,7 @@ class AlsoAs:
 
 
 def _in_toml(hint: Any) -> Any:
-    """A type of the package as a file can say it: lists for tuples, and limits as checks with their sentences."""
+    """Return a type of the package as a file can state it: lists for tuples, limits as checks with their sentences."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         checks = [_check(limit) for limit in arguments[1:]]
@@ -153,7 +153,7 @@ def _in_toml(hint: Any) -> Any:
 
 
 def _check(limit: Any) -> Any:
-    """A limit as Pydantic checks it."""
+    """Return a limit in the form that Pydantic checks."""
     if isinstance(limit, OneOf):
         return _Choice(limit)
     if isinstance(limit, Rule):

@@ -1,4 +1,4 @@
-"""How a table is laid out, found from the table where it leaves no doubt."""
+"""Layout of a table, found from the table where it leaves no doubt."""
 
 import codecs
 from dataclasses import replace
@@ -25,13 +25,13 @@ def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
 
     Args:
         data: The table.
-        layout: What is known of it, which holds.
+        layout: Known parts of its layout, which take precedence.
 
     Returns:
-        The table, and how it was read.
+        The table, and the layout with which it was read.
 
     Raises:
-        InputError: A table that cannot be read.
+        InputError: The table cannot be read.
     """
     if data.is_file() and READERS.get(data.suffix.lower()) is READERS[".csv"]:
         layout = _encoded(data, layout)
@@ -48,7 +48,7 @@ def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
 
 
 def _encoded(data: Path, layout: Layout) -> Layout:
-    """The layout with the encoding of Western European Windows, or UTF-16, where text is no UTF-8."""
+    """Return the layout with the encoding of Western European Windows, or UTF-16, where text is no UTF-8."""
     if layout.encoding != Layout().encoding:
         return layout
     content = data.read_bytes()
@@ -74,7 +74,7 @@ def _has_decimal_commas(table: Table) -> bool:
 
 
 def _has_groups(table: Table) -> bool:
-    """Whether a column of numbers has cells whose digits are grouped by points."""
+    """Return True if a column of numbers has cells whose digits are grouped by points."""
     cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
     return any(column.str.contains(".", regex=False).any() for column in cells)
 

@@ -14,12 +14,12 @@ from .example import equation_of_motion
 from .layout import read_as_found
 from .plan import Plan
 from .roles import guessed
-from .told import told
+from .summary import summary_of
 
 PLACE = "..."
 
-OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
-"""What of the layout is written where it is not the usual."""
+LAYOUT_OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
+"""Parts of the layout that are written where they are not the usual."""
 
 SUFFIXES = frozenset(
     "s ms us m mm cm um km N kN mN V mV kV A mA W kW Pa kPa MPa bar mbar K °C degC deg rad mrad Hz kHz rpm kg g N*m Nm "
@@ -31,7 +31,7 @@ _SET_BACK = [
     "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the next line out",
     "# and write the stamps in UTC or with their offset, such as 2024-10-27T02:00:00+01:00.",
 ]
-"""What stands above `restart` where it may be a mistake."""
+"""Lines above `restart` where it may be a mistake."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +40,23 @@ class Start:
 
     Attributes:
         text: The file.
-        told: What its columns were taken for and what to do next, a line each.
+        summary: Lines about the roles of columns and the next steps.
     """
 
     text: str
-    told: tuple[str, ...]
+    summary: tuple[str, ...]
 
 
 def starter(data: Path, config: Path, layout: Layout) -> Start:
-    """The first configuration for a table.
+    """Write the first configuration for a table.
 
     Args:
         data: The table.
-        config: Where the configuration will stand; paths in it start from its folder.
-        layout: How the table is laid out, where it does not tell itself.
+        config: Path of the configuration; paths in it start from its folder.
+        layout: Parts of the table's layout that it does not show itself.
 
     Raises:
-        InputError: A table that cannot be read, or has nothing to model.
+        InputError: The table cannot be read, or has nothing to model.
     """
     table, layout = read_as_found(data, layout)
     plan = Plan(table, guessed(table, layout))
@@ -78,7 +78,7 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         # for: 1000 in all would pass or fail by chance, 4000 pass with room, at a few seconds more.
         "[sampling]\ndraws = 1000\ntune = 500\nchains = 4\nseed = 0",
     ]
-    return Start("\n\n".join(part for part in parts if part) + "\n", told(plan, layout, data, config))
+    return Start("\n\n".join(part for part in parts if part) + "\n", summary_of(plan, layout, data, config))
 
 
 def _data(path: str, layout: Layout, plan: Plan) -> str:
@@ -110,7 +110,7 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
 
 
 def _units(plan: Plan) -> str:
-    """Units to be filled in; those of the table stand there already."""
+    """Write units to be filled in; those of the table stand there already."""
     columns = {"t": plan.guess.time} | {plan.names[c]: c for c in (*plan.guess.states, *plan.guess.inputs)}
     columns |= {derivative_label(plan.names[s]): rate for s, rate in plan.measured.items()}
     lines = [
@@ -127,7 +127,7 @@ def _units(plan: Plan) -> str:
 
 
 def _by_name(column: str | None) -> str | None:
-    """The unit that a name ends with, as in force_N."""
+    """Return the unit that a name ends with, as in force_N."""
     last = (column or "").rpartition("_")
     return last[2] if last[0] and last[2] in SUFFIXES else None
 
@@ -179,8 +179,8 @@ def _simulation(plan: Plan) -> str:
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
         state = positions.get(name)
-        said = _first_order(plan, name) if state is None else _second_order(plan, state, name)
-        lines.append(f'# {_key(name)} = "{PLACE}"  # {said}')
+        example = _first_order(plan, name) if state is None else _second_order(plan, state, name)
+        lines.append(f'# {_key(name)} = "{PLACE}"  # {example}')
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
@@ -214,7 +214,7 @@ def _second_order(plan: Plan, state: str, rate: str) -> str:
 
 
 def _dictionary(plan: Plan) -> str:
-    """Terms to be learned: active where rates were measured, else a comment, as studies learn them everywhere."""
+    """Write terms to be learned: active where rates were measured, else a comment, as studies learn them everywhere."""
     terms = ", ".join(map(_quoted, ["1", *plan.variables]))
     example = _quoted(plan.variables[0])
     equations = [f"{_key(name)} = [{terms}]" for name in plan.equations]
@@ -248,13 +248,13 @@ def _study(plan: Plan) -> str:
 
 
 def _options(layout: Layout) -> list[tuple[str, object]]:
-    """Options of the table that are not the usual ones."""
+    """List options of the table that are not the usual ones."""
     usual = Layout()
-    return [(name, value) for name in OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
+    return [(name, value) for name in LAYOUT_OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
 
 
 def _columns(plan: Plan, columns: Iterable[str]) -> str:
-    """A list of columns, or a table where a column's name cannot stand in formulas."""
+    """Write a list of columns, or a table where a column's name cannot stand in formulas."""
     chosen = list(columns)
     if plan.name(chosen) == chosen:
         return f"[{', '.join(map(_quoted, chosen))}]"
