@@ -183,7 +183,7 @@ def coefficient_of_term(
     if not stated:
         return None
     subject = f"The term {term!r} has "
-    for key, (holds, remedy) in _CHECKS.items():
+    for key, (holds, remedy) in _STATEMENT_CHECKS.items():
         if key in stated and not holds(stated[key]):
             raise InputError(f"{subject}{key}={stated[key]!r}: {remedy}.")
     if fixed is not None and len(stated) > 1:
@@ -229,7 +229,7 @@ def _is_pair(value: Any) -> bool:
     return isinstance(value, tuple | list) and len(value) == 2
 
 
-_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
+_STATEMENT_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
     "prior": (
         lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,

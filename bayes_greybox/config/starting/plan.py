@@ -10,7 +10,7 @@ from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.running.errors import InputError
 
 from .example import is_electrical, is_length_or_angle
-from .roles import LEVELS, POSITIONS, Guess
+from .roles import LIQUID_LEVELS, POSITIONS, Guess
 
 
 class Plan:
@@ -85,14 +85,14 @@ class Plan:
     @property
     def catalogue(self) -> str:
         """The field of the states, by their names and units."""
-        if any(LEVELS.match(state) for state in self.guess.states):
+        if any(LIQUID_LEVELS.match(state) for state in self.guess.states):
             return "fluid"
         return "electrical" if any(is_electrical(self.unit(state)) for state in self.guess.states) else "mechanical"
 
     def _is_position(self, state: str) -> bool:
         """Return True if a state is a position of a body: by its unit if it has one, else by its name."""
         unit = self.unit(state)
-        if LEVELS.match(state):
+        if LIQUID_LEVELS.match(state):
             return False
         return is_length_or_angle(unit) if unit else bool(POSITIONS.match(state))
 

@@ -15,7 +15,7 @@ from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
 from bayes_greybox.running.errors import InputError
 
-TIMES = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
+TIME_WORDS = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
 RUNS = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")
 INPUTS = re.compile(
     r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
@@ -25,7 +25,7 @@ AMBIENT = re.compile(
 )
 """Word for the surroundings, anywhere in the name: T_amb."""
 
-LEVELS = re.compile(
+LIQUID_LEVELS = re.compile(
     r"(?i)^(level|height|depth|head|h|pegel|füllstand|fuellstand|höhe|hoehe|tiefe)([ _]?\d+)?([ _].*)?$"
 )
 """A length that is no position of a body: its own rate is what is known."""
@@ -127,7 +127,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
 
 def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     """Return the column of stamps: by its name, else the first that holds dates, else the first that only increases."""
-    by_name = [name for name in names if TIMES.match(name)]
+    by_name = [name for name in names if TIME_WORDS.match(name)]
     # A mere counter is no time; the index of a frame, or of its file, may hold dates.
     counters = [name for name in names if COUNTERS.match(name)]
     others = [name for name in names if name not in (*by_name, *counters)]
@@ -221,7 +221,7 @@ def _explained(
     rate: Float[np.ndarray, " n"],
     parts: Sequence[np.ndarray],
 ) -> float:
-    """Return the share of a column, less a line in each run, that the integral of another explains by a factor near one."""
+    """Return the share of a column, less a line in each run, that the integral of another one explains."""
     moved, summed = [], []
     for part in parts:
         t, r = clock[part], rate[part]

@@ -9,7 +9,7 @@ from bayes_greybox.running.errors import InputError
 from .effects import Effect
 from .loading import CatalogueSpec, load_catalogue
 
-_FIELDS = (
+_TABLE_FIELDS = (
     "slug", "name", "domain", "expression", "roles", "inner", "hidden", "sign", "meaning", "reverse", "confusions",
 )  # fmt: skip
 
@@ -41,4 +41,4 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
 
 def _row(effect: Effect) -> Mapping[str, object]:
     names = {part: tuple(each.name for each in getattr(effect, part)) for part in ("inner", "hidden")}
-    return {field: getattr(effect, field) for field in _FIELDS} | names
+    return {field: getattr(effect, field) for field in _TABLE_FIELDS} | names
