@@ -8,10 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_greybox.running.errors import InputError
-
 from .description import Description
-from .loaded import DEAD, Key, Ports, discard, instantiated
+from .loaded import DEAD, Instance, Key, Ports, instantiated
 
 ITERATIONS = 100
 """Most iterations of an event."""
@@ -20,17 +18,11 @@ STAY = 1e-9
 """Share of its size by which an event that reports new states may move one, and still leave it where it was."""
 
 
-class Exchange:
-    """An instance for Model Exchange; other parameters are set by starting it anew.
-
-    Args:
-        description: Description of the FMU.
-        messages: Queue for its messages.
-    """
+class Exchange(Instance):
+    """An instance for Model Exchange; other parameters are set by starting it anew."""
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
-        self._description, self._messages = description, messages
-        self._fmu: Any = None
+        super().__init__(description, messages)
         self._key: Key | None = None
         self._eventful, self._began = False, math.inf
 
@@ -53,10 +45,6 @@ class Exchange:
             self._settled(x)
             fmu.enterContinuousTimeMode()
 
-    def real(self, refs: Sequence[int]) -> list[float]:
-        """Return values of variables at the point."""
-        return self._fmu.getReal(refs)
-
     def along(self, refs: Sequence[int], directions: Sequence[int]) -> list[float]:
         """Return directional derivatives of variables along others, all by one."""
         columns = [self._fmu.getDirectionalDerivative(refs, [ref], [1.0]) for ref in directions]
@@ -67,10 +55,6 @@ class Exchange:
         # An instance that refused within an event is still in it.
         if self._eventful or getattr(error, "status", DEAD) >= DEAD:
             self._discard(error)
-
-    def _discard(self, error: Exception) -> None:
-        self._fmu, fmu = None, self._fmu
-        discard(fmu, error)
 
     def _start(self, key: Key, t: float) -> None:
         description = self._description
@@ -88,19 +72,10 @@ class Exchange:
             timed = self._settled(None)
             self._fmu.enterContinuousTimeMode()
         except Exception as error:
-            words = "; ".join([*self._messages][-2:]) or str(error)
+            refusal = self._not_started(error, ": check its parameters")
             self._discard(error)
-            raise InputError(
-                f"The FMU {description.name} cannot be started ({words}): check its parameters."
-            ) from error
+            raise refusal from error
         self._eventful, self._key = description.eventful or timed, key
-
-    def _reset(self) -> None:
-        if self._fmu is not None:
-            try:
-                self._fmu.reset()
-            except Exception as error:
-                self._discard(error)
 
     def _settled(self, x: np.ndarray | None) -> bool:
         """Iterate an event at states that it must leave as they are; return True if another is due at some time."""

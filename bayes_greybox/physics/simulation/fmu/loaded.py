@@ -2,10 +2,12 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from ctypes import byref
 from dataclasses import dataclass
 from typing import Any
+
+from bayes_greybox.running.errors import InputError
 
 from .description import Description
 from .files import fmpy
@@ -59,10 +61,39 @@ def instantiated(description: Description, messages: deque[str]) -> Any:
     return fmu
 
 
-def discard(fmu: Any, error: Exception | None = None) -> None:
-    """Free an instance that is of no use, if there is one; after a fatal error nothing may be asked of it."""
-    if fmu is not None and getattr(fmu, "component", None) and getattr(error, "status", DEAD) < FATAL:
-        fmu.freeInstance()
+class Instance:
+    """An instance of an FMU, once there is one.
+
+    Args:
+        description: Description of the FMU.
+        messages: Queue for its messages.
+    """
+
+    def __init__(self, description: Description, messages: deque[str]) -> None:
+        self._description, self._messages = description, messages
+        self._fmu: Any = None
+
+    def real(self, refs: Sequence[int]) -> list[float]:
+        """Return values of variables at the present point."""
+        return self._fmu.getReal(refs)
+
+    def _discard(self, error: Exception) -> None:
+        """Free an instance that is of no use; after a fatal error nothing may be asked of it."""
+        self._fmu, fmu = None, self._fmu
+        if fmu is not None and getattr(fmu, "component", None) and getattr(error, "status", DEAD) < FATAL:
+            fmu.freeInstance()
+
+    def _reset(self) -> None:
+        """Reset the instance, or discard one that refuses."""
+        if self._fmu is not None:
+            try:
+                self._fmu.reset()
+            except Exception as error:
+                self._discard(error)
+
+    def _not_started(self, error: Exception, remedy: str = "") -> InputError:
+        words = "; ".join([*self._messages][-2:]) or str(error)
+        return InputError(f"The FMU {self._description.name} cannot be started ({words}){remedy}.")
 
 
 def _callbacks(hear: Callable[[str], None]) -> Any:

@@ -3,14 +3,13 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
-from .loaded import Key, Ports, discard, instantiated
+from .loaded import Instance, Key, Ports, instantiated
 
 SOLVER_TOLERANCE = 1e-9
 """Relative tolerance that its own solver is asked for."""
@@ -22,20 +21,15 @@ START_TOLERANCE = 1e-9
 """Share of its size by which a state may differ from its start."""
 
 
-class Stepping:
+class Stepping(Instance):
     """An instance for Co-Simulation.
-
-    Args:
-        description: Description of the FMU.
-        messages: Queue for its messages.
 
     Attributes:
         noted: Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
     """
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
-        self._description, self._messages = description, messages
-        self._fmu: Any = None
+        super().__init__(description, messages)
         self._now, self._step = 0.0, 0.0
         # The point at which it was started, until it goes on from there.
         self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
@@ -61,10 +55,6 @@ class Stepping:
         fmu.exitInitializationMode()
         self._now, self._step, self._at = t, ports.step, (key, ports, t, x, u)
         self._require_start(ports, x)
-
-    def real(self, refs: Sequence[int]) -> list[float]:
-        """Return values of variables at the present time."""
-        return self._fmu.getReal(refs)
 
     def advance(self, steps: int = 1) -> None:
         """Take steps."""
@@ -105,22 +95,16 @@ class Stepping:
 
     def failed(self, error: Exception) -> None:
         """Discard the instance after a failure at a point."""
-        self._fmu, fmu = None, self._fmu
-        discard(fmu, error)
+        self._discard(error)
 
     def _begin(self) -> None:
         """Reset the instance, or make a new one where that fails."""
-        if self._fmu is not None:
+        self._reset()
+        if self._fmu is None:
             try:
-                self._fmu.reset()
-                return
+                self._fmu = instantiated(self._description, self._messages)
             except Exception as error:
-                self.failed(error)
-        try:
-            self._fmu = instantiated(self._description, self._messages)
-        except Exception as error:
-            words = "; ".join([*self._messages][-2:]) or str(error)
-            raise InputError(f"The FMU {self._description.name} cannot be started ({words}).") from error
+                raise self._not_started(error) from error
 
     def _require_start(self, ports: Ports, x: np.ndarray) -> None:
         """Refuse an instance that starts elsewhere."""
