@@ -157,7 +157,13 @@ def _check(limit: Any) -> Any:
     if isinstance(limit, OneOf):
         return _Choice(limit)
     if isinstance(limit, Rule):
-        return BeforeValidator(lambda value: _kept(value, limit))
+
+        def kept(value: Any) -> Any:
+            if not limit.holds(value):
+                raise wrong(limit.words)
+            return value
+
+        return BeforeValidator(kept)
     return limit
 
 
@@ -169,19 +175,13 @@ class _Choice:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         known = self.limit.known
-        return core_schema.no_info_before_validator_function(lambda value: _one_of(value, known), handler(source))
+
+        def one_of(value: Any) -> Any:
+            if not isinstance(value, str) or value not in known:
+                raise wrong(f"is not available; {suggestion(str(value), list(known))}")
+            return value
+
+        return core_schema.no_info_before_validator_function(one_of, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
         return {**handler(schema), "enum": list(self.limit.known)}
-
-
-def _one_of(value: Any, known: Mapping[str, Any]) -> Any:
-    if not isinstance(value, str) or value not in known:
-        raise wrong(f"is not available; {suggestion(str(value), list(known))}")
-    return value
-
-
-def _kept(value: Any, rule: Rule) -> Any:
-    if not rule.holds(value):
-        raise wrong(rule.words)
-    return value

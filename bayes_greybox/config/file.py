@@ -304,10 +304,11 @@ class Config(Section):
             "rows": self.rows,
         }
         given = self.simulation
+        coefficients = self.coefficients if own.coefficients is None else own.coefficients
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
-            coefficients=_built(self.coefficients if own.coefficients is None else own.coefficients),
+            coefficients={state: {name: c.build() for name, c in each.items()} for state, each in coefficients.items()},
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),
         )
@@ -347,10 +348,6 @@ def load_config(path: str | Path) -> Config:
         raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text
     return config if config.asset is None else config.of_asset(path.resolve().parent / config.asset)
-
-
-def _built(coefficients: Coefficients) -> dict[str, dict[str, Any]]:
-    return {state: {term: c.build() for term, c in terms.items()} for state, terms in coefficients.items()}
 
 
 def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:

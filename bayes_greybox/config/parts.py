@@ -108,11 +108,18 @@ def _coefficient(given: Any) -> type[Section]:
 Coefficients = dict[str, dict[str, Annotated[Any, Table(_coefficient)]]]
 
 
+TermOrFormula = Annotated[
+    Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))
+]
+
+
 class Terms(Section):
     """The terms of one equation: those of the polynomial, then the listed ones."""
 
     polynomial: Monomials | None = None
-    terms: list[Annotated[Term, BeforeValidator(lambda v: _as_term(v)), AlsoAs((str,))]] = []
+    terms: list[
+        Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))]
+    ] = []
 
     def build(self) -> "list[terms.Term]":
         """Return the terms of the package."""
@@ -120,10 +127,6 @@ class Terms(Section):
 
         monomials = () if self.polynomial is None else terms.polynomial(**self.polynomial.given())
         return [*monomials, *(terms.Term(**term.given()) for term in self.terms)]
-
-
-def _as_term(given: Any) -> Any:
-    return {"expression": given} if isinstance(given, str) else given
 
 
 def _as_terms(given: Any) -> Any:

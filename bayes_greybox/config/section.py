@@ -79,7 +79,9 @@ def _sentence(first: ErrorDetails) -> str:
     elif first["type"] != "config":
         wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"
-    return _finished(f"{_section(place)}{key} = {_shown(given)} {message}")
+    shown = repr(given)
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    return _finished(f"{_section(place)}{key} = {shown} {message}")
 
 
 # The library's own words for these are for programmers.
@@ -101,8 +103,3 @@ def _section(place: list[Any]) -> str:
 
 def _finished(text: str) -> str:
     return text if text.endswith(("?", ".")) else f"{text}."
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -153,7 +153,9 @@ def _integrated(
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
     intervals = _Intervals(h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:])
-    widened = np.pad(numbers, ((0, 0), (0, _width(n_system) - n_system)), mode="edge")
+    width = max(FEWEST_SYSTEMS, 1 << (n_system - 1).bit_length())
+    width = width if n_system <= MANY_SYSTEMS else -(-n_system // MANY_SYSTEMS) * MANY_SYSTEMS
+    widened = np.pad(numbers, ((0, 0), (0, width - n_system)), mode="edge")
     z = np.broadcast_to(start[0][:, None], (start.shape[1], widened.shape[1]))
     whole = np.empty((start.shape[1], n_system, n))
     whole[..., 0] = z[:, :n_system]
@@ -177,10 +179,6 @@ def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]
     cubic = line.copy()
     cubic[1:-1] = (9 * (c[1:-2] + c[2:-1]) - c[:-3] - c[3:]) / 16
     return np.where(even[:, None], cubic, line)
-
-
-def _width(n: int) -> int:
-    return max(FEWEST_SYSTEMS, 1 << (n - 1).bit_length()) if n <= MANY_SYSTEMS else -(-n // MANY_SYSTEMS) * MANY_SYSTEMS
 
 
 @partial(compiled, often=True, static_argnums=0)

@@ -275,13 +275,9 @@ def polynomial(
     for total in range(1, degree + 1):
         for factors in combinations_with_replacement(names, total):
             if interactions or len(set(factors)) == 1:
-                terms.append(Term(_monomial(factors)))
+                powers = {name: factors.count(name) for name in factors}
+                terms.append(Term("*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())))
     return tuple(terms)
-
-
-def _monomial(factors: Sequence[str]) -> str:
-    powers = {name: factors.count(name) for name in factors}
-    return "*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())
 
 
 def terms_of(spec: object) -> tuple[Term, ...]:

@@ -38,10 +38,11 @@ def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
         if layout.skiprows == 0 and layout.columns is None:
             layout = replace(layout, skiprows=titles(data, layout))
     table = read_source(data, layout)
-    if layout.decimal == "." and _has_decimal_commas(table):
+    if layout.decimal == "." and _numbers_have(",", table):
         layout = replace(layout, decimal=",")
         table = read_source(data, layout)
-    if layout.decimal == "," and layout.thousands is None and _has_groups(table):
+    # Digits grouped by points.
+    if layout.decimal == "," and layout.thousands is None and _numbers_have(".", table):
         layout = replace(layout, thousands=".")
         table = read_source(data, layout)
     return table, layout
@@ -68,17 +69,9 @@ def _reads(content: bytes, encoding: str) -> bool:
     return True
 
 
-def _has_decimal_commas(table: Table) -> bool:
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(",").any() for column in cells)
-
-
-def _has_groups(table: Table) -> bool:
-    """Return True if a column of numbers has cells whose digits are grouped by points."""
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(".", regex=False).any() for column in cells)
-
-
-def _words(table: Table) -> list[Any]:
+def _numbers_have(mark: str, table: Table) -> bool:
+    """Return True if a column that was read as words has numbers with this mark."""
     words = table.frame.select_dtypes(exclude="number")
-    return [column for name in words if len(column := words[name].dropna().astype(str).str.strip())]
+    columns: list[Any] = [words[name].dropna().astype(str).str.strip() for name in words]
+    numbers = [each for each in columns if len(each) and each.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(each.str.contains(mark, regex=False).any() for each in numbers)

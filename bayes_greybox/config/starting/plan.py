@@ -78,9 +78,8 @@ class Plan:
     @cached_property
     def known(self) -> dict[str, str]:
         """Rates that are other states."""
-        return {self.names[s]: self.names[r] for s, r in self.chained.items()} | {
-            self.names[state]: rate for state, rate in self.second.items()
-        }
+        chained = {self.names[state]: self.names[rate] for state, rate in self.chained.items()}
+        return chained | {self.names[state]: rate for state, rate in self.second.items()}
 
     @property
     def catalogue(self) -> str:

@@ -70,7 +70,9 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _differentiate(plan),
         _simulation(plan),
         _dictionary(plan),
-        _study(plan),
+        "[study]\n"
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
+        f"catalogue = {_quoted(plan.catalogue)}",
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"
         "enabled = false",
@@ -82,13 +84,14 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
 
 
 def _data(path: str, layout: Layout, plan: Plan) -> str:
-    guess = plan.guess
+    guess, usual = plan.guess, Layout()
     lines = ["[data]", f"path = {_quoted(path)}"]
     if guess.time is not None:
         lines.append(f"time = {_quoted(guess.time)}")
     else:
         lines += ["# The table has no column of time: set the distance of its rows.", "dt = 1.0"]
-    lines += [f"{option} = {_quoted(value)}" for option, value in _options(layout)]
+    options = [name for name in LAYOUT_OPTIONS if getattr(layout, name) != getattr(usual, name)]
+    lines += [f"{name} = {_quoted(getattr(layout, name))}" for name in options]
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
     if guess.shuffled:
@@ -141,14 +144,11 @@ def _example_unit(plan: Plan, name: str, column: str | None) -> str:
 
 
 def _differentiate(plan: Plan) -> str:
+    rates = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
     if plan.followed and plan.guess.even:
-        rate = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
-        return "\n".join(
-            [
-                "# Rows are samples. Rates of a filter in their place are quicker, tell less, and nothing of memory:",
-                "# [data.differentiate]",
-                f"# rates = {{ {rate} }}",
-            ]
+        return (
+            "# Rows are samples. Rates of a filter in their place are quicker, tell less, and nothing of memory:\n"
+            f"# [data.differentiate]\n# rates = {{ {rates} }}"
         )
     if not plan.computed:
         return ""
@@ -158,24 +158,24 @@ def _differentiate(plan: Plan) -> str:
         'method = "savgol"',
     ]
     if plan.second:
-        rates = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
         lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
         lines += [f"rates = {{ {rates} }}"]
     return "\n".join(lines)
 
 
 def _simulation(plan: Plan) -> str:
+    columns = (plan.guess.time, *plan.guess.states, *plan.guess.inputs)
+    units = ", ".join(dict.fromkeys(unit for unit in map(plan.unit, columns) if unit))
+    shown = f" ({units})" if units else ""
     lines = ["[simulation]", "# What your simulation says: the rate of a state as a formula of states and inputs,"]
-    lines += [f"# its numbers in the units of the table{_shown(plan)}. Take the # away and write yours."]
+    lines += [f"# its numbers in the units of the table{shown}. Take the # away and write yours."]
     positions = {rate: state for state, rate in plan.second.items()}
     positions |= {plan.names[rate]: state for state, rate in plan.chained.items()}
     for state, rate in plan.second.items():
-        lines += [
-            f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"
-        ]
-        lines += [
-            f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{_and_rates(plan)}."
-        ]
+        unit, time, also = plan.unit(state), plan.unit(plan.guess.time), " and rates above" if plan.computed else ""
+        unit = f", in {unit}/{time}" if unit and time else ""
+        lines += [f"# {rate} is the rate of {plan.names[state]}{unit}. Where the equation is of first order,"]
+        lines += [f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{also}."]
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
         state = positions.get(name)
@@ -184,21 +184,6 @@ def _simulation(plan: Plan) -> str:
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
-
-
-def _shown(plan: Plan) -> str:
-    units = [plan.unit(column) for column in (plan.guess.time, *plan.guess.states, *plan.guess.inputs)]
-    known = list(dict.fromkeys(unit for unit in units if unit))
-    return f" ({', '.join(known)})" if known else ""
-
-
-def _per(plan: Plan, state: str) -> str:
-    unit, time = plan.unit(state), plan.unit(plan.guess.time)
-    return f", in {unit}/{time}" if unit and time else ""
-
-
-def _and_rates(plan: Plan) -> str:
-    return " and rates above" if plan.computed else ""
 
 
 def _first_order(plan: Plan, name: str) -> str:
@@ -237,20 +222,6 @@ def _dictionary(plan: Plan) -> str:
         "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
     )
     return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
-
-
-def _study(plan: Plan) -> str:
-    return (
-        "[study]\n"
-        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
-        f"catalogue = {_quoted(plan.catalogue)}"
-    )
-
-
-def _options(layout: Layout) -> list[tuple[str, object]]:
-    """List options of the table that are not the usual ones."""
-    usual = Layout()
-    return [(name, value) for name in LAYOUT_OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
 
 
 def _columns(plan: Plan, columns: Iterable[str]) -> str:

@@ -47,14 +47,6 @@ def _heaviside(xp: Any, x: Any, at_zero: Any = 0.5) -> Any:
     return xp.where(x > 0.0, 1.0, xp.where(x < 0.0, 0.0, xp.where(x == 0.0, at_zero, xp.nan)))
 
 
-def _symbolic_sqrt(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
-    return sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate)
-
-
-def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
-    return sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate)
-
-
 def _plain(node: Any, number: Callable[..., float], name: str) -> Function:
     """Describe a function that NumPy and JAX have under one name."""
     return Function(symbolic=node, node=node, number=number, array=lambda xp, x: getattr(xp, name)(x))
@@ -72,13 +64,18 @@ FUNCTIONS: dict[str, Function] = {
     "tanh": _plain(sympy.tanh, math.tanh, "tanh"),
     "exp": _plain(sympy.exp, math.exp, "exp"),
     "log": _plain(sympy.log, math.log, "log"),
-    "sqrt": Function(_symbolic_sqrt, (), math.sqrt, _sqrt),
+    "sqrt": Function(lambda x, evaluate: sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate), (), math.sqrt, _sqrt),
     "abs": Function(sympy.Abs, sympy.Abs, math.fabs, _abs),
     "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), "sign"),
     "min": Function(sympy.Min, sympy.Min, min, lambda xp, *a: reduce(xp.minimum, a), (2, 8)),
     "max": Function(sympy.Max, sympy.Max, max, lambda xp, *a: reduce(xp.maximum, a), (2, 8)),
     # 0 below zero, 1/2 at zero, 1 above.
-    "heaviside": Function(_symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside),
+    "heaviside": Function(
+        lambda x, evaluate: sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate),
+        sympy.Heaviside,
+        lambda x: 0.5 * (1 + (x > 0) - (x < 0)),
+        _heaviside,
+    ),
 }
 
 CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}

@@ -138,7 +138,9 @@ def _clean(text: str) -> str:
         if char in "'\"`":
             raise InputError(f"{_shown(text)}: {_REFUSED[ast.JoinedStr]}.")
         if plain != char:
-            raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {_plain_form(char)!r}.")
+            power = unicodedata.category(char) == "No" and plain.isdigit()
+            remedy = f"**{plain}" if power else plain
+            raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {remedy!r}.")
         if char in "#\\\0;" or not (char.isprintable()):
             raise InputError(f"{_shown(text)}: {_named(char)} at position {position + 1} must be removed.")
     depth = 0
@@ -147,11 +149,6 @@ def _clean(text: str) -> str:
         if depth > MAX_DEPTH:
             raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
     return text
-
-
-def _plain_form(char: str) -> str:
-    plain = unicodedata.normalize("NFKC", char)
-    return f"**{plain}" if unicodedata.category(char) == "No" and plain.isdigit() else plain
 
 
 def _syntax_tree(text: str) -> ast.expr:
@@ -274,7 +271,8 @@ class _Builder:
         # Beside roots SymPy would look for common factors of a decimal, and may never finish. Each further storey of a
         # tower of powers would be evaluated with all those below it, again and again.
         decimal_beside_roots = base.atoms(sympy.Float) and not base.is_Float
-        too_long = base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS
+        bits = max(int(part).bit_length() for part in sympy.fraction(base)) if base.is_Rational else 0
+        too_long = bits * max(abs(value), 1.0) > _MAX_BITS
         if decimal_beside_roots or exponent.atoms(sympy.Pow) or too_long:
             return _from_float(result)
         return self.checked(base**exponent)
@@ -295,7 +293,8 @@ class _Builder:
         if name not in FUNCTIONS:
             if name in CONSTANTS or (self.names is not None and name in self.names):
                 self.refuse(f"uses {name!r} as a function; write {name}*(...) for a product")
-            raise InputError(_unknown_function(name, self.text))
+            near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
+            self.refuse(f"calls the unknown function {name!r}; known: {function_list()}", _did_you_mean(near))
         if node.keywords:
             self.refuse(f"names an argument of {name}; write {name}(...) with plain arguments")
         function = FUNCTIONS[name]
@@ -320,8 +319,8 @@ class _Builder:
         check_size(expr, self.text)
         return expr
 
-    def refuse(self, reason: str) -> NoReturn:
-        raise InputError(f"{_shown(self.text)} {reason}.")
+    def refuse(self, reason: str, hint: str = "") -> NoReturn:
+        raise InputError(f"{_shown(self.text)} {reason}.{hint}")
 
 
 def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
@@ -351,11 +350,6 @@ def _finite(value: float | int) -> bool:
     return abs(value) <= MAX_NUMBER
 
 
-def _bits(number: sympy.Expr) -> int:
-    p, q = sympy.fraction(number)
-    return max(int(p).bit_length(), int(q).bit_length())
-
-
 def _shown(text: str) -> str:
     return f"The formula {text if len(text) <= 80 else text[:77] + '...'!r}"
 
@@ -367,13 +361,9 @@ def _named(char: str) -> str:
 def _unknown_name(name: str, known: tuple[str, ...], text: str) -> str:
     odd = [c for c in name if ord(c) > 127]
     shown = f"{name!r}" + (f", with {_named(odd[0])}" if odd else "")
-    near = get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    listed = ", ".join(known) if known else "none"
-    return f"{_shown(text)} uses the unknown name {shown}; known names: {listed}.{hint}"
+    hint = _did_you_mean(get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6))
+    return f"{_shown(text)} uses the unknown name {shown}; known names: {', '.join(known) or 'none'}.{hint}"
 
 
-def _unknown_function(name: str, text: str) -> str:
-    near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    return f"{_shown(text)} calls the unknown function {name!r}; known: {function_list()}.{hint}"
+def _did_you_mean(near: list[str]) -> str:
+    return f" Did you mean {' or '.join(near)}?" if near else ""

@@ -86,12 +86,10 @@ class Exchange(Instance):
             if ended:
                 raise RuntimeError("it asks for the simulation to end")
             if not again:
-                if x is not None and changed and not self._stays(x):
-                    raise RuntimeError("it sets its states anew at an event, which no rate can say")
+                if x is not None and changed:
+                    states = (c_double * len(x))()
+                    self._fmu.getContinuousStates(states, len(x))
+                    if not np.allclose(np.array(states), x, rtol=STAY, atol=STAY):
+                        raise RuntimeError("it sets its states anew at an event, which no rate can say")
                 return timed
         raise RuntimeError("its events do not come to rest")
-
-    def _stays(self, x: np.ndarray) -> bool:
-        states = (c_double * len(x))()
-        self._fmu.getContinuousStates(states, len(x))
-        return bool(np.allclose(np.array(states), x, rtol=STAY, atol=STAY))

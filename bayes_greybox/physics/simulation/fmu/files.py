@@ -48,10 +48,10 @@ def read_fmu(path: str | os.PathLike[str]) -> Description:
     library, file = fmpy(), file.resolve()
     content = _digest(file, file.stat().st_mtime_ns, file.stat().st_size)
     with _reading:
-        found = _known.get(content)
-        if found is None:
-            found = _known[content] = _read(file, content, library)
-    return found
+        description = _known.get(content)
+        if description is None:
+            description = _known[content] = _read(file, content, library)
+    return description
 
 
 _known: weakref.WeakValueDictionary[str, Description] = weakref.WeakValueDictionary()
@@ -69,13 +69,13 @@ def _read(file: Path, content: str, library: Any) -> Description:
         raise InputError(f'"{file}" is no FMU: it is not a ZIP archive; check the file.')
     folder = Path(tempfile.mkdtemp(prefix="fmu-"))
     try:
-        found = _unpacked(file, content, folder, library)
+        description = _unpacked(file, content, folder, library)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     # When nobody holds it any more, or the process ends.
-    weakref.finalize(found, shutil.rmtree, folder, ignore_errors=True)
-    return found
+    weakref.finalize(description, shutil.rmtree, folder, ignore_errors=True)
+    return description
 
 
 def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Description:
@@ -84,38 +84,33 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             names, text = archive.namelist(), archive.read("modelDescription.xml").decode("utf-8", "replace")
         stated = re.search(r'fmiVersion\s*=\s*["\']([^"\']*)', text)
         version = stated[1] if stated else "an unknown version"
-        if version == "2.0":
-            library.extract(str(file), str(folder))
-            told = library.read_model_description(str(folder), validate=False)
-            found = description_of(file, content, folder, told)
-        else:
-            found = None
+        if version != "2.0":
+            raise InputError(
+                f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.'
+            )
+        library.extract(str(file), str(folder))
+        parsed = library.read_model_description(str(folder), validate=False)
+        description = description_of(file, content, folder, parsed)
+    except InputError:
+        raise
     except Exception as error:
         # FMPy and its XML reader raise errors of many kinds on what is no model description.
-        raise _damaged(file, error) from error
-    if found is None:
-        raise InputError(f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.')
-    if not found.interfaces:
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.') from error
+    if not description.interfaces:
         raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
-    _require_library(found, names, library)
-    return found
+    _require_library(description, names, library)
+    return description
 
 
-def _require_library(found: Description, names: list[str], library: Any) -> None:
+def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
     here = library.platform
-    identifier = found.interface.identifier
-    if f"binaries/{here}/{identifier}{library.sharedLibraryExtension}" in names:
+    if f"binaries/{here}/{description.interface.identifier}{library.sharedLibraryExtension}" in names:
         return
     others = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     has = f"its libraries are for {', '.join(others)}" if others else "it has no library at all"
     sources = any(name.startswith("sources/") and name.endswith(".c") for name in names)
-    compiled = f' its C sources are in it, python -m fmpy compile "{found.file}" adds a library;' if sources else ""
-    raise InputError(
-        f'The FMU "{found.file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.'
-    )
-
-
-def _damaged(file: Path, error: Exception) -> InputError:
-    line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
-    return InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.')
+    file = description.file
+    compiled = f' its C sources are in it, python -m fmpy compile "{file}" adds a library;' if sources else ""
+    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.')
