@@ -135,8 +135,8 @@ class AlsoAs:
     only: bool = False
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
-        own = [] if self.only else [handler(schema)]
-        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *own]}
+        usual = [] if self.only else [handler(schema)]
+        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *usual]}
 
 
 def _in_toml(hint: Any) -> Any:

@@ -219,8 +219,8 @@ class Config(Section):
             folder: Final folder of the copy.
             place: Folder in which it is written first; by default the same.
         """
-        own = folder / CONFIG
-        if self.copied_from is None and own.exists() and own.samefile(self._path):
+        copy = folder / CONFIG
+        if self.copied_from is None and copy.exists() and copy.samefile(self._path):
             # The results lie beside the file itself, which stays as its author wrote it.
             return
         text = copy_of(self.text, self.origin, folder, self._asset)
@@ -255,14 +255,14 @@ class Config(Section):
         """
         if name is not None and name not in self.models:
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
-        own = self.models[name] if name is not None else Model()
-        dictionary = self._dictionary(own)
+        model = self.models[name] if name is not None else Model()
+        dictionary = self._dictionary(model)
         if not dictionary:
             raise InputError(
                 f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
                 "look for what the simulation misses with bayes-greybox discover."
             )
-        return self._model(dictionary, own)
+        return self._model(dictionary, model)
 
     def build_studied_model(self) -> "GreyBox":
         """Return the model in which missing effects are looked for: the simulation, and the terms that are free anyway.
@@ -291,7 +291,7 @@ class Config(Section):
     def _dictionary(self, model: Model) -> Dictionary:
         return self.dictionary if model.dictionary is None else model.dictionary
 
-    def _model(self, dictionary: Dictionary, own: Model) -> "GreyBox":
+    def _model(self, dictionary: Dictionary, model: Model) -> "GreyBox":
         from bayes_greybox.greybox import GreyBox
 
         if isinstance(self.data, TableSource):
@@ -299,12 +299,12 @@ class Config(Section):
                 raise InputError(f'"{self._path}": {error}.')
 
         parts = {
-            "prior": own.prior or self.prior,
-            "discrepancy": own.discrepancy or self.discrepancy,
+            "prior": model.prior or self.prior,
+            "discrepancy": model.discrepancy or self.discrepancy,
             "rows": self.rows,
         }
         given = self.simulation
-        coefficients = self.coefficients if own.coefficients is None else own.coefficients
+        coefficients = self.coefficients if model.coefficients is None else model.coefficients
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,

@@ -186,8 +186,8 @@ class TableSource(Source):
     @property
     def filter_settings(self) -> dict[str, Any] | None:
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
-        own = super().filter_settings
-        return own if not self.rates else {**(own or {}), "rates": self.rates}
+        settings = super().filter_settings
+        return settings if not self.rates else {**(settings or {}), "rates": self.rates}
 
     def files(self, folder: Path) -> list[Path]:
         """List the tables."""

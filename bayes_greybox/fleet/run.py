@@ -49,16 +49,16 @@ def study_fleet(
         failed: dict[str, str] = {}
         tasks: dict[str, tuple] = {}
         for asset in assets:
-            own = folder.resolve() / ASSETS / asset.name
+            asset_folder = folder.resolve() / ASSETS / asset.name
             try:
                 mark = _mark(asset, sampling)
             except (InputError, OSError) as error:
                 failed[asset.name] = str(error)
                 continue
-            put_back(own)
-            before = _studied(own, mark)
+            put_back(asset_folder)
+            before = _studied(asset_folder, mark)
             if before is None:
-                tasks[asset.name] = (asset, str(own), dict(sampling), mark)
+                tasks[asset.name] = (asset, str(asset_folder), dict(sampling), mark)
             else:
                 known[asset.name] = AssetResult(before)
         order = [asset.name for asset in assets]

@@ -53,9 +53,9 @@ def _encoded(data: Path, layout: Layout) -> Layout:
     if layout.encoding != Layout().encoding:
         return layout
     content = data.read_bytes()
-    found = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
-    if found is not None:
-        return replace(layout, encoding=found)
+    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
+    if encoding is not None:
+        return replace(layout, encoding=encoding)
     # Text has no such bytes; what has is refused as it is.
     every = [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []
     return next((replace(layout, encoding=each) for each in every if _reads(content, each)), layout)

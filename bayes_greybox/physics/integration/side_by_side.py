@@ -114,20 +114,20 @@ def run_with(
     Returns:
         Paths [n_run, n_draw, n, d] by system.
     """
-    found: dict[int, np.ndarray] = {}
+    paths: dict[int, np.ndarray] = {}
     hidden = [tuple(dict.fromkeys(s for _, term in system.terms for s in term.states)) for system in systems]
     for states in dict.fromkeys(hidden):
         # A step costs as much for one run as for hundreds: all with the same hidden states go together.
-        own = [k for k, each in enumerate(hidden) if each == states]
-        ends = np.cumsum([0, *(starts[k].shape[1] for k in own)])
+        alike = [k for k, each in enumerate(hidden) if each == states]
+        ends = np.cumsum([0, *(starts[k].shape[1] for k in alike)])
         every: dict[tuple, tuple[int, Term, np.ndarray]] = {}
-        for k, begin, end in zip(own, ends[:-1], ends[1:], strict=True):
+        for k, begin, end in zip(alike, ends[:-1], ends[1:], strict=True):
             for (i, term), values in zip(systems[k].terms, systems[k].theta, strict=True):
                 every.setdefault((i, term.text, term.states), (i, term, np.zeros(ends[-1])))[2][begin:end] += values
-        first = np.concatenate([starts[k] for k in own], axis=1)
-        paths = _together(simulation, list(every.values()), first, (times, inputs, limit), states)
-        found |= dict(zip(own, np.split(paths, ends[1:-1], axis=1), strict=True))
-    return [found[k] for k in range(len(systems))]
+        first = np.concatenate([starts[k] for k in alike], axis=1)
+        together = _together(simulation, list(every.values()), first, (times, inputs, limit), states)
+        paths |= dict(zip(alike, np.split(together, ends[1:-1], axis=1), strict=True))
+    return [paths[k] for k in range(len(systems))]
 
 
 def _together(
@@ -142,13 +142,13 @@ def _together(
         u = np.broadcast_to(u, (*x.shape[:2], u.shape[-1]))
         columns = {name: x[..., i] for i, name in enumerate((*names, *(state.name for state in hidden)))}
         columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
-        found = np.zeros_like(x)
-        found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
+        slopes = np.zeros_like(x)
+        slopes[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
         for i, term, value in added:
-            found[..., i] += np.where(value != 0, value * term.evaluate(columns), 0.0)
+            slopes[..., i] += np.where(value != 0, value * term.evaluate(columns), 0.0)
         for j, expression in enumerate(rates, d):
-            found[..., j] = evaluate(expression, columns)
-        return found
+            slopes[..., j] = evaluate(expression, columns)
+        return slopes
 
     begin = [starts[..., names.index(s.start)] if s.start in names else 0 * starts[..., 0] for s in hidden]
     every = np.concatenate([starts, *(each[..., None] for each in begin)], axis=-1)

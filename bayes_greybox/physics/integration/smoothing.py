@@ -196,10 +196,10 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
         def forward(carry: tuple[Array, Array], piece: tuple[Steps, Array]) -> tuple[tuple[Array, Array], tuple]:
             (x, P), ((M, c, B, h), y) = carry, piece
             intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, terms, *found = update(M @ x + c, M @ P @ M.T + intensity * (B @ B.T), y)
-            return (x, P), (terms, *found)
+            x, P, terms, *sums = update(M @ x + c, M @ P @ M.T + intensity * (B @ B.T), y)
+            return (x, P), (terms, *sums)
 
-        _, (terms, *found) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
+        _, (terms, *sums) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
 
         def backward(adjoint: Array, piece: tuple) -> tuple[Array, Array]:
             terms, M = piece
@@ -208,7 +208,7 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
 
         adjoint, ends = jax.lax.scan(backward, jnp.zeros_like(mean), (terms, steps.M), reverse=True)
         whole = jnp.concatenate([_smoothed(first, adjoint)[0][None], ends])
-        square, log_det, count = (a + jnp.sum(each) for a, each in zip(start, found, strict=True))
+        square, log_det, count = (a + jnp.sum(each) for a, each in zip(start, sums, strict=True))
         return whole, square, log_det, count
 
     ends, squares, log_dets, counts = jax.vmap(one)(steps, observed.values, observed.mean)

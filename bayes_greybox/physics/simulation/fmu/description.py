@@ -125,30 +125,30 @@ class Description:
         return MODEL_EXCHANGE in self.interfaces
 
 
-def description_of(file: Path, content: str, folder: Path, found: Any) -> Description:
+def description_of(file: Path, content: str, folder: Path, parsed: Any) -> Description:
     """Convert FMPy's `ModelDescription` of a file with this digest, unpacked in a folder."""
-    units = {unit.name: _unit(unit) for unit in found.unitDefinitions}
-    variables = {each.name: _variable(each, units) for each in found.modelVariables}
+    units = {unit.name: _unit(unit) for unit in parsed.unitDefinitions}
+    variables = {each.name: _variable(each, units) for each in parsed.modelVariables}
     interfaces = {}
-    for name, each in ((MODEL_EXCHANGE, found.modelExchange), (CO_SIMULATION, found.coSimulation)):
+    for name, each in ((MODEL_EXCHANGE, parsed.modelExchange), (CO_SIMULATION, parsed.coSimulation)):
         if each is not None:
             interfaces[name] = Interface(str(each.modelIdentifier), bool(each.providesDirectionalDerivative))
-    derivatives = [each.variable for each in found.derivatives]
+    derivatives = [each.variable for each in parsed.derivatives]
     lost = [d.name for d in derivatives if d.derivative is None]
     if lost:
         raise ValueError(f"{lost[0]!r} is listed as a rate and does not say of which state")
     return Description(
         file=file,
-        name=str(found.modelName),
-        guid=str(found.guid),
-        version=str(found.fmiVersion),
+        name=str(parsed.modelName),
+        guid=str(parsed.guid),
+        version=str(parsed.fmiVersion),
         interfaces=interfaces,
         variables=variables,
         states=tuple((variables[d.derivative.name], variables[d.name]) for d in derivatives),
-        rates={each.derivative.name: variables[each.name] for each in found.modelVariables if each.derivative},
-        eventful=bool(found.numberOfEventIndicators or getattr(found, "eventIndicators", None)),
-        start=float(getattr(found.defaultExperiment, "startTime", None) or 0.0),
-        step=float(getattr(found.defaultExperiment, "stepSize", None) or 0.0),
+        rates={each.derivative.name: variables[each.name] for each in parsed.modelVariables if each.derivative},
+        eventful=bool(parsed.numberOfEventIndicators or getattr(parsed, "eventIndicators", None)),
+        start=float(getattr(parsed.defaultExperiment, "startTime", None) or 0.0),
+        step=float(getattr(parsed.defaultExperiment, "stepSize", None) or 0.0),
         content=content,
         folder=folder,
     )

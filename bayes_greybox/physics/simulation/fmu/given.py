@@ -64,37 +64,37 @@ class FMU:
         object.__setattr__(self, "path", str(Path(self.path).resolve()))
         for name in MAPPINGS:
             object.__setattr__(self, name, dict(getattr(self, name)))
-        object.__setattr__(self, "description", found := read_fmu(self.path))
+        object.__setattr__(self, "description", fmu := read_fmu(self.path))
         states = [state.name for state, _ in self.dynamics]
-        declared = states if found.states or found.exchanged else [*found.variables]
+        declared = states if fmu.states or fmu.exchanged else [*fmu.variables]
         for name in self.states.values():
-            require_real(found, name, declared)
+            require_real(fmu, name, declared)
         if not states:
-            raise InputError(without_states(found))
+            raise InputError(without_states(fmu))
         for name in (*self.parameters, *self.outputs.values(), *self.starts.values()):
-            require_real(found, name, (*found.variables,))
+            require_real(fmu, name, (*fmu.variables,))
         for name in self.inputs.values():
-            require_real(found, name, [v.name for v in found.variables.values() if v.causality == "input"])
+            require_real(fmu, name, [v.name for v in fmu.variables.values() if v.causality == "input"])
         for name in self.parameters:
-            if found.variables[name].causality not in ("parameter", "input"):
-                raise InputError(f"{name!r} of the FMU {found.name} is no parameter and no input: it cannot be set.")
-            require_number(found, name, self.parameters[name])
+            if fmu.variables[name].causality not in ("parameter", "input"):
+                raise InputError(f"{name!r} of the FMU {fmu.name} is no parameter and no input: it cannot be set.")
+            require_number(fmu, name, self.parameters[name])
         # Any kind of number; a file holds plain ones.
         object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
-        for variable in found.variables.values():
+        for variable in fmu.variables.values():
             if variable.causality == "input":
-                require_real(found, variable.name, (variable.name,))
+                require_real(fmu, variable.name, (variable.name,))
         for name in self.inputs.values():
             if name in self.parameters:
-                raise InputError(f"The input {name!r} of the FMU {found.name} is held and fed by a column: do one.")
+                raise InputError(f"The input {name!r} of the FMU {fmu.name} is held and fed by a column: do one.")
         columns = [name for name, _ in (*self._state_pairs(), *self._input_pairs())]
-        require_once(found, "column", [*columns, *self.outputs])
+        require_once(fmu, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
-            require_once(found, "variable", list(given.values()))
-        if found.exchanged:
+            require_once(fmu, "variable", list(given.values()))
+        if fmu.exchanged:
             if self.starts or self.step is not None:
                 raise InputError(
-                    f"The FMU {found.name} is run by Model Exchange: starts and step are of Co-Simulation; leave them "
+                    f"The FMU {fmu.name} is run by Model Exchange: starts and step are of Co-Simulation; leave them "
                     "out."
                 )
             return
@@ -102,34 +102,32 @@ class FMU:
 
     def _require_settable(self) -> None:
         """Refuse a Co-Simulation whose states cannot be set, or whose rates nothing gives."""
-        found, columns = self.description, self.state_columns
+        fmu, columns = self.description, self.state_columns
         for column, name in self.starts.items():
             if column not in columns:
                 raise InputError(f"bg.FMU(starts=...) names {column!r}, which is no state: {', '.join(columns)}.")
             if name in self.parameters:
-                raise InputError(
-                    f"{name!r} of the FMU {found.name} is a parameter and the start of {column!r}: do one."
-                )
+                raise InputError(f"{name!r} of the FMU {fmu.name} is a parameter and the start of {column!r}: do one.")
         for column, variable in columns.items():
-            start = found.variables[self.starts.get(column, variable.name)]
+            start = fmu.variables[self.starts.get(column, variable.name)]
             if start.initial not in ("exact", "approx"):
                 raise InputError(
-                    f"{start.name!r} of the FMU {found.name} cannot be set where a Co-Simulation starts: say which "
+                    f"{start.name!r} of the FMU {fmu.name} cannot be set where a Co-Simulation starts: say which "
                     f"parameter sets it, bg.FMU(..., starts={{{column!r}: 'parameter'}}), or export the FMU for Model "
                     "Exchange."
                 )
         if self.step is not None and not (isinstance(self.step, numbers.Real) and 0 < self.step < math.inf):
-            raise InputError(f"step={self.step!r} of the FMU {found.name} must be a number of seconds above 0.")
-        if self.step is not None and 0 < found.step < self.step:
+            raise InputError(f"step={self.step!r} of the FMU {fmu.name} must be a number of seconds above 0.")
+        if self.step is not None and 0 < fmu.step < self.step:
             # Its own integrator's error would be taken for the equations': damping that is not there.
             raise InputError(
-                f"step={self.step:g} s of the FMU {found.name} is longer than the {found.step:g} s that it says it is "
+                f"step={self.step:g} s of the FMU {fmu.name} is longer than the {fmu.step:g} s that it says it is "
                 "run with: give as much or less."
             )
         if self.stepped and not self.ports((), ()).step:
             lacking = next(state.name for state, rate in self.dynamics if rate is None)
             raise InputError(
-                f"The FMU {found.name} declares no rate of {lacking!r}, so that it takes steps, and does not say how "
+                f"The FMU {fmu.name} declares no rate of {lacking!r}, so that it takes steps, and does not say how "
                 "long: bg.FMU(..., step=0.001), in s; or export it for Model Exchange."
             )
 
@@ -141,11 +139,11 @@ class FMU:
     @property
     def dynamics(self) -> tuple[tuple[Variable, Variable | None], ...]:
         """States, each with the variable that is its rate; users name those that a Co-Simulation does not declare."""
-        found = self.description
-        if found.states or found.exchanged:
-            return found.states
-        named = [found.variables[name] for name in self.states.values() if name in found.variables]
-        return tuple((each, found.rates.get(each.name)) for each in named)
+        fmu = self.description
+        if fmu.states or fmu.exchanged:
+            return fmu.states
+        named = [fmu.variables[name] for name in self.states.values() if name in fmu.variables]
+        return tuple((each, fmu.rates.get(each.name)) for each in named)
 
     @property
     def stepped(self) -> bool:
@@ -154,13 +152,13 @@ class FMU:
 
     def ports(self, states: Sequence[str], inputs: Sequence[str]) -> Ports:
         """Return the variables that are set at a point, for columns of states in the FMU's order, and of inputs."""
-        found, known, fed = self.description, self.state_columns, self.input_columns
-        starts = [found.variables[self.starts[each]] if each in self.starts else known[each] for each in states]
+        fmu, state_columns, input_columns = self.description, self.state_columns, self.input_columns
+        starts = [fmu.variables[self.starts[each]] if each in self.starts else state_columns[each] for each in states]
         return Ports(
-            inputs=tuple(fed[each].ref for each in inputs),
-            states=tuple(known[each].ref for each in states),
+            inputs=tuple(input_columns[each].ref for each in inputs),
+            states=tuple(state_columns[each].ref for each in states),
             starts=tuple(each.ref for each in starts),
-            step=0.0 if found.exchanged else float(self.step or found.step),
+            step=0.0 if fmu.exchanged else float(self.step or fmu.step),
         )
 
     @property
@@ -225,13 +223,13 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
     again = "give it again, bg.load(path, simulation=bg.FMU(...))"
     if not Path(path).is_file():
         raise InputError(f'The model\'s simulation was the FMU "{path}", which is not there: {again}.')
-    found = FMU(path, **_given(record))
-    if found.description.guid != record["guid"]:
+    fmu = FMU(path, **_given(record))
+    if fmu.description.guid != record["guid"]:
         raise InputError(
             f'The model\'s simulation was the FMU "{path}" with the GUID {record["guid"]}, and the one that is there '
-            f"now has {found.description.guid}: {again}."
+            f"now has {fmu.description.guid}: {again}."
         )
-    return found
+    return fmu
 
 
 def with_record(record: Mapping[str, Any], fmu: FMU) -> FMU:
@@ -250,7 +248,7 @@ def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
     Raises:
         InputError: The file has changed.
     """
-    found = FMU(path, **given)
-    if found.description.content != content:
+    fmu = FMU(path, **given)
+    if fmu.description.content != content:
         raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')
-    return found
+    return fmu

@@ -27,23 +27,23 @@ def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[
     if units.get("t") and not _same(units["t"], "the time", Unit("s", "second")):
         raise InputError(f"The time is in {units['t']}, and an FMU's is in s: convert it.")
     for column, variable in variables.items():
-        unit, own = variable.unit, units.get(column)
-        if unit is not None and unit.base and own and not _same(own, f"column {column!r}", unit):
+        unit, of_column = variable.unit, units.get(column)
+        if unit is not None and unit.base and of_column and not _same(of_column, f"column {column!r}", unit):
             raise InputError(
-                f"{variable.name!r} of the FMU {model} is in {unit.name}, and the column {column!r} in {own}: convert "
-                "the column."
+                f"{variable.name!r} of the FMU {model} is in {unit.name}, and the column {column!r} in {of_column}: "
+                "convert the column."
             )
 
 
 def _same(text: str, what: str, unit: Unit) -> bool:
-    own, other = parse_unit(text, what), registry().parse_units(unit.base)
-    if own.dimensionality != other.dimensionality:
+    one, other = parse_unit(text, what), registry().parse_units(unit.base)
+    if one.dimensionality != other.dimensionality:
         return False
     # Pint's hertz has no angle, so that it would pass for a radian a second.
-    if (_has(own, "hertz") and _has(other, "radian")) or ("Hz" in unit.name and _has(own, "radian")):
+    if (_has(one, "hertz") and _has(other, "radian")) or ("Hz" in unit.name and _has(one, "radian")):
         return False
-    zero = float(registry().Quantity(0.0, own).to_root_units().magnitude)
-    size, expected = (float(registry().get_root_units(each)[0]) for each in (own, other))
+    zero = float(registry().Quantity(0.0, one).to_root_units().magnitude)
+    size, expected = (float(registry().get_root_units(each)[0]) for each in (one, other))
     same_size = abs(size - unit.factor * expected) <= SAME_FACTOR * abs(size)
     return same_size and abs(zero - unit.offset) <= SAME_FACTOR * max(1.0, abs(unit.offset))
 
