@@ -204,7 +204,7 @@ def compare(
         return compare_saved(files, folds, run)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
-    settings = _configured(files[0], **sampling).with_comparison(**folds)
+    settings = _configured(files[0], **sampling).with_settings("compare", **folds)
     return compare_configured(settings, run)
 
 
@@ -375,4 +375,4 @@ def _given_folds(scheme: Scheme | None, block: int | None, max_refits: int | Non
 def _configured(file: Path, **sampling: int | None) -> "Config":
     from bayes_greybox.config import load_config
 
-    return load_config(file).with_sampling(**sampling)
+    return load_config(file).with_settings("sampling", **sampling)

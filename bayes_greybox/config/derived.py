@@ -1,7 +1,7 @@
 """Sections that are classes of the package: their keys, types and limits are those of the class."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
@@ -15,43 +15,38 @@ from .section import Section, suggestion, wrong
 
 
 class Derived(Section):
-    """The fields of a class of the package; keys that the file leaves out have the defaults of the class."""
+    """The fields of a class of the package; keys that the file leaves out have the defaults of the class.
+
+    Attributes:
+        made: The class.
+        choosing: Keys that choose the object, or whether there is one.
+    """
 
     made: ClassVar[Callable[..., Any]]
+    choosing: ClassVar[tuple[str, ...]] = ()
 
     def build(self) -> Any:
         """Return the object of the package."""
-        fields = self.given(*self._own())
+        fields = self.given(*self.choosing)
         return type(self).made(**{key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()})
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        """Keys that say which object is built, or whether one is."""
-        return ()
 
 
 class Kind(Derived):
     """The fields of one of several classes, which the key `kind` chooses."""
 
+    choosing: ClassVar[tuple[str, ...]] = ("kind",)
     kind: str
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        return ("kind",)
 
 
 class Switch(Derived):
     """The fields of a class, and a switch for the whole part."""
 
+    choosing: ClassVar[tuple[str, ...]] = ("enabled",)
     enabled: bool = True
 
     def build(self) -> Any:
         """Return the object of the package, or None where it is switched off."""
         return super().build() if self.enabled else None
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        return ("enabled",)
 
 
 @cache

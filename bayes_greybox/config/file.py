@@ -313,21 +313,18 @@ class Config(Section):
             **self.noise.arguments(),
         )
 
-    def with_comparison(self, **settings: Any) -> "Config":
-        """Return the same configuration with some settings of [compare] replaced.
+    def with_settings(self, name: str, **settings: Any) -> "Config":
+        """Return the same configuration with some settings of the section [name] replaced; None leaves one as it is.
 
         Raises:
             InputError: A value cannot be used.
         """
-        return self.model_copy(update={"compare": _replaced(self.compare, settings)})
-
-    def with_sampling(self, **settings: int | None) -> "Config":
-        """Return the same configuration with some settings of [sampling] replaced.
-
-        Raises:
-            InputError: A value cannot be used.
-        """
-        return self.model_copy(update={"sampling": _replaced(self.sampling, settings)})
+        section: Section = getattr(self, name)
+        chosen = {key: value for key, value in settings.items() if value is not None}
+        try:
+            return self.model_copy(update={name: type(section).model_validate({**section.given(), **chosen})})
+        except ValidationError as error:
+            raise InputError(sentences(error)) from None
 
 
 def load_config(path: str | Path) -> Config:
@@ -348,11 +345,3 @@ def load_config(path: str | Path) -> Config:
         raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text
     return config if config.asset is None else config.of_asset(path.resolve().parent / config.asset)
-
-
-def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:
-    chosen = {key: value for key, value in settings.items() if value is not None}
-    try:
-        return type(section).model_validate({**section.given(), **chosen})
-    except ValidationError as error:
-        raise InputError(sentences(error)) from None

@@ -74,7 +74,7 @@ def study_fleet(
 def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> AssetResult:
     """Study one asset, on whatever machine, and write its results, which `mark` identifies, to its folder."""
     folder = Path(place)
-    study_into(asset.settings().with_sampling(**sampling), folder, progress=False)
+    study_into(asset.settings().with_settings("sampling", **sampling), folder, progress=False)
     text = (folder / RECORD).read_bytes()
     with staged(folder) as part:
         # Last, and with the digest of this record: results of another run in this folder are not taken for this one's.
@@ -84,7 +84,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
 
 def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
     """Return a digest of configuration, data, catalogues, the sampler's settings and this version."""
-    settings = asset.settings().with_sampling(**sampling)
+    settings = asset.settings().with_settings("sampling", **sampling)
     digest = hashlib.sha256(settings.text.encode())
     folder = settings.origin.parent
     for file in (*settings.data.files(folder), *settings.study.files(folder)):
