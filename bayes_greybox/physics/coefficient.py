@@ -192,7 +192,15 @@ def coefficient_of_term(
             f"{subject}fixed={fixed:g} and {other}={stated[other]!r}: a fixed coefficient has its value and nothing is "
             f"learned of it; leave out {other}, or fixed."
         )
-    low, high = _ends(subject, bounds)
+    least, largest = bounds or (None, None)
+    low, high = -math.inf if least is None else least, math.inf if largest is None else largest
+    shown = f"{subject}bounds={tuple(bounds or ())!r}"
+    if bounds is not None and (low, high) == (-math.inf, math.inf):
+        raise InputError(f"{shown}, which rule out nothing: leave bounds out.")
+    if low == high:
+        raise InputError(f"{shown}, which leave a single value: write fixed={low:g}.")
+    if low > high:
+        raise InputError(f"{shown}, the wrong way round: write bounds=({high:g}, {low:g}).")
     if (sign == "+" and high <= 0) or (sign == "-" and low >= 0):
         raise InputError(
             f"{subject}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
@@ -205,24 +213,8 @@ def coefficient_of_term(
             f"{subject}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
             "coefficient may be, or correct the limit."
         )
-    least, largest = bounds or (None, None)
     mean, sd = prior or (None, None)
     return Coefficient(mean, sd, None if sign is None else {"+": 1, "-": -1}[sign], least, largest, fixed)
-
-
-def _ends(subject: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
-    """Return bounds as numbers, infinite where an end is open."""
-    if bounds is None:
-        return -math.inf, math.inf
-    least, largest = bounds
-    low, high = -math.inf if least is None else least, math.inf if largest is None else largest
-    if least is None and largest is None:
-        raise InputError(f"{subject}bounds=(None, None), which rule out nothing: leave bounds out.")
-    if low == high:
-        raise InputError(f"{subject}bounds={tuple(bounds)!r}, which leave a single value: write fixed={low:g}.")
-    if low > high:
-        raise InputError(f"{subject}bounds={tuple(bounds)!r}, the wrong way round: write bounds=({high:g}, {low:g}).")
-    return low, high
 
 
 def _is_pair(value: Any) -> bool:

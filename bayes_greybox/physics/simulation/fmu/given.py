@@ -3,8 +3,9 @@
 import math
 import numbers
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,6 @@ from bayes_greybox.running.errors import InputError
 from .description import Description, Variable
 from .files import read_fmu
 from .loaded import Ports
-from .naming import by_column, require_number, require_once, require_real, without_states
 from .running import running
 
 MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
@@ -68,29 +68,36 @@ class FMU:
         states = [state.name for state, _ in self.dynamics]
         declared = states if fmu.states or fmu.exchanged else [*fmu.variables]
         for name in self.states.values():
-            require_real(fmu, name, declared)
+            _require_real(fmu, name, declared)
         if not states:
-            raise InputError(without_states(fmu))
+            if fmu.exchanged:
+                raise InputError(f"The FMU {fmu.name} has no continuous state: there is no rate that it could give.")
+            raise InputError(
+                f"The FMU {fmu.name} is for Co-Simulation and does not declare its states: name all of them, "
+                "bg.FMU(..., states={'column': 'variable'}), or export it for Model Exchange."
+            )
         for name in (*self.parameters, *self.outputs.values(), *self.starts.values()):
-            require_real(fmu, name, (*fmu.variables,))
+            _require_real(fmu, name, (*fmu.variables,))
         for name in self.inputs.values():
-            require_real(fmu, name, [v.name for v in fmu.variables.values() if v.causality == "input"])
+            _require_real(fmu, name, [v.name for v in fmu.variables.values() if v.causality == "input"])
         for name in self.parameters:
             if fmu.variables[name].causality not in ("parameter", "input"):
                 raise InputError(f"{name!r} of the FMU {fmu.name} is no parameter and no input: it cannot be set.")
-            require_number(fmu, name, self.parameters[name])
+            value = self.parameters[name]
+            if not isinstance(value, numbers.Real) or not math.isfinite(value):
+                raise InputError(f"{name!r} of the FMU {fmu.name} is set to {value!r}: give a finite number.")
         # Any kind of number; a file holds plain ones.
         object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
         for variable in fmu.variables.values():
             if variable.causality == "input":
-                require_real(fmu, variable.name, (variable.name,))
+                _require_real(fmu, variable.name, (variable.name,))
         for name in self.inputs.values():
             if name in self.parameters:
                 raise InputError(f"The input {name!r} of the FMU {fmu.name} is held and fed by a column: do one.")
         columns = [name for name, _ in (*self._state_pairs(), *self._input_pairs())]
-        require_once(fmu, "column", [*columns, *self.outputs])
+        _require_once(fmu, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
-            require_once(fmu, "variable", list(given.values()))
+            _require_once(fmu, "variable", list(given.values()))
         if fmu.exchanged:
             if self.starts or self.step is not None:
                 raise InputError(
@@ -205,12 +212,38 @@ class FMU:
         return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
     def _state_pairs(self) -> list[tuple[str, Variable]]:
-        return by_column([state for state, _ in self.dynamics], self.states)
+        return _by_column([state for state, _ in self.dynamics], self.states)
 
     def _input_pairs(self) -> list[tuple[str, Variable]]:
         variables = self.description.variables.values()
         fed = [v for v in variables if v.causality == "input" and v.name not in self.parameters]
-        return by_column(fed, self.inputs)
+        return _by_column(fed, self.inputs)
+
+
+def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
+    """Pair variables, in the FMU's order, with their columns: those that users named, or the variables' own names."""
+    names = {variable: column for column, variable in given.items()}
+    return [(names.get(each.name, each.column), each) for each in variables]
+
+
+def _require_real(fmu: Description, name: str, known: Collection[str]) -> None:
+    """Refuse a variable that is not among the known names, or is no single real number."""
+    if name not in known:
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(list(known)[:20]) or 'none'}."
+        raise InputError(f"The FMU {fmu.name} has no {name!r} that could be that; {hint}")
+    if fmu.variables[name].kind != "Real" or not fmu.variables[name].scalar:
+        raise InputError(f"{name!r} of the FMU {fmu.name} is of type {fmu.variables[name].kind}: only Real is used.")
+
+
+def _require_once(fmu: Description, what: str, names: list[str]) -> None:
+    """Refuse a name, of a "column" or a "variable", that stands twice in a list."""
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"The FMU {fmu.name} has the {what} {twice[0]!r} twice: give each of its variables a column of its own, "
+            "bg.FMU(..., states={'column': 'variable'}, inputs={...})."
+        )
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
