@@ -39,11 +39,7 @@ class Run:
 def place_of(settings: Config, command: str, output: Path | None) -> Path:
     """Return the folder for the results of a command, which overwrites no results but its own.
 
-    Args:
-        settings: The configuration. Its folder belongs to the first command that was run with it; the folder of another
-            one is beside it, FOLDER-COMMAND.
-        command: "fit", "discover" or "compare".
-        output: Folder that was asked for.
+    The configuration's folder belongs to the first command that was run with it; that of another is FOLDER-COMMAND.
 
     Raises:
         InputError: The folder that was asked for holds another command's results.
@@ -58,11 +54,7 @@ def place_of(settings: Config, command: str, output: Path | None) -> Path:
 def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> Iterator[Checkpoint]:
     """Hold the checkpoint of a command; a user who is stopped or refused while it has draws is told how to go on.
 
-    Args:
-        folder: Folder of the results.
-        settings: The configuration.
-        resume: If true, the run goes on with the draws that are there.
-        name: Name of the model, where the command fits several.
+    If `resume`, the run goes on with the draws that are there; `name` is that of the model, where there are several.
 
     Raises:
         InputError: `checkpoint_in` refuses the checkpoint.

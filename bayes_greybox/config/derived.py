@@ -51,12 +51,7 @@ class Switch(Derived):
 
 @cache
 def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
-    """Return the section that has the fields of a dataclass.
-
-    Args:
-        part: The dataclass; its types state its limits (see `running.limits`).
-        base: Section with the keys that come before those of the class.
-    """
+    """Return the section with the keys of a base and the fields of a dataclass, whose types state its limits."""
     hints = get_type_hints(part, include_extras=True)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(part):
@@ -91,12 +86,7 @@ class Table:
 
 
 def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Table:
-    """Annotate a table whose key `kind` names the class of a registry that it has the fields of.
-
-    Args:
-        kinds: Function that imports the registry: classes by kind.
-        example: One of its kinds.
-    """
+    """Annotate a table whose key `kind`, such as the example, names the class of a registry for its fields."""
 
     def section(given: Any) -> type[Section]:
         if not isinstance(given, Mapping):

@@ -37,12 +37,7 @@ class Asset:
 
 
 def assets_of(folder: Path, config: Path | None) -> list[Asset]:
-    """List the assets of a folder, by name.
-
-    Args:
-        folder: Folder of data files, all studied under one configuration, or of configurations; other files are
-            ignored.
-        config: The configuration of data files; None: every asset has its own.
+    """List the assets of a folder, by name: data files under one configuration, or configurations if that is None.
 
     Raises:
         InputError: There is no such folder, nothing to study in it, two files of one name, or a configuration under

@@ -30,15 +30,10 @@ def study_fleet(
     scheduler: str | None = None,
     progress: bool = True,
 ) -> Fleet:
-    """Study all assets that were not studied before, and write the results of all together.
+    """Study all assets that were not studied before, and write the results of all together to a folder.
 
-    Args:
-        assets: The assets.
-        place: Folder for the results.
-        sampling: Settings in place of the configurations' own; None: they stay.
-        workers: Processes of this machine; see `running.tasks.run_tasks`.
-        scheduler: Address of a Dask scheduler, whose workers see the same files.
-        progress: If true, progress is shown.
+    Sampling settings take the place of the configurations' own; None: they stay. The workers of a Dask scheduler must
+    see the same files; see `running.tasks.run_tasks`.
 
     Raises:
         InputError: The folder cannot be written to; no scheduler answers, or it was lost: finished studies are kept.

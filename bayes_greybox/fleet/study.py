@@ -25,13 +25,8 @@ def study_into(
 ) -> Study:
     """Study what the simulation of a configuration misses, and write the results to a folder.
 
-    Args:
-        settings: The configuration.
-        place: The folder.
-        progress: If true, progress is shown.
-        on_study: Called with the study before its page is drawn.
-        checkpoint_for: Function from the folder to the checkpoint of its draws, which is complete once all is written;
-            None: none is kept.
+    `on_study` is called with the study before its page is drawn. `checkpoint_for` returns the checkpoint in a folder
+    for the draws, which is complete once all is written; None: none is kept.
 
     Raises:
         InputError: Data, model or folder cannot be used.

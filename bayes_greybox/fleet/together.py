@@ -44,16 +44,10 @@ def studied_together(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> tuple[Fleet, dict[str, AssetResult]]:
-    """Study assets and put their results together; one that cannot be studied costs itself alone.
+    """Study assets and put their results together, in order; one that cannot be studied costs itself alone.
 
-    Args:
-        function: Function of a module that studies one asset.
-        tasks: Its arguments by asset.
-        order: Names of all assets.
-        known: Results of assets that were studied before.
-        failed: Reasons of assets that are not to be tried.
-        workers: As for `running.tasks.run_tasks`.
-        scheduler: Likewise.
+    `function`, of a module, studies one asset, `tasks` are its arguments by asset. `known` are results of assets that
+    were studied before, `failed` the reasons of assets that are not to be tried.
 
     Raises:
         InputError: As for `running.tasks.run_tasks`.

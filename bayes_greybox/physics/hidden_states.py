@@ -82,8 +82,8 @@ def along(
     Args:
         systems: Hidden states that are integrated together.
         time: Times of the nodes, in order within a run; equal where an input leaps.
-        columns: States and inputs at the nodes. A column of a hidden state holds its values where runs start, in place
-            of its `start`.
+        columns: States and inputs at the nodes; that of a hidden state holds its values where runs start, in place of
+            its `start`.
         fresh: True at nodes where a run starts.
 
     Returns:

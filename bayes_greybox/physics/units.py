@@ -24,11 +24,7 @@ from .terms import Term
 
 
 def parse_unit(text: str, what: str) -> Any:
-    """Read a unit such as "m/s^2" as a pint unit.
-
-    Args:
-        text: The unit.
-        what: Name of its owner, for the message, such as "column 'y'".
+    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'".
 
     Raises:
         InputError: The unit is unknown; the message names the nearest known ones.
@@ -83,14 +79,9 @@ def per_second(unit: str) -> float:
 
 
 def derivative_unit(state: str, units: Mapping[str, str]) -> str:
-    """Return the unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
+    """Return the unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over that of "t".
 
-    Args:
-        state: Name of the state.
-        units: Units by column name, the time's under "t".
-
-    Returns:
-        A unit that `parse_unit` reads, such as "m/s²"; "" if it is unknown.
+    It reads as `parse_unit` does, such as "m/s²"; "" if it is unknown.
     """
     declared = units.get(derivative_label(state))
     if declared:
@@ -104,9 +95,8 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
 def with_rates(units: Mapping[str, str], rates: Mapping[str, str | None]) -> dict[str, str]:
     """Add units of states that are nothing but the rate of another one, such as m/s for the rate of a length.
 
-    Args:
-        units: Units by column name, the time's under "t"; they take precedence.
-        rates: The state that is the rate, by the state whose rate it is; None where the rate is a formula.
+    Declared units take precedence. `rates` has the state that is the rate, by the state whose rate it is; None where
+    the rate is a formula.
     """
     known = dict(units)
     for _ in rates:
@@ -134,15 +124,9 @@ def term_unit(term: Term, units: Mapping[str, str]) -> Any:
 
 
 def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> str:
-    """Return the unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print.
+    """Return the unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print: "1/s²", or "1" for none.
 
-    Args:
-        target_unit: Unit of what the equation gives, see `target_unit`.
-        term: The term.
-        units: Units by column name.
-
-    Returns:
-        For example "1/s²"; "1" for a plain number, "" if a unit is missing.
+    It is "" if a unit is missing. `target_unit` is the unit of what the equation gives.
 
     Raises:
         InputError: As for `term_unit` and `parse_unit`.

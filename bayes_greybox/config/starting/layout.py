@@ -21,14 +21,9 @@ MARKS = {
 
 
 def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
-    """Read a table with the encoding, the lines of titles and the marks of its numbers that it has.
+    """Read a table with the encoding, title lines and marks of numbers that it has, and return its layout.
 
-    Args:
-        data: The table.
-        layout: Known parts of its layout, which take precedence.
-
-    Returns:
-        The table, and the layout with which it was read.
+    Known parts of the layout take precedence.
 
     Raises:
         InputError: The table cannot be read.

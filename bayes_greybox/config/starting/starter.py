@@ -48,12 +48,7 @@ class Start:
 
 
 def starter(data: Path, config: Path, layout: Layout) -> Start:
-    """Write the first configuration for a table.
-
-    Args:
-        data: The table.
-        config: Path of the configuration; paths in it start from its folder.
-        layout: Parts of the table's layout that it does not show itself.
+    """Write the first configuration for a table; paths in it start from its folder.
 
     Raises:
         InputError: The table cannot be read, or has nothing to model.

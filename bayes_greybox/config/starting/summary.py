@@ -8,14 +8,7 @@ from .plan import Plan
 
 
 def summary_of(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...]:
-    """Return the lines of the summary.
-
-    Args:
-        plan: Names, rates and open equations.
-        layout: Layout with which the table was read.
-        data: The table.
-        config: The configuration.
-    """
+    """Return the lines of the summary."""
     columns = _columns(plan)
     width = max(len(name) for name, _ in columns)
     findings = _findings(plan, layout)

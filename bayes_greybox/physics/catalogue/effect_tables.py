@@ -46,13 +46,8 @@ def _in_toml(hint: Any) -> type:
 def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, Keys]) -> list[dict[str, Any]]:
     """Check a catalogue file and return one complete table for each effect.
 
-    Args:
-        content: The file, as TOML reads it.
-        effect: Keys of an effect.
-        parts: Keys of the tables within an effect: "inner", its inner parameters, and "hidden", its hidden states.
-
-    Returns:
-        Tables with values of the right kind; `inner` and `hidden` are lists of tables that carry their name.
+    `parts` has the keys of the tables within an effect: "inner", its inner parameters, and "hidden", its hidden states.
+    They become lists of tables that carry their name.
 
     Raises:
         InputError: A key is unknown or missing, a value has the wrong kind, a slug occurs twice, or there are no

@@ -115,10 +115,7 @@ class Effect:
         object.__setattr__(self, "latex", self.latex or to_latex(expr))
 
     def bind(self, names: Mapping[str, str]) -> "BoundEffect":
-        """Put columns in the place of roles.
-
-        Args:
-            names: Column of each role; roles that the effect does not use are passed over.
+        """Put a column in the place of each role; further roles are ignored.
 
         Raises:
             InputError: A role has no column, two roles have the same, or formulas cannot use its name.
@@ -165,13 +162,7 @@ class BoundEffect:
         return self.effect.name
 
     def term(self, inner: Mapping[str, float] | None = None) -> Term:
-        """Return the effect as a term of a dictionary.
-
-        Args:
-            inner: Value of each inner parameter by its name, if the effect has some.
-
-        Returns:
-            The term, with the full values in its expression and four digits of them in its name.
+        """Return the effect as a term, with all digits of inner parameters in its expression and four in its name.
 
         Raises:
             InputError: A value is missing, unknown, or not positive and finite.

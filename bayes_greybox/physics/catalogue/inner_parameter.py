@@ -73,12 +73,9 @@ class InnerParameter:
     def size(
         self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
     ) -> float:
-        """Return the size of which the range is in shares; 0 where there is none.
+        """Return the size, of the column of `of`, in which the range has shares; 0 where there is none.
 
-        Args:
-            x: The column of `of`.
-            time: Times of its values, where a time scale needs them.
-            run: Runs of its values, likewise.
+        A time scale needs the times and the runs of the values.
         """
         if self.scale in ("size", "threshold"):
             return float(np.max(np.abs(x)))
@@ -102,18 +99,10 @@ class InnerParameter:
     def ends(
         self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
     ) -> tuple[float, float]:
-        """Return the least and largest value; a threshold needs a column on both sides of it.
+        """Return the least and largest value, in the unit of the column of `of` or of time; both 0 where there are none.
 
-        They are shares of a size in two digits: a path that moved a little then has the same values as the last one,
-        whose formulas are not read again.
-
-        Args:
-            x: The column of `of`.
-            time: Times of its values, where a time scale needs them.
-            run: Runs of its values, likewise.
-
-        Returns:
-            Both in that column's unit, or that of time; 0 and 0 where there is no such value.
+        A threshold needs a column on both sides of it. Ends are shares of a size in two digits: a path that moved a
+        little then has the same values as the last one, whose formulas are not read again.
         """
         size = float(f"{self.size(x, time, run):.1e}")
         least, most = self.low * size, self.high * size
@@ -126,15 +115,9 @@ class InnerParameter:
     def nodes(
         self, least: float, most: float, count: int | None = None
     ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-        """Return values that stand for the prior, the middles of parts of equal probability, and their weights.
+        """Return increasing values between the `ends` that stand for the prior, and their weights, which add up to one.
 
-        Args:
-            least: Least value, from `ends`.
-            most: Largest value, from `ends`.
-            count: Number of values; `values` by default.
-
-        Returns:
-            The values, increasing, in that unit; and their prior weights, which add up to one.
+        They are the middles of parts of equal probability.
 
         Raises:
             InputError: The ends are not positive, finite and apart, or there are no values.

@@ -29,14 +29,7 @@ CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str
 
 
 def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
-    """Read a catalogue.
-
-    Args:
-        spec: A domain ("mechanical", "fluid", "population" or "electrical"), "all", the path of a TOML file
-            of the user's own, an `Effect`, or a sequence of these.
-
-    Returns:
-        The effects in order, each slug once.
+    """Read a catalogue: a domain, "all", the path of a TOML file, an `Effect`, or a sequence of these; each slug once.
 
     Raises:
         InputError: A domain is unknown, a file cannot be read or used, two different effects have one slug, a confusion

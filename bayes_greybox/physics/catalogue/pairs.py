@@ -14,14 +14,10 @@ SAME_SLOPE = 0.02
 
 
 def pairs_in_data(simulation: Simulation, data: Trajectories) -> dict[str, str]:
-    """Return the states whose rate is another state, with that state.
+    """Return the states whose rate, given by code, is another state, with that state.
 
     The simulation's rate, evaluated on the data, is decisive; then the measured rate; then the samples, whose slope
     between neighbours is the mean of the velocity at both: noise on the samples hides it.
-
-    Args:
-        simulation: Code that gives the rates of the states.
-        data: Measurements.
     """
     within = np.diff(data.run) == 0
     pairs = {}

@@ -127,16 +127,10 @@ def roles_of(
 def bind_catalogue(
     effects: Iterable[Effect], roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None = None
 ) -> tuple[BoundEffect, ...]:
-    """Put columns in the place of roles, in every way that gives a formula of its own.
+    """Put columns in the place of roles, in every way that gives a formula of its own, in the order of the catalogue.
 
-    Args:
-        effects: The catalogue.
-        roles: Columns by role, from `roles_of`.
-        units: Units by column, the time's under "t". Effects that they forbid, such as the sine of a
-            position in metres, are left out; without units none is.
-
-    Returns:
-        The effects that can be bound, in the order of the catalogue.
+    Effects that the units by column forbid, such as the sine of a position in metres, are left out; without units none
+    is.
 
     Raises:
         InputError: A role is neither one of `ROLES` nor given.

@@ -26,12 +26,9 @@ JUMP_HALF_WIDTH = 2.0
 def gradient(
     expr: sympy.Expr, names: tuple[str, ...], columns: Mapping[str, Float[np.ndarray, "*n"]]
 ) -> Float[np.ndarray, "*n n_name"]:
-    """Return derivatives of a formula by some of its columns; zero where they are not finite, as at the tip of a root.
+    """Return derivatives of a formula by some columns; zero where they are not finite, as at the tip of a root.
 
-    Args:
-        expr: The formula.
-        names: Columns by which it is differentiated.
-        columns: Values of all columns, neighbours along the last axis.
+    Neighbours lie along the last axis of the columns.
     """
     derivatives, widths = _derivatives(expr, names)
     values = dict(columns)

@@ -64,17 +64,11 @@ def symbol_names(expr: sympy.Expr) -> tuple[str, ...]:
 def evaluate(
     expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]
 ) -> Float[Array | np.ndarray, "..."]:
-    """Evaluate an expression on columns of numbers; works under jit, vmap and grad.
+    """Evaluate an expression on columns by name, of shapes that broadcast; works under jit, vmap and grad.
 
     Integer powers and their gradients are finite at zero and for negative bases. The
-    gradients of sqrt, abs, sign and heaviside at zero are taken as 0.
-
-    Args:
-        expr: Expression from `parse_expression`.
-        columns: Arrays by name, of shapes that broadcast; unused ones are welcome.
-
-    Returns:
-        Array of the columns' common shape, also where the expression is a constant; NumPy's are read-only.
+    gradients of sqrt, abs, sign and heaviside at zero are taken as 0. The result has the columns' common shape, also
+    where the expression is a constant; NumPy's results are read-only.
 
     Raises:
         InputError: A column of the expression is missing.

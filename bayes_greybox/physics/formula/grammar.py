@@ -90,12 +90,7 @@ def check_name(name: str) -> str:
 
 
 def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.Expr) -> None:
-    """Refuse names that are not columns.
-
-    Args:
-        used: Names that appear in the formula.
-        names: Names that exist.
-        formula: The formula, for the message; it is written only there, because SymPy takes a millisecond to do so.
+    """Refuse names in a formula that are not columns.
 
     Raises:
         InputError: A name is unknown; the message has the nearest known ones and the list.

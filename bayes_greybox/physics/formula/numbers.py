@@ -47,12 +47,7 @@ def without_numbers(formulas: Iterable[sympy.Expr]) -> tuple[tuple[sympy.Expr, .
 
 
 def parted(formulas: Iterable[sympy.Basic], names: Collection[str]) -> Parts:
-    """Collect the parts of formulas that depend on no column, as SymPy's own sums and products of numbers do.
-
-    Args:
-        formulas: Formulas over columns and inner parameters.
-        names: Names of the inner parameters, which are positive.
-    """
+    """Collect the parts of formulas that depend on no column but on inner parameters, by name, which are positive."""
     positive: dict[Any, Any] = {symbol(name): sympy.Symbol(name, positive=True) for name in names}
     inner, parts = set(positive.values()), {}
 

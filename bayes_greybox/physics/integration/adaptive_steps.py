@@ -121,14 +121,7 @@ def limits_of(
     scale: Float[Array | np.ndarray, " d"],
     blow_up: float = 1e12,
 ) -> Limits:
-    """Return the limits of a run.
-
-    Args:
-        t: Increasing times.
-        x0: States at t[0].
-        scale: Typical sizes of the states, for example their RMS in the data.
-        blow_up: Multiple of the largest scale beyond which the run has failed.
-    """
+    """Return the limits of a run from x0 at t[0], which fails at `blow_up` times the largest size of a state."""
     xp = namespace([scale])
     sizes = xp.asarray(scale, dtype=float)
     return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * xp.max(sizes))

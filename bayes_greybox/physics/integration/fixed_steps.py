@@ -42,14 +42,9 @@ def intervals_of(
     held: bool,
     n: int,
 ) -> Intervals:
-    """Return the intervals between samples.
+    """Return n intervals between samples of inputs, which are held if `held`, else follow splines of this curvature.
 
-    Args:
-        t: Increasing times.
-        values: Inputs at these times.
-        curvature: Second derivatives of the inputs' splines; zero for straight lines.
-        held: If true, inputs are held from each sample to the next instead.
-        n: Number of intervals in all; those after the last sample have no length.
+    Intervals after the last sample have no length; a curvature of zero is a straight line.
     """
     more = n + 1 - len(t)
     t, values, curvature = (np.pad(x, ((0, more), *((0, 0),) * (x.ndim - 1)), "edge") for x in (t, values, curvature))
@@ -65,15 +60,7 @@ def intervals_of(
 def follow(
     rate: Rate, start: Float[Array, " d"], parameters: Float[Array, " q"], intervals: Intervals, steps: Int[Array, " n"]
 ) -> Float[Array, "n_sample d"]:
-    """Return the path at the samples, the start first.
-
-    Args:
-        rate: f.
-        start: x₀.
-        parameters: p.
-        intervals: Intervals between the samples.
-        steps: Number of steps in each interval.
-    """
+    """Return the path at the samples, the start x₀ first, with `steps` in each interval."""
     return _loop(lambda t, x, u: rate(t, x[0], u, parameters)[None], start[None], intervals, steps)[:, 0]
 
 

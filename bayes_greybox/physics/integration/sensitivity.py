@@ -59,12 +59,7 @@ class Response(NamedTuple):
 def respond(
     time: Float[np.ndarray, "n_segment n_node"], A: Float[np.ndarray, "n_segment n_node n_state n_state"]
 ) -> Response:
-    """Return the steps of the linear equation along a path.
-
-    Args:
-        time: Times of the ends and middles of steps.
-        A: Jacobian at these times.
-    """
+    """Return the steps of the linear equation along a path with the Jacobian A at the ends and middles of steps."""
     h = (time[:, 2::2] - time[:, :-2:2])[..., None, None]
     A0, A1, A2 = A[:, :-2:2], A[:, 1::2], A[:, 2::2]
     eye = np.broadcast_to(np.eye(A.shape[-1]), A0.shape)
@@ -155,13 +150,7 @@ def hermite(
     time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
     rates: Float[np.ndarray, "n_segment n_end n_state"],
 ) -> tuple[Float[np.ndarray, "n_segment n_node n_state"], Float[np.ndarray, "n_segment n_node n_state"]]:  # fmt: skip
-    """Return a path and its slope at ends and middles of steps: cubics through the ends with the rates there.
-
-    Args:
-        time: Times of the ends and middles of steps.
-        ends: States at the ends.
-        rates: Slopes at the ends.
-    """
+    """Return a path and its slope at ends and middles of steps: cubics through states and rates at the ends."""
     h = np.diff(time[:, ::2], axis=1)[..., None]
     path, slope = (np.empty((*time.shape, ends.shape[-1])) for _ in range(2))
     path[:, ::2], slope[:, ::2] = ends, rates

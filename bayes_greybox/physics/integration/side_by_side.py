@@ -36,12 +36,7 @@ def side_by_side(
 ) -> Float[np.ndarray, "n_run n_draw n d"]:
     """Integrate all runs at once; states are NaN from where a run has left its limits, which is a result and no error.
 
-    Args:
-        rate: Rates of all runs at once.
-        starts: States at the first sample.
-        times: Sampling times.
-        inputs: Inputs at the `stage_times`.
-        limit: Size of each state beyond which a run has failed.
+    `rate` is of all runs at once, `inputs` are those at the `stage_times`.
     """
     steps = (inputs.shape[1] - 1) // (2 * (len(times) - 1))
     states = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
@@ -71,9 +66,7 @@ SAME_PATH, MOST_STEPS_BETWEEN_SAMPLES = 1e-2, 32
 def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, " d"]) -> tuple[int, list[bool]]:
     """Double the steps between samples until paths stay as they are; return the steps, and which runs they follow.
 
-    Args:
-        paths: Function from a number of steps to states [n_run, ..., d].
-        range_: Range of each state.
+    `paths` returns states [n_run, ..., d] for a number of steps; `range_` is the range of each state.
     """
     steps, before = 4, paths(2)
     while True:

@@ -89,13 +89,9 @@ def steps_along(
 
 
 def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:
-    """Return the posterior mean of the path of linear steps, and the likelihood of the ratio λ.
+    """Return the posterior mean of the path of linear steps and the likelihood of the ratio λ.
 
-    Args:
-        steps: Linear steps along a path.
-        observed: Samples.
-        outputs: Indices of the states that are sampled.
-        ratio: λ.
+    `outputs` are the indices of the states that are sampled.
     """
     ends, log_likelihood = _smooth(*_padded(steps, observed), outputs, ratio)
     return Smoothed(np.asarray(ends)[:, : steps.M.shape[1] + 1], float(log_likelihood))
@@ -104,7 +100,7 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: fl
 def log_likelihoods(
     steps: Steps, observed: Observed, outputs: tuple[int, ...], ratios: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the log likelihoods of several ratios λ, in one run of their filters; arguments are those of `smooth`."""
+    """Return the log likelihoods of several ratios λ, in one run of their filters."""
     return np.asarray(_log_likelihoods(*_padded(steps, observed), outputs, ratios))
 
 

@@ -135,9 +135,7 @@ def undefined(simulation: Simulation, name: str) -> sympy.Expr:
 def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
     """Refuse a simulation that an integrator could not follow; rates of rows do with plain NumPy, paths do not.
 
-    Args:
-        simulation: The simulation.
-        otherwise: An alternative for the user, as the end of a sentence.
+    The message ends with `otherwise`, an alternative for the user.
 
     Raises:
         InputError: It fails under JAX.

@@ -36,14 +36,7 @@ def simulation_of(
     outputs: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> Simulation:
-    """Read the user's simulation for data with these columns.
-
-    Args:
-        given: The user's simulation.
-        states: State names of the data.
-        inputs: Input names of the data.
-        outputs: Output names of the data, which expressions give and do not use.
-        units: Units by column, with which those of an FMU are compared.
+    """Read the user's simulation for data with these names; units are compared with those of an FMU.
 
     Raises:
         InputError: An expression cannot be read or is of an unknown state or output; or an FMU does not fit.

@@ -69,12 +69,7 @@ class Running:
         self._derivatives_right: dict[Key, bool] = {}
 
     def at_each(self, parameters: Mapping[str, float], points: Points, reading: Reading) -> Float[np.ndarray, "n k"]:
-        """Read values at points, NaN where the FMU refuses one; one thread at a time.
-
-        Args:
-            parameters: Parameters that are set before it starts, by name.
-            points: Times, its states and its inputs, in its order.
-            reading: Values to be read.
+        """Read values at points of its states and inputs, NaN where the FMU refuses one; one thread at a time.
 
         Raises:
             InputError: It cannot be started, it has memory, or its steps are too long.

@@ -16,13 +16,8 @@ SAME_FACTOR = 1e-5
 def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[str, str]) -> None:
     """Refuse columns in other units than the FMU's variables; where one of them is not stated, nothing is compared.
 
-    Args:
-        model: Name of the FMU.
-        variables: Variables by column.
-        units: Units by column, the time's under "t".
-
     Raises:
-        InputError: A unit differs, or the time is not in seconds.
+        InputError: A unit differs, or the time, "t", is not in seconds.
     """
     if units.get("t") and not _same(units["t"], "the time", Unit("s", "second")):
         raise InputError(f"The time is in {units['t']}, and an FMU's is in s: convert it.")
