@@ -99,7 +99,7 @@ class InnerParameter:
     def ends(
         self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
     ) -> tuple[float, float]:
-        """Return the least and largest value, in the unit of the column of `of` or of time; both 0 where there are none.
+        """Return the least and largest value, in the unit of the column or of time; both 0 where there are none.
 
         A threshold needs a column on both sides of it. Ends are shares of a size in two digits: a path that moved a
         little then has the same values as the last one, whose formulas are not read again.
