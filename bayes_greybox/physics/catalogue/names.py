@@ -26,6 +26,6 @@ def listing(names: Iterable[str], between: str = " + ") -> str:
 
 def _lowered(name: str) -> str:
     word = name.replace("-", " ").split(" ", 1)[0]
-    # What has capitals further on is a name or a short form: LuGre, DC.
+    # A word with capitals further on is a name or a short form: LuGre, DC.
     kept = word in PERSONS or word[1:] != word[1:].lower() or len(word) == 1
     return name if kept else name[:1].lower() + name[1:]

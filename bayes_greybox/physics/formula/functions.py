@@ -80,7 +80,7 @@ FUNCTIONS: dict[str, Function] = {
 
 CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}
 
-# What users of other languages write, for "did you mean".
+# Names in other languages, for "did you mean".
 ALIASES = {
     "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs",
     "sgn": "sign", "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",

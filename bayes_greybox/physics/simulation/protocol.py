@@ -1,4 +1,4 @@
-"""The protocol of a simulation: what the rest of the package asks of formulas, code and FMUs."""
+"""The protocol of a simulation, which formulas, code and FMUs fulfil."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence

@@ -13,7 +13,7 @@ from .description import Description
 from .files import fmpy
 
 DEAD, FATAL = 3, 4
-"""Status of FMI from which on an instance is of no use, and from which on nothing may be asked of it at all."""
+"""Status of FMI from which on an instance is of no use, and from which on it may not even be freed."""
 
 Key = tuple[tuple[str, float], ...]
 """Parameters of an FMU, as a key."""
