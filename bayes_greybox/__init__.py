@@ -19,9 +19,9 @@ _MODULES = {
     "figures": "report.plots",  # its older name
     "plots": "report.plots",
     "priors": "model.priors",
-    "signals": "physics.signals",
+    "signals": "physics.experiments.signals",
     "study_figures": "report.study_figures",
-    "systems": "physics.systems",
+    "systems": "physics.experiments.systems",
 }
 
 

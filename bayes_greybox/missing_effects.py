@@ -26,8 +26,8 @@ from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, dat
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.settings import Sampling
-from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec
+from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.report.equations.latex import equations_latex

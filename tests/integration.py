@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_greybox.physics.integrate import cut, follow_piece, joined, limits_of
+from bayes_greybox.physics.integration.adaptive_steps import StepSettings, cut, follow_piece, joined, limits_of
 
 
 class Path(NamedTuple):
@@ -30,7 +30,7 @@ def _followed(rhs, t, x0, samples, args, scale, kinds, options):
     limits = limits_of(t, x0, own if scale is None else scale)
 
     def follow(start, piece):
-        return follow_piece(rhs, start, piece, limits, args, kinds, **dict(options))
+        return follow_piece(rhs, start, piece, limits, args, kinds, StepSettings(**dict(options)))
 
     _, found = jax.lax.scan(follow, (x0, jnp.asarray(True)), samples)
     return Path(*joined(x0, t, *found[:2]))

@@ -499,11 +499,11 @@ def test_models_replace_sections_of_the_base(tmp_path):
 
 def test_overrides_are_checked_like_the_file(tmp_path):
     settings = config(tmp_path, BASE + "[sampling]\ndraws = 5\nseed = 3")
-    changed = settings.with_sampling(draws=7, seed=None)
+    changed = settings.with_settings("sampling", draws=7, seed=None)
     assert (changed.sampling.draws, changed.sampling.seed) == (7, 3)
     assert (changed.text, changed.folder) == (settings.text, Path("runs/case"))
     with pytest.raises(InputError, match="chains = 0 cannot be used"):
-        settings.with_sampling(chains=0)
+        settings.with_settings("sampling", chains=0)
 
 
 def test_the_bundled_table_is_the_one_that_its_comment_makes():

@@ -1,6 +1,7 @@
 """The command bayes-greybox; JAX and all that needs it are imported inside the commands."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,23 +44,16 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line.
+    """Run the command line and return the exit code.
 
     Args:
         arguments: Words after the program's name; those of the process by default.
-
-    Returns:
-        The exit code.
     """
     return run_app(app, "bayes-greybox", arguments)
 
 
 def command() -> int:
-    """The command of a process that ends with it; `main` is for those that go on.
-
-    Returns:
-        The exit code.
-    """
+    """Run the command of a process that ends with it, and return the exit code; `main` is for those that go on."""
     try:
         return main()
     finally:
@@ -104,13 +98,12 @@ def fit(
     A run that was stopped goes on with --resume: its draws are those of a run that was not.
     """
     log_to_stderr(verbose)
-    from bayes_greybox.running.stages import stage, stages
-
     settings = _configured(config, seed=seed, draws=draws, tune=tune, chains=chains)
     progress = not (no_progress or quiet)
-    with stages(progress), stage("Starting", said=False):
+    with _starting(progress):
         from .fitting import fit_configured
-    return fit_configured(settings, output, progress, quiet, resume)
+        from .folders import Run
+    return fit_configured(settings, Run(output, progress, quiet, resume))
 
 
 @app.command()
@@ -149,23 +142,23 @@ def discover(
     lack, and says whether that is one cause. Assets that were studied before are not studied again.
     """
     log_to_stderr(verbose)
-    from bayes_greybox.running.stages import stage, stages
-
     progress, sampling = not (no_progress or quiet), {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     if fleet is not None:
         if resume:
             raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
-        with stages(progress), stage("Starting", said=False):
-            from .fleets import study_folder
-        return study_folder(config, fleet, output, sampling, workers, scheduler, progress, quiet)
+        with _starting(progress):
+            from .discovering import study_folder
+            from .folders import Run
+        return study_folder(config, fleet, sampling, workers, scheduler, Run(output, progress, quiet))
     if config is None:
         raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)
-    with stages(progress), stage("Starting", said=False):
+    with _starting(progress):
         from .discovering import study_configured
-    return study_configured(settings, output, progress, quiet, resume)
+        from .folders import Run
+    return study_configured(settings, Run(output, progress, quiet, resume))
 
 
 @app.command()
@@ -196,11 +189,11 @@ def compare(
     log_to_stderr(verbose)
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
     folds = _given_folds(scheme, block, max_refits)
-    from bayes_greybox.running.stages import stage, stages
-
     progress = not (no_progress or quiet)
-    with stages(progress), stage("Starting", said=False):
+    with _starting(progress):
         from .comparing import compare_configured, compare_saved
+        from .folders import Run
+    run = Run(output, progress, quiet, resume)
     saved = [file.suffix == ".nc" for file in files]
     if any(saved):
         if not all(saved) or len(files) < 2:
@@ -208,11 +201,11 @@ def compare(
         given = [f"--{name}" for name, value in sampling.items() if value is not None] + ["--resume"] * resume
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
-        return compare_saved(files, output, folds, progress, quiet)
+        return compare_saved(files, folds, run)
     if len(files) > 1:
         raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
-    settings = _configured(files[0], **sampling).with_comparison(**folds)
-    return compare_configured(settings, output, progress, quiet, resume)
+    settings = _configured(files[0], **sampling).with_settings("compare", **folds)
+    return compare_configured(settings, run)
 
 
 @app.command()
@@ -286,18 +279,18 @@ def next_(
     A configuration is studied first, without sampling.
     """
     log_to_stderr(verbose)
+    from .folders import Run
     from .next_experiment import next_configured
 
-    return next_configured(
-        file, signal, amplitude, batch, threshold, seed, not (no_progress or quiet), quiet, output
-    )  # fmt: skip
+    options = {"signals": signal, "amplitudes": amplitude, "batch": batch, "threshold": threshold}
+    return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
 
 
 app.command()(export)
 
 
 @app.command(context_settings={"ignore_unknown_options": True}, hidden=True)
-def benchmark(words: Annotated[list[str] | None, typer.Argument(help="Of a benchmark.")] = None) -> int:
+def benchmark(words: Annotated[list[str] | None, typer.Argument(help="Arguments of a benchmark.")] = None) -> int:
     """Say where the benchmarks are."""
     asked = " ".join(words or ["--help"])
     raise InputError(f"The benchmarks are run from a checkout of the repository: python -m benchmarks {asked}")
@@ -340,7 +333,7 @@ def init(
         write_text(config, start.text)
     except OSError as error:
         raise InputError(f'"{config}" cannot be written ({error.strerror}); choose another with --output.') from None
-    typer.echo("\n".join(start.told))
+    typer.echo("\n".join(start.summary))
     return DONE
 
 
@@ -365,6 +358,15 @@ def datasets() -> int:
     return DONE
 
 
+@contextmanager
+def _starting(progress: bool) -> Iterator[None]:
+    """Show that a command starts, while its modules are imported."""
+    from bayes_greybox.running.stages import stage, stages
+
+    with stages(progress), stage("Starting", said=False):
+        yield
+
+
 def _given_folds(scheme: Scheme | None, block: int | None, max_refits: int | None) -> dict[str, Any]:
     folds = {"scheme": None if scheme is None else scheme.value, "block": block, "max_refits": max_refits}
     return {name: value for name, value in folds.items() if value is not None}
@@ -373,4 +375,4 @@ def _given_folds(scheme: Scheme | None, block: int | None, max_refits: int | Non
 def _configured(file: Path, **sampling: int | None) -> "Config":
     from bayes_greybox.config import load_config
 
-    return load_config(file).with_sampling(**sampling)
+    return load_config(file).with_settings("sampling", **sampling)

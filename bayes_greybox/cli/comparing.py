@@ -17,39 +17,37 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
-from .places import place_of
-from .resuming import complete, resumable
+from .folders import Run, complete, place_of, resumable
 
 
-def compare_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
+def compare_configured(settings: Config, run: Run) -> int:
     """Fit the models of a configuration file, compare them, and fill the folder."""
     if len(settings.models) < 2:
         raise InputError(
             f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
-    given = settings.compare.given()
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or FUTURE_START)
-    with output_folder(place_of(settings, "compare", output)) as folder:
+    with output_folder(place_of(settings, "compare", run.output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
-            # What is wrong with the last model is better said before the first is sampled.
+            # Errors of the last model are better reported before the first is sampled.
             with _about(name):
                 model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
         fits = {}
-        with stages(progress):
+        with stages(run.progress):
             for name, model in models.items():
                 announce(f"Model {name}")
                 sampling = settings.sampling.model_dump()
-                with resumable(folder, settings, resume, name) as checkpoint:
-                    fits[name] = model.fit(train, **sampling, progress=progress, checkpoint=checkpoint)
+                with resumable(folder, settings, run.resume, name) as checkpoint:
+                    fits[name] = model.fit(train, **sampling, progress=run.progress, checkpoint=checkpoint)
                     # Each as soon as it is there: a later failure costs no finished fit.
                     with staged(folder) as place:
                         fits[name].save(place / f"{name}.nc")
             with stage("Comparing"):
-                table = compare(fits, **given, progress=progress)
+                table = compare(fits, **settings.compare.given(), progress=run.progress)
             with stage("Writing the report"):
                 save_comparison(
                     folder,
@@ -61,25 +59,23 @@ def compare_configured(settings: Config, output: Path | None, progress: bool, qu
                     figures=settings.output.figures,
                 )
         complete(folder, models)
-    return _compared(fits, table, folder, quiet)
+    return _compared(fits, table, folder, run.quiet)
 
 
-def compare_saved(
-    files: Sequence[Path], output: Path | None, given: dict[str, Any], progress: bool, quiet: bool
-) -> int:
+def compare_saved(files: Sequence[Path], folds: dict[str, Any], run: Run) -> int:
     """Compare saved fits; results are written if a folder is given."""
     fits = load_fits(files)
-    if output is None:
-        with stages(progress), stage("Comparing"):
-            table = compare(fits, **given, progress=progress)
-        return _compared(fits, table, None, quiet)
-    require_own(output, "compare")
-    with output_folder(output) as folder, stages(progress):
+    if run.output is None:
+        with stages(run.progress), stage("Comparing"):
+            table = compare(fits, **folds, progress=run.progress)
+        return _compared(fits, table, None, run.quiet)
+    require_own(run.output, "compare")
+    with output_folder(run.output) as folder, stages(run.progress):
         with stage("Comparing"):
-            table = compare(fits, **given, progress=progress)
+            table = compare(fits, **folds, progress=run.progress)
         with stage("Writing the report"):
             save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
-    return _compared(fits, table, folder, quiet)
+    return _compared(fits, table, folder, run.quiet)
 
 
 def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool) -> int:
@@ -92,7 +88,7 @@ def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool
 
 @contextmanager
 def _about(model: str) -> Iterator[None]:
-    """Errors say which model they are about."""
+    """Name the model in errors."""
     try:
         yield
     except InputError as error:

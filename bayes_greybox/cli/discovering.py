@@ -1,25 +1,60 @@
-"""The command discover."""
+"""The command discover, on one configuration or on a folder of assets."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
-from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
-from bayes_greybox.cli.places import place_of
-from bayes_greybox.cli.resuming import resumable
 from bayes_greybox.config import Config
-from bayes_greybox.fleet.reporting import PAGE
+from bayes_greybox.fleet.assets import assets_of
+from bayes_greybox.fleet.reporting import STUDY_PAGE
+from bayes_greybox.fleet.run import study_fleet
 from bayes_greybox.fleet.study import study_into
+from bayes_greybox.fleet.together import FLEET_PAGE
+from bayes_greybox.report.folders.holding import free_folder, require_own
+from bayes_greybox.report.terminal.fleet import fleet_tables
 from bayes_greybox.report.terminal.study import study_tables
+from bayes_greybox.running.errors import InputError
+
+from .ending import BAD_INPUT, DONE, NOT_CONVERGED, show
+from .folders import Run, place_of, resumable
 
 
-def study_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
+def study_configured(settings: Config, run: Run) -> int:
     """Study what the simulation of a configuration misses, and write the results to a folder."""
-    folder = place_of(settings, "discover", output)
+    folder = place_of(settings, "discover", run.output)
     study = study_into(
         settings,
         folder,
-        progress=progress,
-        found=lambda study: None if quiet else show(*study_tables(study)),
-        kept=lambda folder: resumable(folder, settings, resume),
+        progress=run.progress,
+        on_study=lambda study: None if run.quiet else show(*study_tables(study)),
+        checkpoint_for=lambda folder: resumable(folder, settings, run.resume),
     )
-    show(folder if quiet else f"\nThe report is {folder / PAGE}.")
+    show(folder if run.quiet else f"\nThe report is {folder / STUDY_PAGE}.")
     return DONE if study.fit is None or study.fit.verdict.mixed else NOT_CONVERGED
+
+
+def study_folder(
+    config: Path | None,
+    folder: Path,
+    sampling: Mapping[str, int | None],
+    workers: int | None,
+    scheduler: str | None,
+    run: Run,
+) -> int:
+    """Study every asset of a folder, and write their common results."""
+    if run.output is not None:
+        require_own(run.output, "fleet")
+        place = run.output
+    else:
+        place = Path("runs") / (folder.resolve().name or "fleet")
+        place = place.with_name(f"{place.name}-fleet") if place.resolve() == folder.resolve() else place
+        place = free_folder(place, "fleet")
+    if place.resolve() == folder.resolve():
+        raise InputError(f'Results in "{place}" would lie among the files of the fleet: choose another --output.')
+    assets = assets_of(folder, config)
+    fleet = study_fleet(assets, place, sampling, workers=workers, scheduler=scheduler, progress=run.progress)
+    if not run.quiet:
+        show(*fleet_tables(fleet))
+    show(place if run.quiet else f"\nThe report is {place / FLEET_PAGE}.")
+    if not fleet.studied:
+        return BAD_INPUT
+    return DONE if fleet.converged else NOT_CONVERGED

@@ -1,4 +1,4 @@
-"""What every command says and how it ends: tables, the log, its exit code."""
+"""Common ends of all commands: tables, the log, the exit code."""
 
 import os
 import sys
@@ -24,15 +24,12 @@ HANDLER = "bayes-greybox on stderr"
 
 
 def run_app(app: typer.Typer, name: str, arguments: Sequence[str] | None = None) -> int:
-    """Run a command line: what is wrong with its words, or with what they name, is one sentence.
+    """Run a command line and return the exit code; an error in its words, or in what they name, is one sentence.
 
     Args:
-        app: Its commands.
-        name: What the program is called.
+        app: The commands.
+        name: Name of the program.
         arguments: Words after that; those of the process by default.
-
-    Returns:
-        The exit code.
     """
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
@@ -56,14 +53,14 @@ def _refused(message: str) -> int:
 
 
 def exit_code(fits: Mapping[str, "Posterior"]) -> int:
-    """Whether the chains of all fits can be trusted."""
+    """Return the exit code for fits: done if the chains of all can be trusted."""
     from bayes_greybox.criticism.convergence import convergence
 
     return DONE if all(convergence(fit).mixed for fit in fits.values()) else NOT_CONVERGED
 
 
 def show(*parts: Any) -> None:
-    """Print texts and tables; a path as one word, whatever the width, so that a script can read it."""
+    """Print texts and tables; a path is one word, whatever the width, so that a script can read it."""
     from rich.console import Console
 
     # Rich leaves bold letters where NO_COLOR asks for no colour; without a colour system it writes letters alone.
@@ -76,11 +73,7 @@ def show(*parts: Any) -> None:
 
 
 def log_to_stderr(verbose: int) -> None:
-    """Show what the package logs: nothing but warnings at 0, its stages from 1 on, details from 2 on.
-
-    Args:
-        verbose: How often it was asked for.
-    """
+    """Show what the package logs: nothing but warnings at 0, its stages from 1 on, details from 2 on."""
     import logging
 
     logger = logging.getLogger("bayes_greybox")

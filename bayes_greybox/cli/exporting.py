@@ -1,4 +1,4 @@
-"""The command export: what a saved fit or study has learned, as a program."""
+"""The command export: the learned equations of a saved fit or study, as a program."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,8 +20,8 @@ def export(
 ) -> int:
     """Write the equations of a saved fit or study as a program, in the language that the file's ending names.
 
-    It computes rates of change from states and inputs. What is known of its coefficients, and what is not in it, stands
-    in comments.
+    It computes rates of change from states and inputs. Comments say what is known of its coefficients, and what is not
+    in it.
     """
     log_to_stderr(verbose)
     from bayes_greybox.missing_effects import Study, load

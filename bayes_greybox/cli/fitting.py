@@ -2,11 +2,7 @@
 
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
-from bayes_greybox.cli.ending import DONE, NOT_CONVERGED, show
-from bayes_greybox.cli.places import place_of
-from bayes_greybox.cli.resuming import resumable
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.kept.file import save_found
 from bayes_greybox.criticism.trial import trial, try_on
@@ -16,31 +12,34 @@ from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.fit import fit_tables
 from bayes_greybox.running.stages import stage, stages
 
+from .ending import DONE, NOT_CONVERGED, show
+from .folders import Run, place_of, resumable
 
-def fit_configured(settings: Config, output: Path | None, progress: bool, quiet: bool, resume: bool) -> int:
+
+def fit_configured(settings: Config, run: Run) -> int:
     """Fit the model of a configuration, and write the results to a folder."""
     with ExitStack() as work:
-        with stages(progress):
+        with stages(run.progress):
             with stage("Starting", said=False):
-                folder = work.enter_context(output_folder(place_of(settings, "fit", output)))
+                folder = work.enter_context(output_folder(place_of(settings, "fit", run.output)))
                 train, test = settings.read_rows()
                 model = settings.build_model()
-                checkpoint = work.enter_context(resumable(folder, settings, resume))
+                checkpoint = work.enter_context(resumable(folder, settings, run.resume))
             start = time.perf_counter()
-            result = model.fit(train, **settings.sampling.model_dump(), progress=progress, checkpoint=checkpoint)
+            result = model.fit(train, **settings.sampling.model_dump(), progress=run.progress, checkpoint=checkpoint)
             seconds = time.perf_counter() - start
             result.idata.attrs[CONFIGURATION] = settings.text
         try:
-            with stages(progress), stage("Predicting held-out data"):
+            with stages(run.progress), stage("Predicting held-out data"):
                 held_out = None if test is None else result.predict(test).nmse()
-            if not quiet:
+            if not run.quiet:
                 show(*fit_tables(result, held_out))
         finally:
-            # After the answer, but whatever failed: what the sampler found is not lost.
-            with stages(progress), stage("Saving the fit"), staged(folder) as place:
+            # After the answer, but whatever failed: no draws are lost.
+            with stages(run.progress), stage("Saving the fit"), staged(folder) as place:
                 result.save(place / "run.nc")
                 settings.copy_to(folder, place)
-        with stages(progress):
+        with stages(run.progress):
             with stage("Checking the model"):
                 checked = result.checks()
             with stage("Following the model by itself"):
@@ -57,5 +56,5 @@ def fit_configured(settings: Config, output: Path | None, progress: bool, quiet:
 
                     save_figures(fit_figures(result), folder / "figures")
         checkpoint.complete()
-    show(*([folder] if quiet else ["", str(checked), f"Results are in {folder}."]))
+    show(*([folder] if run.quiet else ["", str(checked), f"Results are in {folder}."]))
     return DONE if result.verdict.mixed else NOT_CONVERGED

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have, and the words that these may be."""
+"""Options and arguments that several commands have, and their choices."""
 
 from enum import StrEnum
 from pathlib import Path

@@ -1,17 +1,17 @@
-"""Remedies as whoever types a command can follow them: an error names arguments of Python, a file has keys."""
+"""Remedies in the words of a command's user: an error names arguments of Python, a file has keys."""
 
 import ast
 import json
 import re
 from collections.abc import Callable
 
-OF_FILES = ("fit", "discover", "compare", "next")
+CONFIGURED_COMMANDS = ("fit", "discover", "compare", "next")
 """Commands that read a configuration."""
 
-_QUOTED = r'"([^"]*)"'
+_VALUE = r'"([^"]*)"'
 
-_NAME = r"""(?<!\w)(?:"[^"]*"|'(?:[^'\\]|\\.)*')(?!\w)"""
-"""What is quoted: a name, or the value of an argument that begins before it; an apostrophe in a word quotes nothing."""
+_QUOTATION = r"""(?<!\w)(?:"[^"]*"|'(?:[^'\\]|\\.)*')(?!\w)"""
+"""A quotation: a name, or the value of an argument that begins before it; an apostrophe in a word quotes nothing."""
 
 _TABLE = r"""\{(?=['"])(?:'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*"|[^{}'"])*\}"""
 """A mapping of names to columns as Python shows it."""
@@ -22,7 +22,7 @@ _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"bg\.(Derivative|Trajectory|Weak)Rows\(", lambda m: f'[rows] kind = "{m[1].lower()}"'),
     (r"data\.differentiate\(", lambda m: '[data.differentiate] method = "savgol"'),
     (r"data\.resample\(([^()]+)\)", lambda m: f"[data] resample = {m[1]}"),
-    (r"\b(sep|decimal|thousands|encoding|missing|constant|restart)=" + _QUOTED, lambda m: f'[data] {m[1]} = "{m[2]}"'),
+    (r"\b(sep|decimal|thousands|encoding|missing|constant|restart)=" + _VALUE, lambda m: f'[data] {m[1]} = "{m[2]}"'),
     (r"\bskiprows=(\d+)", lambda m: f"[data] skiprows = {m[1]}"),
     (r"\bskiprows=(?!\d)", lambda m: "[data] skiprows = lines above the names"),
     (r"\bdayfirst=(True|False)", lambda m: f"[data] dayfirst = {m[1].lower()}"),
@@ -40,55 +40,55 @@ _IN_FILES: tuple[tuple[str, Callable[[re.Match[str]], str]], ...] = (
     (r"bg\.(SpikeAndSlab|Laplace|RegularisedHorseshoe|Normal)\(", lambda m: f'[prior] kind = "{_snake(m[1])}"'),
     (r"bg\.find_missing_effects\(", lambda m: "bayes-greybox discover"),
 )  # fmt: skip
-"""How Python has it, and how a file does."""
+"""Arguments in Python, and the keys of a file."""
 
-_OPTIONS: tuple[tuple[str, str], ...] = (
+_INIT_OPTIONS: tuple[tuple[str, str], ...] = (
     (r"dayfirst=True or dayfirst=False", "--dayfirst or --monthfirst"),
-    (r"\b(sep|decimal|thousands|encoding|sheet)=" + _QUOTED, r'--\1 "\2"'),
+    (r"\b(sep|decimal|thousands|encoding|sheet)=" + _VALUE, r'--\1 "\2"'),
     (r"\bskiprows=(\d+)", r"--skiprows \1"),
     (r"\bskiprows=(?!\d)", "--skiprows "),
 )
-"""How Python has it, and how the command init does."""
+"""Arguments in Python, and the options of the command init."""
 
 
 def as_typed(command: str, message: str) -> str:
-    """An error with its remedy as the command's user can follow it.
+    """Rewrite an error so that its remedy fits the command that was typed.
 
     Args:
-        command: What was typed, such as "fit".
+        command: The command, such as "fit".
         message: The error, whose remedies are arguments of Python's functions.
 
     Returns:
         For a command that reads a configuration, with the keys of the file added at its end; for init, with its
-        options in the place of arguments. What is quoted, such as the name of a file or a column, is left as it is.
+        options in the place of arguments. Quotations, such as the name of a file or a column, stay as they are.
     """
     if command == "init":
-        for python, option in _OPTIONS:
+        for python, option in _INIT_OPTIONS:
             # From the end on, so that places stay.
             for match in reversed(_remedies(python, message)):
                 message = message[: match.start()] + match.expand(option) + message[match.end() :]
         return message
-    if command not in OF_FILES:
+    if command not in CONFIGURED_COMMANDS:
         return message
-    found = [(match.start(), said(match)) for python, said in _IN_FILES for match in _remedies(python, message)]
-    keys = [key for key in dict.fromkeys(key for _, key in sorted(found)) if key not in message]
+    places = [(match.start(), key(match)) for python, key in _IN_FILES for match in _remedies(python, message)]
+    keys = [key for key in dict.fromkeys(key for _, key in sorted(places)) if key not in message]
     return f"{message} In a file: {'; or '.join(keys)}." if keys else message
 
 
 def _remedies(python: str, message: str) -> list[re.Match[str]]:
-    """Where a message has an argument, and not a name that reads like one."""
-    quoted = [match.span() for match in re.finditer(_NAME, message)]
-    return [match for match in re.finditer(python, message) if not any(a < match.start() < b for a, b in quoted)]
+    """Find where a message has an argument, and not a name that reads like one."""
+    quotations = [match.span() for match in re.finditer(_QUOTATION, message)]
+    return [match for match in re.finditer(python, message) if not any(a < match.start() < b for a, b in quotations)]
 
 
 def _inline(table: str) -> str:
-    """Python's mapping as an inline table of TOML; keys without quotes where they need none."""
+    """Write Python's mapping as an inline table of TOML; keys have no quotes where they need none."""
     keys = {
         key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False): column
         for key, column in ast.literal_eval(table).items()
     }
-    said = ", ".join(f"{key} = {json.dumps(column, ensure_ascii=False)}" for key, column in keys.items())
-    return f"{{ {said} }}"
+    pairs = ", ".join(f"{key} = {json.dumps(column, ensure_ascii=False)}" for key, column in keys.items())
+    return f"{{ {pairs} }}"
 
 
 def _snake(name: str) -> str:

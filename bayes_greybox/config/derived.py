@@ -1,7 +1,7 @@
 """Sections that are classes of the package: their keys, types and limits are those of the class."""
 
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
@@ -15,53 +15,43 @@ from .section import Section, suggestion, wrong
 
 
 class Derived(Section):
-    """The fields of a class of the package; what the file leaves out has the default of the class."""
+    """The fields of a class of the package; keys that the file leaves out have the defaults of the class.
+
+    Attributes:
+        made: The class.
+        choosing: Keys that choose the object, or whether there is one.
+    """
 
     made: ClassVar[Callable[..., Any]]
+    choosing: ClassVar[tuple[str, ...]] = ()
 
     def build(self) -> Any:
-        """The object of the package."""
-        fields = self.given(*self._own())
+        """Return the object of the package."""
+        fields = self.given(*self.choosing)
         return type(self).made(**{key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()})
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        """Keys that say which object is built, or whether one is."""
-        return ()
 
 
 class Kind(Derived):
     """The fields of one of several classes, which the key `kind` chooses."""
 
+    choosing: ClassVar[tuple[str, ...]] = ("kind",)
     kind: str
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        return ("kind",)
 
 
 class Switch(Derived):
-    """The fields of a class, and whether there is such a part at all."""
+    """The fields of a class, and a switch for the whole part."""
 
+    choosing: ClassVar[tuple[str, ...]] = ("enabled",)
     enabled: bool = True
 
     def build(self) -> Any:
-        """The object of the package, or None where it is switched off."""
+        """Return the object of the package, or None where it is switched off."""
         return super().build() if self.enabled else None
-
-    @classmethod
-    def _own(cls) -> Iterable[str]:
-        return ("enabled",)
 
 
 @cache
 def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
-    """The section that has the fields of a dataclass.
-
-    Args:
-        part: The dataclass; its types state its limits (see `data.limits`).
-        base: The keys that the section has before those of the class.
-    """
+    """Return the section with the keys of a base and the fields of a dataclass, whose types state its limits."""
     hints = get_type_hints(part, include_extras=True)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(part):
@@ -75,10 +65,10 @@ def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
 
 @dataclasses.dataclass(frozen=True)
 class Table:
-    """Annotation of a table whose section is found when it is read, because that imports the room of models.
+    """Annotation of a table whose section is imported when it is read, because it needs the room of models.
 
     Attributes:
-        section: Finds the section for what the file has there.
+        section: Function from the content of the table to its section.
         shown: JSON schema of all that a file may have there; None for that of the one section.
     """
 
@@ -96,12 +86,7 @@ class Table:
 
 
 def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Table:
-    """Annotation of a table whose key `kind` says which class of a registry it has the fields of.
-
-    Args:
-        kinds: Imports the registry: classes by kind.
-        example: One of its kinds.
-    """
+    """Annotate a table whose key `kind`, such as the example, names the class of a registry for its fields."""
 
     def section(given: Any) -> type[Section]:
         if not isinstance(given, Mapping):
@@ -124,23 +109,23 @@ def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Tab
 
 @dataclasses.dataclass(frozen=True)
 class AlsoAs:
-    """Annotation of a value that a file may write in other ways too, which a validator turns into the one.
+    """Annotation of a value that a file may write in other ways, which a validator turns into the one.
 
     Attributes:
-        types: Those ways.
-        only: Whether they are all.
+        types: The other ways.
+        only: True if they are all.
     """
 
     types: tuple[Any, ...]
     only: bool = False
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
-        own = [] if self.only else [handler(schema)]
-        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *own]}
+        usual = [] if self.only else [handler(schema)]
+        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *usual]}
 
 
 def _in_toml(hint: Any) -> Any:
-    """A type of the package as a file can say it: lists for tuples, and limits as checks with their sentences."""
+    """Return a type of the package as a file can state it: lists for tuples, limits as checks with their sentences."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin is Annotated:
         checks = [_check(limit) for limit in arguments[1:]]
@@ -153,11 +138,17 @@ def _in_toml(hint: Any) -> Any:
 
 
 def _check(limit: Any) -> Any:
-    """A limit as Pydantic checks it."""
+    """Return a limit in the form that Pydantic checks."""
     if isinstance(limit, OneOf):
         return _Choice(limit)
     if isinstance(limit, Rule):
-        return BeforeValidator(lambda value: _kept(value, limit))
+
+        def kept(value: Any) -> Any:
+            if not limit.holds(value):
+                raise wrong(limit.words)
+            return value
+
+        return BeforeValidator(kept)
     return limit
 
 
@@ -169,19 +160,13 @@ class _Choice:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
         known = self.limit.known
-        return core_schema.no_info_before_validator_function(lambda value: _one_of(value, known), handler(source))
+
+        def one_of(value: Any) -> Any:
+            if not isinstance(value, str) or value not in known:
+                raise wrong(f"is not available; {suggestion(str(value), list(known))}")
+            return value
+
+        return core_schema.no_info_before_validator_function(one_of, handler(source))
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
         return {**handler(schema), "enum": list(self.limit.known)}
-
-
-def _one_of(value: Any, known: Mapping[str, Any]) -> Any:
-    if not isinstance(value, str) or value not in known:
-        raise wrong(f"is not available; {suggestion(str(value), list(known))}")
-    return value
-
-
-def _kept(value: Any, rule: Rule) -> Any:
-    if not rule.holds(value):
-        raise wrong(rule.words)
-    return value

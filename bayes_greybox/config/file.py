@@ -1,4 +1,4 @@
-"""The whole file: sections, and what is built from them."""
+"""The whole configuration file: sections, and the objects that are built from them."""
 
 import math
 from collections.abc import Mapping
@@ -14,11 +14,10 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
 from .derived import AlsoAs
-from .next_experiment import Next
 from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
-from .study import Study
+from .study import Next, Study
 
 if TYPE_CHECKING:
     from bayes_greybox.data.streams.row_stream import RowStream
@@ -46,7 +45,7 @@ class Noise(Section):
     force: Literal["fit"] | None = None
 
     def arguments(self) -> dict[str, Any]:
-        """Arguments of `GreyBox`, for the keys that the file has."""
+        """Return the arguments of `GreyBox` for the keys that the file has."""
         given = self.given()
         arguments = {"noise_floor": given.pop("floor")} if "floor" in given else {}
         if set(given) - {"scale"}:
@@ -67,10 +66,10 @@ class Sampling(Section):
 
 
 class Output(Section):
-    """[output]: where results go, relative to the folder that the command is run in.
+    """[output]: the place of results, relative to the folder that the command is run in.
 
     Attributes:
-        checkpoint_every: Seconds between two times that what was sampled is kept.
+        checkpoint_every: Seconds between two checkpoints of the draws.
     """
 
     folder: str | None = None
@@ -79,7 +78,7 @@ class Output(Section):
 
 
 class Compare(Section):
-    """[compare]: how models are compared; the arguments of `compare`."""
+    """[compare]: the arguments of `compare`."""
 
     scheme: Literal["loo", "block", "trajectory", "future"] = "loo"
     block: Count | None = None
@@ -106,9 +105,9 @@ class Config(Section):
     """A configuration file, checked; read one with `load_config`.
 
     Attributes:
-        copied_from: Of a copy beside results, the file that it is from: relative paths start from that one's folder.
-        asset: Of a copy beside results of a fleet's asset, the file that is read in place of [data] path, from the
-            folder of the copy.
+        copied_from: Original of a copy beside results: relative paths start from its folder.
+        asset: File that a copy beside results of a fleet's asset reads in place of [data] path, from the folder of the
+            copy.
     """
 
     copied_from: str | None = None
@@ -163,18 +162,18 @@ class Config(Section):
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
-            if said := self.data.equation_of_input(sections):
-                raise wrong(said)
+            if error := self.data.equation_of_input(sections):
+                raise wrong(error)
         return self
 
     @property
     def _formulas(self) -> dict[str, str]:
-        """Those of the simulation."""
+        """Formulas of the simulation."""
         return dict(self.simulation) if isinstance(self.simulation, Mapping) else {}
 
     @property
     def file(self) -> str:
-        """Name of the file; of a copy that of the original."""
+        """Name of the file, or of the original of a copy."""
         return self.origin.name
 
     @property
@@ -184,14 +183,11 @@ class Config(Section):
 
     @property
     def origin(self) -> Path:
-        """The file itself, or the one that it is a copy of: paths in it start from its folder."""
+        """The file itself, or the original of a copy: paths in it start from its folder."""
         return self._path if self.copied_from is None else (self._path.resolve().parent / self.copied_from).resolve()
 
     def of_asset(self, file: Path) -> "Config":
-        """The same configuration for another data file.
-
-        Args:
-            file: What is read in place of [data] path.
+        """Return the same configuration for another data file in place of [data] path.
 
         Raises:
             InputError: [data] reads no table.
@@ -208,7 +204,7 @@ class Config(Section):
 
     @property
     def folder(self) -> Path:
-        """Where results go: as the file says, else runs/<name>; of a copy beside results, where these are."""
+        """Folder for results: as the file says, else runs/<name>; a copy beside results has the folder of these."""
         if self.copied_from is not None and self._path.name == CONFIG:
             if command_of(self._path.parent) is not None:
                 return self._path.parent
@@ -220,21 +216,21 @@ class Config(Section):
         """Write a copy that can be run again where it lies.
 
         Args:
-            folder: Where it will lie.
-            place: Where it is written first; by default in the folder.
+            folder: Final folder of the copy.
+            place: Folder in which it is written first; by default the same.
         """
-        own = folder / CONFIG
-        if self.copied_from is None and own.exists() and own.samefile(self._path):
+        copy = folder / CONFIG
+        if self.copied_from is None and copy.exists() and copy.samefile(self._path):
             # The results lie beside the file itself, which stays as its author wrote it.
             return
         text = copy_of(self.text, self.origin, folder, self._asset)
         ((place or folder) / CONFIG).write_text(text, encoding="utf-8", newline="")
 
     def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
-        """Training data and, where the file asks for them, held-out data.
+        """Return training data and, where the file asks for them, held-out data.
 
         Raises:
-            InputError: If the data cannot be read or used, or are read in chunks.
+            InputError: The data cannot be read or used, or are read in chunks.
         """
         from bayes_greybox.data.trajectories import require_measured
 
@@ -244,38 +240,35 @@ class Config(Section):
         return train, test
 
     def read_rows(self) -> "tuple[Trajectories | RowStream, Trajectories | None]":
-        """The same for a fit, which may read its rows in chunks.
+        """Return the same for a fit, which may read its rows in chunks.
 
         Raises:
-            InputError: If the data cannot be read or used.
+            InputError: The data cannot be read or used.
         """
         return self.data.read(self.origin.parent)
 
     def build_model(self, name: str | None = None) -> "GreyBox":
-        """The model of the file, or one of its [models].
-
-        Args:
-            name: One of the keys of `models`; None for the file's own.
+        """Return the model of the file, or one of its [models] by name.
 
         Raises:
-            InputError: If there is no such model, it has no terms to fit, or its parts do not fit together.
+            InputError: There is no such model, it has no terms to fit, or its parts do not fit together.
         """
         if name is not None and name not in self.models:
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
-        own = self.models[name] if name is not None else Model()
-        dictionary = self._dictionary(own)
+        model = self.models[name] if name is not None else Model()
+        dictionary = self._dictionary(model)
         if not dictionary:
             raise InputError(
                 f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
                 "look for what the simulation misses with bayes-greybox discover."
             )
-        return self._model(dictionary, own)
+        return self._model(dictionary, model)
 
     def build_studied_model(self) -> "GreyBox":
-        """The model that missing effects are looked for in: the simulation, and the terms that are free anyway.
+        """Return the model in which missing effects are looked for: the simulation, and the terms that are free anyway.
 
         Raises:
-            InputError: If there is neither, or its parts do not fit together.
+            InputError: There is neither, or its parts do not fit together.
         """
         if not (self.simulation or self.dictionary):
             raise InputError(
@@ -285,10 +278,10 @@ class Config(Section):
         return self._model(self.dictionary, Model())
 
     def study_arguments(self) -> dict[str, Any]:
-        """Arguments of `find_missing_effects` beside model and data.
+        """Return the arguments of `find_missing_effects` beside model and data.
 
         Raises:
-            InputError: If [sampling] has a setting that a study does not take.
+            InputError: [sampling] has a setting that a study does not take.
         """
         if "target_accept" in self.sampling.model_fields_set:
             raise InputError(f'"{self._path}": [sampling] target_accept does not apply to discover; leave it out.')
@@ -298,42 +291,40 @@ class Config(Section):
     def _dictionary(self, model: Model) -> Dictionary:
         return self.dictionary if model.dictionary is None else model.dictionary
 
-    def _model(self, dictionary: Dictionary, own: Model) -> "GreyBox":
+    def _model(self, dictionary: Dictionary, model: Model) -> "GreyBox":
         from bayes_greybox.greybox import GreyBox
 
         if isinstance(self.data, TableSource):
-            if said := self.data.rate_without_equation(self._formulas, dictionary):
-                raise InputError(f'"{self._path}": {said}.')
+            if error := self.data.rate_without_equation(self._formulas, dictionary):
+                raise InputError(f'"{self._path}": {error}.')
 
         parts = {
-            "prior": own.prior or self.prior,
-            "discrepancy": own.discrepancy or self.discrepancy,
+            "prior": model.prior or self.prior,
+            "discrepancy": model.discrepancy or self.discrepancy,
             "rows": self.rows,
         }
         given = self.simulation
+        coefficients = self.coefficients if model.coefficients is None else model.coefficients
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
-            coefficients=_built(self.coefficients if own.coefficients is None else own.coefficients),
+            coefficients={state: {name: c.build() for name, c in each.items()} for state, each in coefficients.items()},
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),
         )
 
-    def with_comparison(self, **settings: Any) -> "Config":
-        """The same configuration with some settings of [compare] replaced.
+    def with_settings(self, name: str, **settings: Any) -> "Config":
+        """Return the same configuration with some settings of the section [name] replaced; None leaves one as it is.
 
         Raises:
-            InputError: If a value cannot be used.
+            InputError: A value cannot be used.
         """
-        return self.model_copy(update={"compare": _replaced(self.compare, settings)})
-
-    def with_sampling(self, **settings: int | None) -> "Config":
-        """The same configuration with some settings of [sampling] replaced.
-
-        Raises:
-            InputError: If a value cannot be used.
-        """
-        return self.model_copy(update={"sampling": _replaced(self.sampling, settings)})
+        section: Section = getattr(self, name)
+        chosen = {key: value for key, value in settings.items() if value is not None}
+        try:
+            return self.model_copy(update={name: type(section).model_validate({**section.given(), **chosen})})
+        except ValidationError as error:
+            raise InputError(sentences(error)) from None
 
 
 def load_config(path: str | Path) -> Config:
@@ -343,7 +334,7 @@ def load_config(path: str | Path) -> Config:
         path: The TOML file; paths in it are relative to its folder.
 
     Raises:
-        InputError: If the file cannot be read, is not TOML, or has an unknown key or a value that cannot be
+        InputError: The file cannot be read, is not TOML, or has an unknown key or a value that cannot be
             used; the message names the file and the place.
     """
     path = Path(path)
@@ -354,15 +345,3 @@ def load_config(path: str | Path) -> Config:
         raise InputError(f'"{path}": {sentences(error)}') from None
     config._path, config._text = path, text
     return config if config.asset is None else config.of_asset(path.resolve().parent / config.asset)
-
-
-def _built(coefficients: Coefficients) -> dict[str, dict[str, Any]]:
-    return {state: {term: c.build() for term, c in terms.items()} for state, terms in coefficients.items()}
-
-
-def _replaced(section: Section, settings: Mapping[str, Any]) -> Any:
-    chosen = {key: value for key, value in settings.items() if value is not None}
-    try:
-        return type(section).model_validate({**section.given(), **chosen})
-    except ValidationError as error:
-        raise InputError(sentences(error)) from None

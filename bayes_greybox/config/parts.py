@@ -47,16 +47,16 @@ class Term(Section):
         if stated:
             from bayes_greybox.physics.coefficient import coefficient_of_term
 
-            said = [stated.get(key) for key in ("sign", "prior", "fixed", "bounds")]
+            statement = [stated.get(key) for key in ("sign", "prior", "fixed", "bounds")]
             try:
-                coefficient_of_term(self.name or self.expression, *said)
+                coefficient_of_term(self.name or self.expression, *statement)
             except InputError as error:
                 raise wrong(str(error)) from None
         return self
 
 
 class FMUFile(Section):
-    """[simulation] with the key fmu: an FMU, and what `FMU` takes beside the file."""
+    """[simulation] with the key fmu: an FMU, and the arguments of `FMU` beside the file."""
 
     fmu: str
     parameters: dict[str, Finite] = {}
@@ -67,13 +67,10 @@ class FMUFile(Section):
     step: Positive | None = None
 
     def build(self, folder: Path) -> "FMU":
-        """The simulation.
-
-        Args:
-            folder: That relative paths start from.
+        """Return the simulation; relative paths start from the folder.
 
         Raises:
-            InputError: A file that cannot be used, or that does not have what is named.
+            InputError: The file cannot be used, or lacks a name.
         """
         from bayes_greybox.physics.simulation.fmu.given import FMU
 
@@ -111,22 +108,25 @@ def _coefficient(given: Any) -> type[Section]:
 Coefficients = dict[str, dict[str, Annotated[Any, Table(_coefficient)]]]
 
 
+TermOrFormula = Annotated[
+    Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))
+]
+
+
 class Terms(Section):
     """The terms of one equation: those of the polynomial, then the listed ones."""
 
     polynomial: Monomials | None = None
-    terms: list[Annotated[Term, BeforeValidator(lambda v: _as_term(v)), AlsoAs((str,))]] = []
+    terms: list[
+        Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))]
+    ] = []
 
     def build(self) -> "list[terms.Term]":
-        """The terms of the package."""
+        """Return the terms of the package."""
         from bayes_greybox.physics import terms
 
         monomials = () if self.polynomial is None else terms.polynomial(**self.polynomial.given())
         return [*monomials, *(terms.Term(**term.given()) for term in self.terms)]
-
-
-def _as_term(given: Any) -> Any:
-    return {"expression": given} if isinstance(given, str) else given
 
 
 def _as_terms(given: Any) -> Any:

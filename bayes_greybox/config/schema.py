@@ -8,16 +8,16 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema() -> dict[str, Any]:
-    """Keys, types, limits and choices of a configuration file, as JSON Schema has them.
+    """Return keys, types, limits and choices of a configuration file as JSON Schema.
 
-    What needs more than one key to be seen, such as `test_fraction` beside `test`, only the checker tells.
+    Rules about more than one key, such as `test_fraction` beside `test`, are known to the checker alone.
     """
     schema = {"$schema": DIALECT, **Config.model_json_schema(), "title": "Configuration of bayes-greybox"}
     return _without_nothing(schema)
 
 
 def _without_nothing(schema: Any) -> Any:
-    """The schema without null, which TOML does not have: what a file leaves out has the package's default."""
+    """Remove null from the schema, which TOML does not have: keys that a file leaves out have the package's default."""
     if isinstance(schema, list):
         return [_without_nothing(each) for each in schema if each != {"type": "null"}]
     if not isinstance(schema, dict):

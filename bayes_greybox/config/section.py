@@ -1,4 +1,4 @@
-"""What every table of a configuration file has in common, and the sentence for what is wrong in one."""
+"""The base of all tables of a configuration file, and the sentences for errors in one."""
 
 import difflib
 from collections.abc import Callable, Mapping
@@ -16,44 +16,44 @@ class Section(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _check_keys(cls, given: Any, handler: Callable[[Any], Any]) -> Any:
-        """Unknown keys beside whatever else is wrong in the table, so that all is told at once."""
+        """Report unknown keys beside all other errors in the table, so that all are shown at once."""
         known = list(cls.model_fields)
         unknown = [key for key in given if key not in known] if isinstance(given, Mapping) else []
         if not unknown:
             return handler(given)
-        told = [
+        errors = [
             InitErrorDetails(type=wrong(f"unknown key {key!r}; {suggestion(str(key), known)}"), input=given)
             for key in unknown
         ]
         try:
             handler({key: value for key, value in given.items() if key in known})
         except ValidationError as error:
-            told += [_again(each) for each in error.errors()]
-        raise ValidationError.from_exception_data(cls.__name__, told)
+            errors += [_again(each) for each in error.errors()]
+        raise ValidationError.from_exception_data(cls.__name__, errors)
 
     def given(self, *leave_out: str) -> dict[str, Any]:
-        """The keys that the file has; for the others the package's own defaults hold."""
+        """Return the keys that the file has; for the others the package's own defaults hold."""
         return self.model_dump(exclude_unset=True, exclude=set(leave_out))
 
 
 def wrong(text: str) -> PydanticCustomError:
-    """The error of a validator, with its sentence."""
+    """Return the error of a validator, with its sentence."""
     return PydanticCustomError("config", "{text}", {"text": text})
 
 
 def suggestion(word: str, known: list[str]) -> str:
-    """The nearest known word, or all of them."""
+    """Suggest the nearest known word, or list all of them."""
     near = difflib.get_close_matches(word.lower(), known, n=1, cutoff=0.6)
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}."
 
 
 def sentences(error: ValidationError) -> str:
-    """A sentence for each thing that is wrong, starting with its place: [section] key."""
+    """Write a sentence for each error, starting with its place: [section] key."""
     return " Also: ".join(dict.fromkeys(_sentence(each) for each in error.errors()))
 
 
 def _again(error: ErrorDetails) -> InitErrorDetails:
-    """An error that was raised before, to be raised with others."""
+    """Prepare an error to be raised again, with others."""
     kind: Any = error["type"]
     if kind == "config":
         kind = wrong(str(error.get("ctx", {}).get("text", error["msg"])))
@@ -77,13 +77,15 @@ def _sentence(first: ErrorDetails) -> str:
         known = [word.strip(" '") for word in expected.split(",") if word.strip()]
         message = f"is not available; {suggestion(str(given), known)}"
     elif first["type"] != "config":
-        wanted = _WANTED.get(first["type"]) or message.removeprefix("Input should be ")
+        wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"
-    return _finished(f"{_section(place)}{key} = {_shown(given)} {message}")
+    shown = repr(given)
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    return _finished(f"{_section(place)}{key} = {shown} {message}")
 
 
 # The library's own words for these are for programmers.
-_WANTED = {
+_EXPECTED = {
     "int_type": "a whole number",
     "float_type": "a number",
     "string_type": "text in quotes",
@@ -101,8 +103,3 @@ def _section(place: list[Any]) -> str:
 
 def _finished(text: str) -> str:
     return text if text.endswith(("?", ".")) else f"{text}."
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -11,7 +11,6 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .names import equation_of_input, rate_without_equation
 from .section import Section, wrong
 
 if TYPE_CHECKING:
@@ -31,10 +30,10 @@ class Differentiate(Section):
 
 
 class Source(Section, ABC):
-    """What every kind of [data] may have.
+    """Settings that every kind of [data] may have.
 
     Attributes:
-        resample: Distance of even times that samples are put on by a spline; see `Trajectories.resample`.
+        resample: Spacing of even times at which samples are interpolated by a spline; see `Trajectories.resample`.
     """
 
     resample: Positive | None = None
@@ -52,7 +51,7 @@ class Source(Section, ABC):
 
     @property
     def held_out(self) -> bool:
-        """Whether there is a table [data.test]."""
+        """True if there is a table [data.test]."""
         return getattr(self, "test", None) is not None
 
     @property
@@ -61,7 +60,7 @@ class Source(Section, ABC):
         return None if self.differentiate is None else self.differentiate.given()
 
     def read(self, folder: Path) -> "tuple[Trajectories | RowStream, Trajectories | None]":
-        """Training data and, where the file asks for them, held-out data."""
+        """Return training data and, where the file asks for them, held-out data."""
         first: Any = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None
         if self.test_fraction is not None:
@@ -76,16 +75,12 @@ class Source(Section, ABC):
         return first, second
 
     def files(self, folder: Path) -> list[Path]:
-        """Files of measurements that are read; none where they are computed or come with the package.
-
-        Args:
-            folder: Where paths start.
-        """
+        """List the files of measurements from this folder on; none where data are computed or packaged."""
         return []
 
     @abstractmethod
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
-        """The measurements as they are, of the training or of the held-out data."""
+        """Load the training or the held-out data as they are."""
 
 
 class TableTest(Section):
@@ -95,13 +90,13 @@ class TableTest(Section):
 
 
 STREAMING = ("sample", "workers", "scheduler")
-"""Keys of a table that only rows in chunks have."""
+"""Keys of a table for rows in chunks only."""
 
 STREAMED = (
     "path", "time", "states", "inputs", "derivatives", "outputs", "run", "trajectory", "restart", "units", "missing",
     "stream", "test", *STREAMING,
 )  # fmt: skip
-"""Keys that they may have."""
+"""Keys that are allowed with rows in chunks."""
 
 
 class TableSource(Source):
@@ -161,12 +156,27 @@ class TableSource(Source):
         return self
 
     def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
-        """What is wrong where a section, of these with their names, has an equation of an input; "" where none has."""
-        return equation_of_input(self.inputs, self._with_equations, sections)
+        """Say that a section, of these by name, has an equation of an input; "" where none has."""
+        outside = set(self.inputs) - set(self._with_equations)
+        for section, names in sections.items():
+            name = next((name for name in names if name in outside), None)
+            if name is not None:
+                return (
+                    f"{section} still has a line for {name!r}, which [data] has among its inputs: what acts from "
+                    "outside has no equation; delete that line"
+                )
+        return ""
 
     def rate_without_equation(self, simulation: Mapping[str, str], learned: Iterable[str]) -> str:
-        """What is wrong where a rate is only named, in the simulation; "" where that is not so."""
-        return rate_without_equation(simulation, [*self._with_equations, *self.inputs, *learned])
+        """Say that the simulation only names a rate, and nothing gives its equation; "" where that is not so."""
+        known = {*self._with_equations, *self.inputs, *learned, *simulation, "t", "pi"}
+        for state, formula in simulation.items():
+            if formula.isidentifier() and formula not in known:
+                return (
+                    f"[simulation] says that the rate of {state!r} is {formula!r}, and not what the rate of "
+                    f'{formula!r} is: add a line {formula} = "..." with what your simulation says'
+                )
+        return ""
 
     @property
     def _with_equations(self) -> list[str]:
@@ -176,19 +186,19 @@ class TableSource(Source):
     @property
     def filter_settings(self) -> dict[str, Any] | None:
         """Arguments of `Trajectories.differentiate`; None where nothing is to be differentiated."""
-        own = super().filter_settings
-        return own if not self.rates else {**(own or {}), "rates": self.rates}
+        settings = super().filter_settings
+        return settings if not self.rates else {**(settings or {}), "rates": self.rates}
 
     def files(self, folder: Path) -> list[Path]:
-        """The tables."""
+        """List the tables."""
         given = [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]
-        found = []
+        files = []
         for path in given:
             # As they are read: a file of that very name first.
             whole = folder / path
             pattern = glob.has_magic(path) and not whole.exists()
-            found += sorted(map(Path, glob.glob(str(_located(path, folder))))) if pattern else [whole]
-        return found
+            files += sorted(map(Path, glob.glob(str(_located(path, folder))))) if pattern else [whole]
+        return files
 
     def load(self, folder: Path, *, test: bool) -> "Any":
         """Read the file, or open it as a stream."""
@@ -258,8 +268,8 @@ class TimeRange(Section):
     points: Annotated[int, Field(ge=4)]
 
 
-class SystemTest(Section):
-    """[data.test] of a simulated system: what differs from the training data."""
+class Sampled(Section):
+    """Arguments of `System.simulate`."""
 
     t: TimeRange | None = None
     x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
@@ -268,16 +278,15 @@ class SystemTest(Section):
     seed: Seed = 0
 
 
-class SystemSource(Source):
+class SystemTest(Sampled):
+    """[data.test] of a simulated system: settings that differ from the training data."""
+
+
+class SystemSource(Source, Sampled):
     """[data] with system: data simulated from a system of `bayes_greybox.systems`."""
 
     system: Literal["duffing", "lotka_volterra", "oscillator", "pendulum", "two_tanks", "van_der_pol"]
     parameters: dict[str, float] = {}
-    t: TimeRange | None = None
-    x0: Annotated[Any, BeforeValidator(lambda v: _start(v))] = None
-    noise: NotNegative = 0.0
-    noise_on: Literal["derivatives", "states", "both"] = "derivatives"
-    seed: Seed = 0
     test: SystemTest | None = None
 
     def load(self, folder: Path, *, test: bool) -> "Trajectories":
@@ -286,7 +295,7 @@ class SystemSource(Source):
 
         import numpy as np
 
-        from bayes_greybox.physics import systems
+        from bayes_greybox.physics.experiments import systems
 
         build = getattr(systems, self.system)
         known = list(inspect.signature(build).parameters)
@@ -295,8 +304,7 @@ class SystemSource(Source):
                 raise InputError(
                     f"[data.parameters] {self.system} has no parameter {name!r}; it has {', '.join(known)}."
                 )
-        names = ("t", "x0", "noise", "noise_on", "seed")
-        settings = {name: getattr(self, name) for name in names}
+        settings = {name: getattr(self, name) for name in Sampled.model_fields}
         if test and self.test is not None:
             settings |= {name: getattr(self.test, name) for name in self.test.model_fields_set}
         t = settings.pop("t")
@@ -329,7 +337,7 @@ def _each(path: str | list[str]) -> list[str]:
 
 
 def _located(path: str | list[str], folder: Path) -> Any:
-    """Paths from the folder of the configuration file, which is no pattern even if its name looks like one."""
+    """Return paths from the folder of the configuration file, which is no pattern even if its name looks like one."""
     if isinstance(path, list):
         return [_located(each, folder) for each in path]
     return folder / path if not glob.has_magic(path) else str(Path(glob.escape(str(folder))) / path)

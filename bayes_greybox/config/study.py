@@ -1,4 +1,4 @@
-"""[study]: how missing effects are looked for."""
+"""[study] and [next]: the search for missing effects, and the ranking of next experiments."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field
 
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.running.limits import Count
+from bayes_greybox.running.limits import Count, NotNegative, Positive
 
 from .derived import Table, section_of
 from .section import Section, wrong
@@ -24,7 +24,7 @@ Odds = Annotated[Any, Table(_odds)]
 class Study(Section):
     """[study]: arguments of `find_missing_effects`.
 
-    The data that no decision is made on are those of [data]: test_fraction or the table test.
+    Data on which no decision is made are those of [data]: test_fraction or the table test.
     """
 
     catalogue: Annotated[str | list[str], BeforeValidator(lambda v: v if v == [] else _words(v, "catalogue"))] = (
@@ -39,32 +39,44 @@ class Study(Section):
     interpolation: Literal["linear", "cubic", "zoh"] | None = None
 
     def files(self, folder: Path) -> list[Path]:
-        """Catalogues that are files.
-
-        Args:
-            folder: Where their paths start.
-        """
+        """List the catalogues that are files; their paths start from the folder."""
         names = [self.catalogue] if isinstance(self.catalogue, str) else self.catalogue
         return [folder / name for name in names if name.endswith(".toml")]
 
     def arguments(self, folder: Path) -> dict[str, Any]:
-        """Arguments of `find_missing_effects`, for the keys that the file has.
-
-        Args:
-            folder: Where the paths of catalogues start.
-        """
+        """Return the arguments of `find_missing_effects` for the keys in the file; paths start from the folder."""
         given = self.given("odds", "catalogue")
         if "catalogue" in self.model_fields_set:
             names = self.catalogue
-            found = [_located(name, folder) for name in ([names] if isinstance(names, str) else names)]
-            given["catalogue"] = found[0] if isinstance(names, str) else found
+            given["catalogue"] = (
+                _located(names, folder) if isinstance(names, str) else [_located(name, folder) for name in names]
+            )
         if self.odds is not None:
             given["odds"] = self.odds.build()
         return given
 
 
+class Next(Section):
+    """[next]: arguments of `Study.next_experiment`; options of the command next go before them.
+
+    Attributes:
+        sensors: Standard deviation of the noise by channel.
+        starts: States at the start, each a table of values by name.
+    """
+
+    signals: list[str] | None = None
+    amplitudes: list[Positive] | None = None
+    starts: list[dict[str, float]] | None = None
+    sensors: dict[str, Positive] | None = None
+    duration: Positive | None = None
+    rows: Count | None = None
+    batch: Count | None = None
+    threshold: NotNegative | None = None
+    outcomes: Count | None = None
+
+
 def _located(name: str, folder: Path) -> str:
-    """A catalogue of the package by its name; a file by its path, from the configuration's folder."""
+    """Return a catalogue of the package by its name, or a file by its path from the configuration's folder."""
     return str(folder / name) if name.endswith(".toml") else name
 
 

@@ -14,9 +14,17 @@ from bayes_greybox.data.samples.starts import estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.whole_rate import whole_rate
-from bayes_greybox.physics import integrate
-from bayes_greybox.physics.integrate import Limits, Samples, follow_piece
-from bayes_greybox.physics.solvers import diffrax
+from bayes_greybox.physics.integration.adaptive_steps import (
+    Limits,
+    Samples,
+    StepSettings,
+    between_samples_of_runs,
+    cut,
+    follow_piece,
+    joined,
+    limits_of,
+)
+from bayes_greybox.physics.integration.solvers import diffrax
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.traces import kept
@@ -27,7 +35,7 @@ from .prediction import require_columns
 FREE_RUN_DRAWS = 50
 """Posterior draws that a free run integrates."""
 
-ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integrate", "physics.simulation")
+ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integration.adaptive_steps", "physics.simulation")
 """Modules that a trace of a free run depends on."""
 
 MOST_STIFF = 100_000
@@ -123,9 +131,10 @@ class FreeRunner:
     Args:
         right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
         interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic", one
-            for all or one for each. By default `physics.integrate.between_samples` chooses linear or cubic for each.
+            for all or one for each. By default `physics.integration.adaptive_steps.between_samples` chooses linear or
+            cubic for each.
         identity: Key of the right-hand side for `traces.kept`; None: no trace is kept.
-        **options: Tolerances of `physics.integrate.follow_piece`.
+        **options: Tolerances, as of `physics.integration.adaptive_steps.StepSettings`.
     """
 
     def __init__(
@@ -142,8 +151,9 @@ class FreeRunner:
                     settings: dict[str, Any] = {**options, "adjoint": diffrax().ForwardMode()}
                     if stiff:
                         settings |= {"solver": diffrax().Kvaerno5(), "max_steps": MOST_STIFF}
+                    limits_of_one = limits._replace(x0=x0)
                     return follow_piece(
-                        right_hand_side, start, samples, limits._replace(x0=x0), args, kinds, **settings
+                        right_hand_side, start, samples, limits_of_one, args, kinds, StepSettings(**settings)
                     )
 
                 return jax.vmap(one)(start, limits.x0, parameters)
@@ -175,7 +185,7 @@ class FreeRunner:
             starts = np.tile(measured, (n_draw, 1, 1))
         kinds = self.interpolation
         if kinds is None:
-            kinds = integrate.between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
+            kinds = between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
         states, failed_at = [], []
         for i, run in enumerate(runs):
             u = run.matrix(data.input_names) if data.input_names else None
@@ -188,8 +198,8 @@ class FreeRunner:
         self, t: np.ndarray, u: np.ndarray | None, kinds: str | Sequence[str], x0: np.ndarray, size: np.ndarray,
         parameters: Any,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        samples, kinds = integrate.cut(t, u, kinds)
-        limits = integrate.limits_of(t, x0, size)
+        samples, kinds = cut(t, u, kinds)
+        limits = limits_of(t, x0, size)
 
         def whole(stiff: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             start, pieces = (x0, np.ones(len(x0), bool)), []
@@ -207,5 +217,5 @@ class FreeRunner:
             others = whole(True)
             states = np.where(exhausted[:, None, None, None], others[0], states)
             failed_at = np.where(exhausted[:, None], others[1], failed_at)
-        path, failed = integrate.joined(x0, t, states, failed_at)
+        path, failed = joined(x0, t, states, failed_at)
         return np.asarray(path), np.asarray(failed)

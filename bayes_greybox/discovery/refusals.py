@@ -8,9 +8,9 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.candidate import Candidate
 from bayes_greybox.physics.catalogue.effect_tables import nearest
-from bayes_greybox.physics.integrate import check_interpolation
+from bayes_greybox.physics.experiments.candidate import Candidate
+from bayes_greybox.physics.integration.adaptive_steps import check_interpolation
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import check_units, require_units_of

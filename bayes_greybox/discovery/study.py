@@ -18,7 +18,7 @@ from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.plain_values import plain_rows
@@ -226,10 +226,8 @@ def investigate(
                 log.info("%s: %s", name, text)
 
             say("reading the data")
-            columns = roles_of(
-                formulas, train.state_names, train.input_names, name, roles, train.units, pairs,
-                train.output_names,
-            )  # fmt: skip
+            of_data = Columns(train.state_names, train.input_names, train.output_names, train.units)
+            columns = roles_of(formulas, of_data, name, roles, pairs)
             # A force may be measured as that of a machine or as that on it.
             known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
             left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}

@@ -1,1 +1,1 @@
-"""Studies of many assets under one description, or of one: what a configuration asks for, on many machines."""
+"""Studies of many assets under one description, or of one configuration, on one machine or on many."""

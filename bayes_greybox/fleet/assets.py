@@ -8,7 +8,7 @@ from bayes_greybox.running.errors import InputError
 
 from .files import data_files, files_of, require_one_each
 
-CONFIGURATION = ".toml"
+CONFIGURATION_SUFFIX = ".toml"
 """Ending of files that are configurations of their own."""
 
 
@@ -17,7 +17,7 @@ class Asset:
     """One machine, plant or patient.
 
     Attributes:
-        name: Its file's, without the ending.
+        name: Name of its file, without the ending.
         config: Path of the configuration.
         data: File that is read in place of the configuration's own; None where it has its own.
     """
@@ -27,28 +27,24 @@ class Asset:
     data: Path | None = None
 
     def settings(self) -> Config:
-        """Its configuration.
+        """Return its configuration.
 
         Raises:
-            InputError: It cannot be read, or reads no file that another one could stand for.
+            InputError: It cannot be read, or reads no file that another one could replace.
         """
         settings = load_config(self.config)
         return settings if self.data is None else settings.of_asset(self.data)
 
 
 def assets_of(folder: Path, config: Path | None) -> list[Asset]:
-    """The assets of a folder, by name.
-
-    Args:
-        folder: Of data files, all studied under one configuration, or of configurations; other files are passed over.
-        config: The configuration of data files; None: every asset has its own.
+    """List the assets of a folder, by name: data files under one configuration, or configurations if that is None.
 
     Raises:
-        InputError: There is no such folder, nothing to study in it, two files of one name, or a configuration that no
-            file can be studied under.
+        InputError: There is no such folder, nothing to study in it, two files of one name, or a configuration under
+            which no file can be studied.
     """
     if config is None:
-        assets = [Asset(f.stem, f) for f in files_of(folder) if f.suffix == CONFIGURATION]
+        assets = [Asset(f.stem, f) for f in files_of(folder) if f.suffix == CONFIGURATION_SUFFIX]
         if not assets:
             raise InputError(
                 f'"{folder}" has no configuration files (*.toml): put one for each asset there, or give the one that '
@@ -56,7 +52,7 @@ def assets_of(folder: Path, config: Path | None) -> list[Asset]:
             )
     else:
         assets = [Asset(f.stem, config.resolve(), f) for f in data_files(folder)]
-        # What is wrong with the configuration is no fault of any asset's.
+        # Errors in the configuration are no fault of any asset's.
         assets[0].settings().build_studied_model()
     require_one_each(folder, [asset.name for asset in assets])
     return assets

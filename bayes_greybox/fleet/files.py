@@ -8,13 +8,10 @@ from bayes_greybox.running.errors import InputError
 
 
 def files_of(folder: Path) -> list[Path]:
-    """All files of a fleet's folder, by name; hidden ones and those of editors are passed over.
-
-    Args:
-        folder: The folder.
+    """List the files of a fleet's folder by name, without hidden ones and those of editors.
 
     Raises:
-        InputError: There is no such folder; a name that cannot be printed.
+        InputError: There is no such folder, or a name cannot be printed.
     """
     if not folder.is_dir():
         raise InputError(f'There is no folder "{folder}"; a fleet is a folder with a file for each asset.')
@@ -26,10 +23,7 @@ def files_of(folder: Path) -> list[Path]:
 
 
 def data_files(folder: Path) -> list[Path]:
-    """Files of a fleet's folder that are read as measurements.
-
-    Args:
-        folder: The folder.
+    """List the files of a fleet's folder that are read as measurements.
 
     Raises:
         InputError: There are none; see `files_of`.
@@ -41,11 +35,7 @@ def data_files(folder: Path) -> list[Path]:
 
 
 def require_one_each(folder: Path, names: Sequence[str]) -> None:
-    """Refuse two files of one name.
-
-    Args:
-        folder: Where they lie.
-        names: Without endings.
+    """Refuse two files of a folder with one name, without endings.
 
     Raises:
         InputError: Two are the same, see `alike`.
@@ -57,11 +47,7 @@ def require_one_each(folder: Path, names: Sequence[str]) -> None:
 
 
 def alike(names: Sequence[str]) -> tuple[str, str] | None:
-    """Two names that are one, or would be where capitals do not count: many disks have one folder for both.
-
-    Args:
-        names: Of assets.
-    """
+    """Return two names that are one, or would be where capitals do not count: many disks have one folder for both."""
     known: dict[str, str] = {}
     for name in names:
         if name.casefold() in known:

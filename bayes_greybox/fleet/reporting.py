@@ -12,27 +12,21 @@ from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.running.stages import stage
 
-STUDY, PAGE = "study.nc", "gap.html"
+STUDY, STUDY_PAGE = "study.nc", "gap.html"
 """Names of a study's file and of its page."""
 
-MARK = "asset.json"
-"""What says in an asset's folder that its study is whole."""
+ASSET_MARK = "asset.json"
+"""File in an asset's folder that marks its study as whole."""
 
 EARLIER = "earlier-"
-"""Begins the names of results that a later run set aside as it failed."""
+"""Prefix of results that a later run set aside as it failed."""
 
 FIGURES = ("gap_map", "gap_time", "ranking", "rounds")
 """Figures of each equation, see `report.plots.study_figures`."""
 
 
 def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: bool) -> None:
-    """Write a study's record and page to a folder, and its figures where they are wanted.
-
-    Args:
-        folder: The folder.
-        study: The study.
-        record: What summary.json is to say.
-        figures: Whether to draw.
+    """Write a study's record, for summary.json, and page to a folder, and its figures where they are wanted.
 
     Raises:
         InputError: A file cannot be written.
@@ -42,7 +36,7 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
         from bayes_greybox.report.pages.study_page import study_html
 
         write_json(part / RECORD, {"command": "discover", **record})
-        study_html(study, part / PAGE)
+        study_html(study, part / STUDY_PAGE)
     if figures:
         with stage("Drawing"):
             from bayes_greybox.report.plots import save_figures, study_figures
@@ -51,33 +45,24 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
 
 
 def set_aside(folder: Path) -> None:
-    """Rename an asset's record and page of an earlier run, so that they do not say what a later one that failed denies.
-
-    Args:
-        folder: The asset's folder, which need not exist.
-    """
-    for name in (RECORD, PAGE):
+    """Rename the record and page of an earlier run in an asset's folder, because a later run failed."""
+    for name in (RECORD, STUDY_PAGE):
         with suppress(OSError):
             (folder / name).replace(folder / f"{EARLIER}{name}")
 
 
 def put_back(folder: Path) -> None:
-    """Undo `set_aside`: what kept an asset from being studied may be over.
-
-    Args:
-        folder: The asset's folder, which need not exist.
-    """
-    for name in (RECORD, PAGE):
+    """Undo `set_aside`: the reason of the failure may be gone."""
+    for name in (RECORD, STUDY_PAGE):
         if not (folder / name).exists():
             with suppress(OSError):
                 (folder / f"{EARLIER}{name}").replace(folder / name)
 
 
 def remove_results(folder: Path) -> None:
-    """Remove the files that a study wrote to a folder, and the folder if no others are in it.
+    """Remove the files that a study wrote to a folder, and the folder if it is empty then.
 
-    Args:
-        folder: The folder; nothing is removed where it holds no study, or one with a configuration of its own.
+    Nothing is removed where the folder holds no study, or one with a configuration of its own.
     """
     copied = False
     with suppress(OSError):
@@ -87,9 +72,9 @@ def remove_results(folder: Path) -> None:
     put_back(folder)
     if command_of(folder) != "discover":
         return
-    own = [*_figures(folder / RECORD), STUDY, PAGE, RECORD, MARK, *(f"{EARLIER}{name}" for name in (RECORD, PAGE))]
-    own += [CONFIG] if copied else []
-    for name in own:
+    names = [*_figures(folder / RECORD), STUDY, STUDY_PAGE, RECORD, ASSET_MARK]
+    names += [*(f"{EARLIER}{name}" for name in (RECORD, STUDY_PAGE)), *([CONFIG] if copied else [])]
+    for name in names:
         with suppress(OSError):
             (folder / name).unlink()
     for place in (folder / "figures", folder):
@@ -98,12 +83,12 @@ def remove_results(folder: Path) -> None:
 
 
 def _figures(record: Path) -> list[str]:
-    """Paths that a study's figures have, if any were drawn."""
+    """Return the paths of a study's figures, if any were drawn."""
     try:
-        said = json.loads(record.read_text(encoding="utf-8"))
-        ends = ["", *(f"_{row['equation']}" for row in said["hypotheses"])]
+        content = json.loads(record.read_text(encoding="utf-8"))
+        ends = ["", *(f"_{row['equation']}" for row in content["hypotheses"])]
         names = [f"{name}{end}" for name in FIGURES for end in ends]
-        names += ["added_coefficients", *(f"free_run_{row['variable']}" for row in said["gap"])]
+        names += ["added_coefficients", *(f"free_run_{row['variable']}" for row in content["gap"])]
     except (OSError, ValueError, KeyError, TypeError):
         return []
     return [f"figures/{name}.png" for name in dict.fromkeys(names)]

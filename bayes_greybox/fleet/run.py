@@ -16,9 +16,9 @@ from bayes_greybox.running.stages import stages
 from bayes_greybox.running.tasks import SCHEDULER_LOST
 
 from .assets import Asset
-from .reporting import MARK, put_back, set_aside
+from .reporting import ASSET_MARK, put_back, set_aside
 from .study import study_into
-from .together import ASSETS, Told, studied_together, write_fleet
+from .together import ASSETS, AssetResult, studied_together, write_fleet
 
 
 def study_fleet(
@@ -30,40 +30,32 @@ def study_fleet(
     scheduler: str | None = None,
     progress: bool = True,
 ) -> Fleet:
-    """Study all assets, or those that were not studied before, and write what they say together.
+    """Study all assets that were not studied before, and write the results of all together to a folder.
 
-    Args:
-        assets: The assets.
-        place: Folder for the results.
-        sampling: Settings that stand in place of the configurations' own; None: they stand.
-        workers: Processes of this machine; see `data.tasks.run_tasks`.
-        scheduler: Address of a Dask scheduler, whose workers see the same files.
-        progress: Whether to show what is being done.
-
-    Returns:
-        The fleet.
+    Sampling settings take the place of the configurations' own; None: they stay. The workers of a Dask scheduler must
+    see the same files; see `running.tasks.run_tasks`.
 
     Raises:
-        InputError: The folder cannot be written to; no scheduler answers, or it was lost: what is done is kept. What
-            one asset lacks costs that asset alone.
+        InputError: The folder cannot be written to; no scheduler answers, or it was lost: finished studies are kept.
+            Errors in one asset cost that asset alone.
     """
     with output_folder(place) as folder, stages(progress):
-        known: dict[str, Told] = {}
+        known: dict[str, AssetResult] = {}
         failed: dict[str, str] = {}
         tasks: dict[str, tuple] = {}
         for asset in assets:
-            own = folder.resolve() / ASSETS / asset.name
+            asset_folder = folder.resolve() / ASSETS / asset.name
             try:
                 mark = _mark(asset, sampling)
             except (InputError, OSError) as error:
                 failed[asset.name] = str(error)
                 continue
-            put_back(own)
-            before = _studied(own, mark)
+            put_back(asset_folder)
+            before = _studied(asset_folder, mark)
             if before is None:
-                tasks[asset.name] = (asset, str(own), dict(sampling), mark)
+                tasks[asset.name] = (asset, str(asset_folder), dict(sampling), mark)
             else:
-                known[asset.name] = Told(before)
+                known[asset.name] = AssetResult(before)
         order = [asset.name for asset in assets]
         fleet, _ = studied_together(study_asset, tasks, order, known, failed, workers=workers, scheduler=scheduler)
         if any(each.sentence == SCHEDULER_LOST for each in fleet.failed):
@@ -74,42 +66,34 @@ def study_fleet(
     return fleet
 
 
-def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> Told:
-    """One asset's study, on whatever machine, with its results in its folder.
-
-    Args:
-        asset: The asset.
-        place: Its folder.
-        sampling: Settings in place of the configuration's own.
-        mark: What its results are of.
-    """
+def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], mark: str) -> AssetResult:
+    """Study one asset, on whatever machine, and write its results, which `mark` identifies, to its folder."""
     folder = Path(place)
-    settings = asset.settings().with_sampling(**sampling)
-    study_into(settings, folder, progress=False)
+    study_into(asset.settings().with_settings("sampling", **sampling), folder, progress=False)
     text = (folder / RECORD).read_bytes()
     with staged(folder) as part:
-        # Last, and of this very record: results of another run in this folder are not taken for this one's.
-        write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
-    return Told(json.loads(text))
+        # Last, and with the digest of this record: results of another run in this folder are not taken for this one's.
+        write_json(part / ASSET_MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
+    return AssetResult(json.loads(text))
 
 
 def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
-    """What an asset's results are of: its configuration, data and catalogues, the sampler's settings, this version."""
-    settings = asset.settings().with_sampling(**sampling)
+    """Return a digest of configuration, data, catalogues, the sampler's settings and this version."""
+    settings = asset.settings().with_settings("sampling", **sampling)
     digest = hashlib.sha256(settings.text.encode())
     folder = settings.origin.parent
     for file in (*settings.data.files(folder), *settings.study.files(folder)):
-        # One that is not there is the study's to refuse.
+        # The study itself refuses a missing file.
         digest.update(hashlib.sha256(file.read_bytes() if file.is_file() else b"").digest())
     digest.update(json.dumps([settings.sampling.model_dump(), versions()], sort_keys=True).encode())
     return digest.hexdigest()
 
 
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
-    """The record of a study that was done before and is of the same."""
+    """Return the record of an earlier study with this mark."""
     try:
-        said, text = json.loads((folder / MARK).read_text(encoding="utf-8")), (folder / RECORD).read_bytes()
-        if said != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
+        stored, text = json.loads((folder / ASSET_MARK).read_text(encoding="utf-8")), (folder / RECORD).read_bytes()
+        if stored != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
         return json.loads(text)
     except (OSError, ValueError):

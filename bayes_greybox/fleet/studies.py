@@ -1,4 +1,4 @@
-"""One simulation and many machines in Python's hands: find_missing_effects_of_fleet, and FleetStudy, its result."""
+"""Fleets in Python: find_missing_effects_of_fleet, and FleetStudy, its result."""
 
 import inspect
 import json
@@ -31,21 +31,21 @@ from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each
 from .reporting import STUDY, remove_results, report_into, set_aside
-from .together import ASSETS, Told, studied_together, write_fleet
+from .together import ASSETS, AssetResult, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""
 
-SAMPLING = ("draws", "tune", "chains", "seed")
+SAMPLER_SETTINGS = ("draws", "tune", "chains", "seed")
 """Settings of the sampler."""
 
-NO_NAME, LONGEST = '/\\<>:"|?*', 255
-"""Characters that the name of a folder has on no system, or not on all, and its most bytes."""
+FORBIDDEN, MOST_BYTES = '/\\<>:"|?*', 255
+"""Characters that the name of a folder cannot have on every system, and its most bytes."""
 
 
 @dataclass(frozen=True, repr=False)
 class FleetStudy:
-    """What many assets lack under one description, each and together.
+    """Effects that many assets lack under one description, each and together.
 
     The coefficient of an effect is pooled over the assets that surely lack it, from each one's posterior mean b and
     standard deviation s:
@@ -58,7 +58,7 @@ class FleetStudy:
     units differ.
 
     Attributes:
-        failed: Why an asset could not be studied, by asset.
+        failed: Reason why an asset could not be studied, by asset.
     """
 
     failed: Mapping[str, str]
@@ -72,15 +72,16 @@ class FleetStudy:
 
     @property
     def sentence(self) -> str:
-        """How many assets lack what, and whether that is one cause."""
+        """A sentence with the number of assets that lack each effect, and whether that is one cause."""
         return fleet_sentence(self._fleet)
 
     @property
     def assets(self) -> pd.DataFrame:
         """Assets, the largest gap first: verdict, lacks, may_lack, gap, left, sentence, converged; failed ones last.
 
-        `may_lack` is what was added to an asset's model though its study is not sure of it (*one of*, or a probability
-        below 0.9). `gap` and `left` are the unexplained shares before and after, of held-out data where there are any.
+        `may_lack` are effects that were added to an asset's model though its study is not sure of them (*one of*, or a
+        probability below 0.9). `gap` and `left` are the unexplained shares before and after, of held-out data where
+        there are any.
         """
         return self._fleet.table()
 
@@ -111,7 +112,7 @@ class FleetStudy:
         """Coefficients by (equation, slug, expression, asset), of effects that the asset surely lacks.
 
         `expression` and `unit` are the asset's own. `mean` and `sd` are of its own data, `pooled_mean` and `pooled_sd`
-        what it is once all are known, NaN where nothing is pooled.
+        of all data together, NaN where nothing is pooled.
         """
         rows = []
         for each in self._fleet.shared:
@@ -135,15 +136,15 @@ class FleetStudy:
         fleet_html(self._fleet, path)
 
     def save(self, folder: str | os.PathLike[str], *, figures: bool = False, progress: bool = True) -> None:
-        """Write what `bayes-greybox discover --fleet` writes: fleet.html, assets.csv, summary.json and assets/NAME.
+        """Write the files of `bayes-greybox discover --fleet`: fleet.html, assets.csv, summary.json and assets/NAME.
 
-        Studies that another fleet left in assets/NAME are removed; files that are no study's stay, and what an earlier
-        run found of an asset that failed in this fleet is kept under other names.
+        Studies that another fleet left in assets/NAME are removed. Files that are no study's stay, and earlier results
+        of an asset that failed in this fleet are kept under other names.
 
         Args:
             folder: Folder for the results.
-            figures: Whether to draw each asset's figures as files too; its page, gap.html, has them anyway.
-            progress: Whether to show what is being done.
+            figures: If true, each asset's figures are drawn as files too; its page, gap.html, has them anyway.
+            progress: If true, progress is shown.
 
         Raises:
             InputError: The folder cannot be written to, or holds results of another command.
@@ -152,20 +153,20 @@ class FleetStudy:
         with output_folder(folder) as place, stages(progress):
             for own in (place / ASSETS).glob("*"):
                 if own.name in self.failed:
-                    # What an earlier run found of it is no result of this one, and may be all there is.
+                    # Results of an earlier run are none of this one's, and may be all there is.
                     set_aside(own)
-                elif own.name not in self._studies.told:
+                elif own.name not in self._studies.results:
                     remove_results(own)
-            for name, told in self._studies.told.items():
+            for name, result in self._studies.results.items():
                 with staged(place) as part:
                     own = part / ASSETS / name
                     own.mkdir(parents=True)
-                    (own / STUDY).write_bytes(told.kept)
-                report_into(place / ASSETS / name, self._studies.read(name), told.record, figures)
+                    (own / STUDY).write_bytes(result.study_file)
+                report_into(place / ASSETS / name, self._studies.read(name), result.record, figures)
             write_fleet(self._fleet, place)
 
     def __repr__(self) -> str:
-        """The sentence, and all assets by their gap."""
+        """Return the sentence, and all assets by their gap."""
         with pd.option_context("display.width", 160, "display.max_columns", 40, "display.max_colwidth", 60):
             table = self.assets[["verdict", "lacks", "may_lack", "gap", "left"]].round(3).to_string()
         reasons = [f"{name} could not be studied: {reason}" for name, reason in self.failed.items()]
@@ -183,11 +184,11 @@ def find_missing_effects_of_fleet(
     progress: bool = True,
     **settings: Any,
 ) -> FleetStudy:
-    """Find what one simulation lacks of many machines: each one's study, and whether what they lack is one cause.
+    """Find what one simulation lacks of many machines: each one's study, and whether the missing effects are one cause.
 
-    Each asset is studied by `find_missing_effects`, whatever the others say; then coefficients are pooled, see
-    `FleetStudy`. What comes of it does not depend on where or in which order assets are studied. Nothing is kept before
-    all are done; of a Dask scheduler that is lost those come back that were done. `bayes-greybox discover --fleet`
+    Each asset is studied by `find_missing_effects`, independently of the others; then coefficients are pooled, see
+    `FleetStudy`. Results do not depend on where or in which order assets are studied. Nothing is kept before
+    all are done; if a Dask scheduler is lost, the finished studies are returned. `bayes-greybox discover --fleet`
     keeps each study, and goes on where it was.
 
     Args:
@@ -195,19 +196,19 @@ def find_missing_effects_of_fleet(
         train: Measurements by asset, or files of these, or a folder with a file for each asset. A file is read where
             the asset is studied, and one that cannot be read costs that asset alone.
         test: Held-out data by asset, for some or all; or the share at the end of each asset's that is held out.
-        read: From the path of a file to its measurements, such as
+        read: Function from the path of a file to its measurements, such as
             `functools.partial(bg.read, time="t", states=["y"], inputs=["F"])`.
         workers: Processes of this machine, each of which studies one asset at a time; if left out assets are studied
             here, one after another. A script with workers needs `if __name__ == "__main__":`.
         scheduler: Address of a Dask scheduler in the place of workers, such as "tcp://host:8786".
-        progress: Whether to show progress.
-        **settings: Of `find_missing_effects` but for its checkpoints: catalogue, roles, seed, effects_at_most, odds,
-            settle, free_runs, interpolation, draws, tune, chains.
+        progress: If true, progress is shown.
+        **settings: Arguments of `find_missing_effects` but for its checkpoints: catalogue, roles, seed,
+            effects_at_most, odds, settle, free_runs, interpolation, draws, tune, chains.
 
     Raises:
-        InputError: No assets, or what is no measurements; a name that no folder can have; an asset without a model, or
-            held-out data of none; a setting that there is not, or a catalogue or sampling that cannot be; no Dask, or
-            no scheduler answers. Data that cannot be used cost their asset alone: see `FleetStudy.failed`.
+        InputError: There are no assets, or no measurements; a name cannot be a folder's; an asset has no model, or
+            held-out data belong to none; a setting is unknown, or a catalogue or sampling cannot be used; there is no
+            Dask, or no scheduler answers. Data that cannot be used cost their asset alone: see `FleetStudy.failed`.
     """
     assets = _by_name(train)
     models = {name: _model_of(model, name) for name in assets}
@@ -215,18 +216,18 @@ def find_missing_effects_of_fleet(
     settings = _checked(settings)
     tasks = {name: (models[name], each, held_out.get(name), read, settings) for name, each in assets.items()}
     with stages(progress):
-        # Without a wish they are studied here: a script that starts processes has to be written for it.
+        # By default assets are studied here: a script that starts processes has to be written for it.
         workers = workers if scheduler is not None else workers or 1
-        fleet, told = studied_together(_study, tasks, list(assets), workers=workers, scheduler=scheduler)
+        fleet, results = studied_together(_study, tasks, list(assets), workers=workers, scheduler=scheduler)
     failed = {each.asset: each.sentence for each in fleet.failed}
-    return FleetStudy(failed, fleet, _Studies(told, models))
+    return FleetStudy(failed, fleet, _Studies(results, models))
 
 
 class _Studies(Mapping[str, Study]):
-    """Studies by asset, read from what workers sent when they are asked for."""
+    """Studies by asset, read from the workers' results when they are asked for."""
 
-    def __init__(self, told: Mapping[str, Told], models: Mapping[str, GreyBox]) -> None:
-        self.told, self._models = told, models
+    def __init__(self, results: Mapping[str, AssetResult], models: Mapping[str, GreyBox]) -> None:
+        self.results, self._models = results, models
         self._kept: dict[str, Study] = {}
 
     def __getitem__(self, name: str) -> Study:
@@ -235,46 +236,46 @@ class _Studies(Mapping[str, Study]):
         return self._kept[name]
 
     def read(self, name: str) -> Study:
-        """One that is not kept, unless it was asked for before: many together may be more than the memory holds."""
+        """Read one study without keeping it, unless it was asked for before: many may exceed the memory."""
         if name in self._kept:
             return self._kept[name]
-        kept, simulation = self.told[name].kept, self._models[name].simulation
+        content, simulation = self.results[name].study_file, self._models[name].simulation
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / STUDY
-            file.write_bytes(kept)
+            file.write_bytes(content)
             return load(file, None if isinstance(simulation, Mapping) else simulation)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self.told)
+        return iter(self.results)
 
     def __len__(self) -> int:
-        return len(self.told)
+        return len(self.results)
 
 
 def _study(
     model: GreyBox, train: Measured, test: Measured | float | None, read: Callable[[Path], Trajectories],
     settings: Mapping[str, Any],
-) -> Told:  # fmt: skip
-    """One asset's study, on whatever machine."""
+) -> AssetResult:  # fmt: skip
+    """Study one asset, on whatever machine."""
     data, held_out = _measured(train, read), None
     if isinstance(test, int | float):
         data, held_out = data.split(1.0 - test)
     elif test is not None:
         held_out = _measured(test, read)
     study = find_missing_effects(model, data, held_out, progress=False, **settings)
-    sampling = {key: settings[key] for key in SAMPLING}
+    sampling = {key: settings[key] for key in SAMPLER_SETTINGS}
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / STUDY
         study.save(file)
-        # As a file of records has it: a worker may be another machine.
-        return Told(json.loads(json.dumps(study_record(study, sampling))), file.read_bytes())
+        # Plain values as in a file: a worker may be another machine.
+        return AssetResult(json.loads(json.dumps(study_record(study, sampling))), file.read_bytes())
 
 
 def _by_name(train: Any) -> dict[str, Measured]:
-    """Measurements by asset.
+    """Return measurements by asset.
 
     Raises:
-        InputError: There are none; a name that is no folder's; what is no measurements.
+        InputError: There are none, a name cannot be a folder's, or a value is no measurements.
     """
     if isinstance(train, str | os.PathLike):
         folder = Path(train)
@@ -289,10 +290,10 @@ def _by_name(train: Any) -> dict[str, Measured]:
     if not train:
         raise InputError("A fleet needs an asset: give measurements by name, such as {'pump 1': data}.")
     for name in train:
-        if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set(name) & set(NO_NAME):
-            raise InputError(f"The asset name {name!r} cannot be a folder's: give text without {' '.join(NO_NAME)}.")
-        if len(name.encode()) > LONGEST:
-            raise InputError(f"The asset name {name!r} is too long for a folder's: give {LONGEST} bytes at most.")
+        if not isinstance(name, str) or not name.isprintable() or name in ("", ".", "..") or set(name) & set(FORBIDDEN):
+            raise InputError(f"The asset name {name!r} cannot be a folder's: give text without {' '.join(FORBIDDEN)}.")
+        if len(name.encode()) > MOST_BYTES:
+            raise InputError(f"The asset name {name!r} is too long for a folder's: give {MOST_BYTES} bytes at most.")
     twice = alike(list(train))
     if twice is not None:
         raise InputError(
@@ -330,16 +331,16 @@ def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measure
 
 
 def _located(what: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Measurements, or files whose paths hold in whatever folder a worker runs."""
-    found: dict[str, Any] = {}
+    """Return measurements, or files by absolute paths, because a worker may run in another folder."""
+    measured: dict[str, Any] = {}
     for name, each in given.items():
         if not isinstance(each, Trajectories | str | os.PathLike):
             raise InputError(
                 f"{what} has {type(each).__name__} for {name!r}: give Trajectories, as bg.read and "
                 "Trajectories.from_arrays make them, or the path of a file."
             )
-        found[name] = each if isinstance(each, Trajectories) else Path(each).absolute()
-    return found
+        measured[name] = each if isinstance(each, Trajectories) else Path(each).absolute()
+    return measured
 
 
 def _measured(given: Measured, read: Callable[[Path], Trajectories]) -> Trajectories:
@@ -347,21 +348,21 @@ def _measured(given: Measured, read: Callable[[Path], Trajectories]) -> Trajecto
 
 
 def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """All settings of a study: what is wrong with them is no fault of any asset's."""
+    """Return all settings of a study; errors in these are no fault of any asset's."""
     usual = _usual_settings()
     unknown = next((name for name in settings if name not in usual), None)
     if unknown is not None:
         raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
-    found = {**usual, **settings}
-    Sampling(**{name: found[name] for name in SAMPLING})
-    check_settings(found["effects_at_most"], found["negligible"], found["odds"], found["interpolation"])
-    load_catalogue(found["catalogue"])
-    return {**found, "catalogue": located(found["catalogue"])}
+    every = {**usual, **settings}
+    Sampling(**{name: every[name] for name in SAMPLER_SETTINGS})
+    check_settings(every["effects_at_most"], every["negligible"], every["odds"], every["interpolation"])
+    load_catalogue(every["catalogue"])
+    return {**every, "catalogue": located(every["catalogue"])}
 
 
 @cache
 def _usual_settings() -> Mapping[str, Any]:
-    """Settings of a study, with what they are where nothing is said."""
+    """Return the settings of a study with their defaults."""
     return {
         name: each.default
         for name, each in inspect.signature(find_missing_effects).parameters.items()

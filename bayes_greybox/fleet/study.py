@@ -1,4 +1,4 @@
-"""The study that a configuration asks for, with its results in a folder."""
+"""The study of one configuration, with its results in a folder."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack
@@ -20,37 +20,33 @@ def study_into(
     place: Path,
     *,
     progress: bool = True,
-    found: Callable[[Study], None] = lambda _: None,
-    kept: Callable[[Path], AbstractContextManager[Checkpoint]] | None = None,
+    on_study: Callable[[Study], None] = lambda _: None,
+    checkpoint_for: Callable[[Path], AbstractContextManager[Checkpoint]] | None = None,
 ) -> Study:
     """Study what the simulation of a configuration misses, and write the results to a folder.
 
-    Args:
-        settings: The configuration.
-        place: The folder.
-        progress: Whether to show what is being done.
-        found: Told of the study before its page is drawn.
-        kept: From the folder to the checkpoint of its draws, which is complete once all is written; None: none is kept.
+    `on_study` is called with the study before its page is drawn. `checkpoint_for` returns the checkpoint in a folder
+    for the draws, which is complete once all is written; None: none is kept.
 
     Raises:
         InputError: Data, model or folder cannot be used.
     """
     with ExitStack() as work:
-        # Whoever is told of the study says its verdict, once.
+        # The verdict is shown once, by `on_study`.
         with stages(progress, answers=False):
             with stage("Starting", said=False):
                 folder = work.enter_context(output_folder(place))
                 arguments = settings.study_arguments()
                 model = settings.build_studied_model()
                 train, test = settings.read_data()
-                checkpoint = None if kept is None else work.enter_context(kept(folder))
+                checkpoint = None if checkpoint_for is None else work.enter_context(checkpoint_for(folder))
             study = find_missing_effects(model, train, test, **arguments, progress=progress, checkpoint=checkpoint)
             study = replace(study, config=settings.text)
             with stage("Saving the study"), staged(folder) as part:
-                # First, by itself: nothing that fails later may cost what was sampled.
+                # First, by itself: no later failure may cost the draws.
                 study.save(part / STUDY)
                 settings.copy_to(folder, part)
-        found(study)
+        on_study(study)
         with stages(progress):
             record = study_record(study, settings.sampling.model_dump())
             report_into(folder, study, {"config": settings.file, **record}, settings.output.figures)

@@ -1,4 +1,4 @@
-"""Assets studied side by side or one after another, and what they say together; that written to a folder."""
+"""Assets studied side by side or one after another, and their common results in a folder."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -15,70 +15,60 @@ from bayes_greybox.running.plain_values import plain_rows, plain_values
 from bayes_greybox.running.stages import announce, stage
 from bayes_greybox.running.tasks import run_tasks
 
-from .reporting import PAGE
+from .reporting import STUDY_PAGE
 
 ASSETS, FLEET_PAGE = "assets", "fleet.html"
 """Folder of the assets' folders, and the page of all."""
 
 
 @dataclass(frozen=True)
-class Told:
-    """What came of an asset's study, as a worker sends it: plain values.
+class AssetResult:
+    """Result of an asset's study, as a worker sends it: plain values.
 
     Attributes:
-        record: As in summary.json.
-        kept: The study's file; empty where it lies in a folder already.
+        record: Record as in summary.json.
+        study_file: Content of the study's file; empty where it lies in a folder already.
     """
 
     record: Mapping[str, Any]
-    kept: bytes = b""
+    study_file: bytes = b""
 
 
 def studied_together(
-    function: Callable[..., Told],
+    function: Callable[..., AssetResult],
     tasks: Mapping[str, Sequence[Any]],
     order: Sequence[str],
-    known: Mapping[str, Told] | None = None,
+    known: Mapping[str, AssetResult] | None = None,
     failed: Mapping[str, str] | None = None,
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-) -> tuple[Fleet, dict[str, Told]]:
-    """Study assets, and put together what they say; one that cannot be studied costs itself alone.
+) -> tuple[Fleet, dict[str, AssetResult]]:
+    """Study assets and put their results together, in order; one that cannot be studied costs itself alone.
 
-    Args:
-        function: Of a module: studies one asset.
-        tasks: Its arguments by asset.
-        order: Names of all assets.
-        known: Those that were studied before.
-        failed: Reasons of those that are not to be tried.
-        workers: As for `data.tasks.run_tasks`.
-        scheduler: As there.
+    `function`, of a module, studies one asset, `tasks` are its arguments by asset. `known` are results of assets that
+    were studied before, `failed` the reasons of assets that are not to be tried.
 
     Raises:
-        InputError: As there.
+        InputError: As for `running.tasks.run_tasks`.
     """
-    told, reasons = dict(known or {}), dict(failed or {})
+    results, reasons = dict(known or {}), dict(failed or {})
     with stage("Studying assets", len(order)) as line:
-        line.advance(len(told) + len(reasons))
+        line.advance(len(results) + len(reasons))
         for done in run_tasks(function, tasks, workers=workers, scheduler=scheduler) if tasks else ():
             if done.failed:
                 reasons[done.name] = done.failed
             else:
-                told[done.name] = done.result
+                results[done.name] = done.result
             announce(f"{done.name}: {done.failed or done.result.record['sentence']}")
             line.advance(1)
-    told = {name: told[name] for name in order if name in told}
-    fleet = fleet_of({name: each.record for name, each in told.items()}, {n: reasons[n] for n in order if n in reasons})
-    return fleet, told
+    results = {name: results[name] for name in order if name in results}
+    records = {name: each.record for name, each in results.items()}
+    return fleet_of(records, {name: reasons[name] for name in order if name in reasons}), results
 
 
 def write_fleet(fleet: Fleet, folder: Path) -> None:
-    """Write what assets say together: assets.csv, summary.json and the page, which leads to those of the assets.
-
-    Args:
-        fleet: The fleet.
-        folder: Its folder; each asset's results lie within, in `ASSETS`/NAME.
+    """Write assets.csv, summary.json and the page of a fleet, which leads to those of the assets in `ASSETS`/NAME.
 
     Raises:
         InputError: A file cannot be written.
@@ -96,7 +86,7 @@ def write_fleet(fleet: Fleet, folder: Path) -> None:
             "versions": versions(),
         }
         write_json(part / RECORD, plain_values(record))
-        pages = {each.asset: f"{ASSETS}/{each.asset}/{PAGE}" for each in fleet.studied}
-        # Of a study of before its page may have been removed since.
+        pages = {each.asset: f"{ASSETS}/{each.asset}/{STUDY_PAGE}" for each in fleet.studied}
+        # The page of an earlier study may have been removed since.
         pages = {name: page for name, page in pages.items() if (folder / page).is_file()}
         fleet_html(fleet, part / FLEET_PAGE, pages)

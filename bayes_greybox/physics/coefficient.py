@@ -1,4 +1,4 @@
-"""What is known of single coefficients, as a user states it of single terms."""
+"""Prior knowledge of single coefficients, as a user states it of single terms."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -33,15 +33,15 @@ class Coefficient:
 
     Attributes:
         mean: Its expected value.
-        sd: Standard deviation of what is known of it.
+        sd: Standard deviation of the prior.
         sign: 1: not negative; -1: not positive.
         lower: Least value.
         upper: Largest value.
         fixed: Its value.
 
     Raises:
-        InputError: Nothing stated, one of mean and sd without the other, bounds that leave no interval or contradict
-            the sign, a mean that they rule out, or `fixed` with anything else.
+        InputError: Nothing is stated; only one of mean and sd is given; bounds leave no interval or contradict the
+            sign; bounds rule the mean out; or `fixed` stands beside anything else.
     """
 
     mean: _Finite | None = None
@@ -62,9 +62,9 @@ class Coefficient:
                 "value and no prior."
             )
         if (self.mean is None) != (self.sd is None):
-            there, lacks = ("mean", "sd") if self.sd is None else ("sd", "mean")
+            present, missing = ("mean", "sd") if self.sd is None else ("sd", "mean")
             raise InputError(
-                f"Coefficient({there}=...) needs {lacks} too: both, or neither for the model's own prior on the term."
+                f"Coefficient({present}=...) needs {missing} too: both, or neither for the model's own prior."
             )
         low, high = self.interval
         if not low < high:
@@ -87,35 +87,35 @@ class Coefficient:
 
     @property
     def bounded(self) -> bool:
-        """Whether some values are ruled out."""
+        """True if some values are ruled out."""
         return self.fixed is None and self.interval != (-math.inf, math.inf)
 
     @property
     def certain(self) -> bool:
-        """Whether the term is in whatever the data say, also under a prior with inclusion."""
+        """True if the term is in whatever the data say, also under a prior with inclusion."""
         return self.fixed is not None or self.mean is not None or not self.interval[0] <= 0 <= self.interval[1]
 
     @property
     def learned(self) -> bool:
-        """Whether it is a coefficient of the dictionary; else a number of the simulation."""
+        """True if it is a coefficient of the dictionary; false if it is a number of the simulation."""
         return self.fixed is None
 
     @property
     def known(self) -> float:
-        """What the simulation has of the term."""
+        """The part of the coefficient that belongs to the simulation."""
         return 0.0 if self.fixed is None else self.fixed
 
     def centred(self) -> "Coefficient":
-        """The prior of what is left of it when the simulation has the term with the mean."""
+        """Return the prior of the deviation from the mean, for a simulation that has the term with the mean."""
         return self if self.mean is None else _Deviation(0.0, self.sd, known_part=self.mean)
 
     def record(self) -> dict[str, Any]:
-        """What was stated, as plain values."""
+        """Return the statement as plain values."""
         stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
         return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
 
     def __str__(self) -> str:
-        """What was stated, in a few signs: `N(-2, 0.1²) ≤ 0`."""
+        """Return the statement in a few signs: `N(-2, 0.1²) ≤ 0`."""
         if self.fixed is not None:
             return f"= {_digits(self.fixed)}"
         law = "" if self.mean is None or self.sd is None else f"N({_digits(self.mean)}, {_digits(self.sd)}²)"
@@ -128,7 +128,7 @@ class Coefficient:
 
 
 def _digits(value: float) -> str:
-    """A number as it was stated, with all its digits."""
+    """Write a number as it was stated, with all its digits."""
     return repr(float(value)).removesuffix(".0")
 
 
@@ -137,11 +137,7 @@ _FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
 
 @dataclass(frozen=True)
 class _Deviation(Coefficient):
-    """What is left of a coefficient beside its mean, which the simulation has.
-
-    Attributes:
-        known_part: The mean.
-    """
+    """Deviation of a coefficient from its mean, where the simulation has the term with the mean."""
 
     known_part: float = 0.0
 
@@ -151,12 +147,9 @@ class _Deviation(Coefficient):
         return self.known_part
 
     def centred(self) -> "Coefficient":
-        """Itself."""
+        """Return the prior itself."""
         return self
 
-
-SIGNS = {"+": 1, "-": -1}
-"""Signs as a term states them."""
 
 Bounds = tuple[float | None, float | None]
 """Least and largest value, None where an end is open."""
@@ -169,78 +162,66 @@ def coefficient_of_term(
     fixed: float | None,
     bounds: Sequence[float | None] | None,
 ) -> Coefficient | None:
-    """What a term states of its own coefficient.
+    """Check what a term states of its own coefficient, in user's units.
 
     Args:
         term: Its name, for messages.
         sign: "+": not negative; "-": not positive.
-        prior: Mean and standard deviation, user's units.
-        fixed: The value, user's units.
-        bounds: Least and largest value, user's units; None leaves an end open.
+        prior: Mean and standard deviation.
+        fixed: The value.
+        bounds: Least and largest value; None leaves an end open.
 
     Returns:
         The same as a `Coefficient`; None where nothing is stated.
 
     Raises:
-        InputError: Values that are none; `fixed` with anything else; bounds the wrong way round or against the sign;
-            a mean that sign or bounds rule out.
+        InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the
+            sign; sign or bounds rule the mean out.
     """
-    given = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
-    given = {key: value for key, value in given.items() if value is not None}
-    if not given:
+    every = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
+    stated = {key: value for key, value in every.items() if value is not None}
+    if not stated:
         return None
-    said = f"The term {term!r} has "
-    for key, (holds, words) in _ASKED.items():
-        if key in given and not holds(given[key]):
-            raise InputError(f"{said}{key}={given[key]!r}: {words}.")
-    if fixed is not None and len(given) > 1:
-        other = next(key for key in given if key != "fixed")
+    subject = f"The term {term!r} has "
+    for key, (holds, remedy) in _STATEMENT_CHECKS.items():
+        if key in stated and not holds(stated[key]):
+            raise InputError(f"{subject}{key}={stated[key]!r}: {remedy}.")
+    if fixed is not None and len(stated) > 1:
+        other = next(key for key in stated if key != "fixed")
         raise InputError(
-            f"{said}fixed={fixed:g} and {other}={given[other]!r}: a fixed coefficient has its value and nothing is "
+            f"{subject}fixed={fixed:g} and {other}={stated[other]!r}: a fixed coefficient has its value and nothing is "
             f"learned of it; leave out {other}, or fixed."
         )
-    low, high = _ends(said, bounds)
+    least, largest = bounds or (None, None)
+    low, high = -math.inf if least is None else least, math.inf if largest is None else largest
+    shown = f"{subject}bounds={tuple(bounds or ())!r}"
+    if bounds is not None and (low, high) == (-math.inf, math.inf):
+        raise InputError(f"{shown}, which rule out nothing: leave bounds out.")
+    if low == high:
+        raise InputError(f"{shown}, which leave a single value: write fixed={low:g}.")
+    if low > high:
+        raise InputError(f"{shown}, the wrong way round: write bounds=({high:g}, {low:g}).")
     if (sign == "+" and high <= 0) or (sign == "-" and low >= 0):
         raise InputError(
-            f"{said}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
+            f"{subject}sign={sign!r} and bounds={tuple(bounds or ())!r}, between which no coefficient has that sign: "
             "leave out one of them, or turn it round."
         )
     low, high = max(low, 0.0) if sign == "+" else low, min(high, 0.0) if sign == "-" else high
     if prior is not None and not low <= prior[0] <= high:
-        limit = " and ".join(f"{key}={given[key]!r}" for key in ("sign", "bounds") if key in given)
+        limit = " and ".join(f"{key}={stated[key]!r}" for key in ("sign", "bounds") if key in stated)
         raise InputError(
-            f"{said}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
+            f"{subject}prior={tuple(prior)!r}, whose mean is not possible with {limit}: move the mean to where the "
             "coefficient may be, or correct the limit."
         )
-    least, largest = bounds or (None, None)
     mean, sd = prior or (None, None)
-    return Coefficient(mean, sd, None if sign is None else SIGNS[sign], least, largest, fixed)
-
-
-def _ends(said: str, bounds: Sequence[float | None] | None) -> tuple[float, float]:
-    """Bounds as numbers, infinite where an end is open.
-
-    Raises:
-        InputError: No end is given; the wrong way round; a single value.
-    """
-    if bounds is None:
-        return -math.inf, math.inf
-    least, largest = bounds
-    low, high = -math.inf if least is None else least, math.inf if largest is None else largest
-    if least is None and largest is None:
-        raise InputError(f"{said}bounds=(None, None), which rule out nothing: leave bounds out.")
-    if low == high:
-        raise InputError(f"{said}bounds={tuple(bounds)!r}, which leave a single value: write fixed={low:g}.")
-    if low > high:
-        raise InputError(f"{said}bounds={tuple(bounds)!r}, the wrong way round: write bounds=({high:g}, {low:g}).")
-    return low, high
+    return Coefficient(mean, sd, None if sign is None else {"+": 1, "-": -1}[sign], least, largest, fixed)
 
 
 def _is_pair(value: Any) -> bool:
     return isinstance(value, tuple | list) and len(value) == 2
 
 
-_ASKED: dict[str, tuple[Callable[[Any], bool], str]] = {
+_STATEMENT_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
     "prior": (
         lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,

@@ -1,14 +1,15 @@
 """Hidden states of a formula, such as the displacement of a hysteretic element, and their values along known paths.
 
-A formula that remembers is a function of the states and of hidden ones, ż = r(x, u, z), which nobody measures. Along a
-path that is known, z follows from its rate alone: the hidden states are integrated by the method of Runge and Kutta of
-order four, with columns between nodes as the cubics through four neighbours have them halfway, and in so many steps
-between two nodes that no change of z is missed by much.
+A formula with memory is a function of the states and of hidden ones, ż = r(x, u, z), which nobody measures. Along a
+known path, z follows from its rate alone. Hidden states are integrated by the method of Runge and Kutta of order four.
+Halfway between nodes, columns are those of the cubic through four neighbours. Between two nodes there are enough steps
+that no change of z is missed by much.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,21 +23,19 @@ from bayes_greybox.physics.formula.numbers import Named, as_columns, without_num
 from bayes_greybox.running.compiling import compiled
 
 Arrays = Array | np.ndarray
-"""Those of JAX, or of NumPy on their way to it."""
+"""Arrays of JAX, or of NumPy on their way to it."""
 
-SHORT = 0.2
-"""Steps of hidden states, over the shortest time in which they change."""
+STEP_OVER_TIME_SCALE = 0.2
+"""Length of a step of hidden states, over the shortest time in which they change."""
 
-FEWEST_STEPS, MOST_STEPS = 4, 256
-"""Steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
+FEWEST_STEPS_BETWEEN_NODES, MOST_STEPS_BETWEEN_NODES = 4, 256
+"""Bounds on the steps between two nodes: within one of them a motion may turn round, where a rate has a kink."""
 
-LEAST, MANY = 8, 32
-"""Systems that are integrated at once: programs are compiled for powers of two from the one on, and beyond the other
-for its multiples."""
+FEWEST_SYSTEMS, MANY_SYSTEMS = 8, 32
+"""Programs are compiled for powers of two of systems from the first number on, and for multiples of the second."""
 
-STRETCH = 4096
-"""Steps of a program: longer paths are followed a stretch at a time, and of the last one no more than there is, so that
-one program serves paths of any length."""
+PROGRAM_STEPS = 4096
+"""Steps of a program: longer paths are followed in stretches, so that one program serves paths of any length."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +45,11 @@ class HiddenState:
     Attributes:
         name: Its name in formulas.
         rate: Formula of its rate, over columns (of an effect of the catalogue: roles) and hidden states.
-        unit_of: Column, or role, whose unit it has, and whose size about.
-        meaning: What it is, in a few words.
-        start: Column, or role, whose value it has where a run starts, as what moves along with a body has; "": at rest,
-            which is zero.
-        named: The same rate where it is known already, with names for numbers in it.
+        unit_of: Column, or role, whose unit and approximate size it has.
+        meaning: A few words that describe it.
+        start: Column, or role, whose value it has where a run starts, for a part that moves along with a body; "": at
+            rest, which is zero.
+        named: The same rate, if it was parsed before, with names for numbers in it.
     """
 
     name: str
@@ -78,14 +77,14 @@ def along(
     systems: Sequence[Sequence[HiddenState]], time: Float[np.ndarray, " n"],
     columns: Mapping[str, Float[np.ndarray, " n"]], fresh: Bool[np.ndarray, " n"],
 ) -> list[dict[str, Float[np.ndarray, " n"]]]:  # fmt: skip
-    """Values of hidden states along known paths; those whose rates differ by numbers alone are integrated at once.
+    """Integrate hidden states along known paths; those whose rates differ by numbers alone go together.
 
     Args:
         systems: Hidden states that are integrated together.
-        time: Of the nodes, in order within a run; equal times where an input leaps.
-        columns: States and inputs at the nodes; of a hidden state itself, what it is where a run starts, in place of
-            what its `start` says.
-        fresh: Nodes at which a run starts.
+        time: Times of the nodes, in order within a run; equal where an input leaps.
+        columns: States and inputs at the nodes; that of a hidden state holds its values where runs start, in place of
+            its `start`.
+        fresh: True at nodes where a run starts.
 
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
@@ -94,19 +93,19 @@ def along(
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)
         alike.setdefault((rates, tuple(state.start for state in states)), []).append((k, numbers))
-    found: list[dict[str, np.ndarray]] = [{} for _ in systems]
+    paths: list[dict[str, np.ndarray]] = [{} for _ in systems]
     for (rates, _), members in alike.items():
-        begun = {state.name: columns.get(state.name, columns.get(state.start)) for state in systems[members[0][0]]}
-        starts = np.column_stack([np.zeros(len(time)) if x is None else x for x in begun.values()])
-        values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, starts, fresh)
+        starts = [columns.get(state.name, columns.get(state.start)) for state in systems[members[0][0]]]
+        start = np.column_stack([np.zeros(len(time)) if x is None else x for x in starts])
+        values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, start, fresh)
         for place, (k, _) in enumerate(members):
-            found[k] = {name: values[i, place] for i, name in enumerate(rates.names)}
-    return found
+            paths[k] = {name: values[i, place] for i, name in enumerate(rates.names)}
+    return paths
 
 
 @dataclass(frozen=True)
 class _Rates:
-    """Rates of hidden states, the numbers in them by name, so that formulas that differ by these are compiled once."""
+    """Rates of hidden states with named numbers, so that formulas which differ by these alone are compiled once."""
 
     names: tuple[str, ...]
     formulas: tuple[sympy.Expr, ...]
@@ -114,10 +113,10 @@ class _Rates:
 
     @classmethod
     def of(cls, states: Sequence[HiddenState]) -> "tuple[_Rates, tuple[float, ...]]":
-        known = [state._named for state in states if state._named is not None]
+        named = [state._named for state in states if state._named is not None]
         # Symbols of numbers are those of one effect.
-        if len(known) == len(states) and len({each.numbers for each in known}) == 1:
-            formulas, numbers = tuple(each.formula for each in known), known[0].numbers
+        if len(named) == len(states) and len({each.numbers for each in named}) == 1:
+            formulas, numbers = tuple(each.formula for each in named), named[0].numbers
         else:
             formulas, numbers = without_numbers([parse_expression(state.rate) for state in states])
         return cls(tuple(state.name for state in states), formulas, tuple(as_columns(numbers))), numbers
@@ -130,39 +129,48 @@ class _Rates:
 
     def __call__(self, z: Array, c: Array, numbers: Array) -> Array:
         """Rates [n_hidden] at one point."""
-        known = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
-        known |= dict(zip(self.numbers, numbers, strict=True))
-        return jnp.stack([evaluate(formula, known) + 0.0 * z[0] for formula in self.formulas])
+        values = {**dict(zip(self.columns, c, strict=True)), **dict(zip(self.names, z, strict=True))}
+        values |= dict(zip(self.numbers, numbers, strict=True))
+        return jnp.stack([evaluate(formula, values) + 0.0 * z[0] for formula in self.formulas])
+
+
+class _Intervals(NamedTuple):
+    """Intervals between nodes: length, columns at three points, starts and whether a run starts at their ends."""
+
+    h: Arrays
+    before: Arrays
+    halfway: Arrays
+    after: Arrays
+    start: Arrays
+    fresh: Arrays
 
 
 def _integrated(
-    rates: _Rates,
-    numbers: np.ndarray,
-    time: np.ndarray,
-    columns: Mapping[str, np.ndarray],
-    start: np.ndarray,
+    rates: _Rates, numbers: np.ndarray, time: np.ndarray, columns: Mapping[str, np.ndarray], start: np.ndarray,
     fresh: np.ndarray,
-) -> Float[np.ndarray, "n_hidden n_system n"]:
+) -> Float[np.ndarray, "n_hidden n_system n"]:  # fmt: skip
     n, n_system = len(time), numbers.shape[1]
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
-    steps = h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:]
-    widened = np.pad(numbers, ((0, 0), (0, _width(n_system) - n_system)), mode="edge")
+    intervals = _Intervals(h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:])
+    width = max(FEWEST_SYSTEMS, 1 << (n_system - 1).bit_length())
+    width = width if n_system <= MANY_SYSTEMS else -(-n_system // MANY_SYSTEMS) * MANY_SYSTEMS
+    widened = np.pad(numbers, ((0, 0), (0, width - n_system)), mode="edge")
     z = np.broadcast_to(start[0][:, None], (start.shape[1], widened.shape[1]))
     whole = np.empty((start.shape[1], n_system, n))
     whole[..., 0] = z[:, :n_system]
-    for first in range(0, n - 1, STRETCH):
-        parts = [x[first : first + STRETCH] for x in steps]
-        count = len(parts[0])
-        filled = [np.pad(x, ((0, STRETCH - count), *((0, 0),) * (x.ndim - 1))) for x in parts]
-        found = np.asarray(_followed(rates, widened, z, count, *filled))
-        z = found[count - 1]
-        whole[..., first + 1 : first + 1 + count] = np.moveaxis(found[:count, :, :n_system], 0, -1)
+    for first in range(0, n - 1, PROGRAM_STEPS):
+        count = min(PROGRAM_STEPS, n - 1 - first)
+        parts = (np.asarray(x[first : first + count]) for x in intervals)
+        filled = _Intervals(*(np.pad(x, ((0, PROGRAM_STEPS - count), *((0, 0),) * (x.ndim - 1))) for x in parts))
+        path = np.asarray(_followed(rates, widened, z, count, filled))
+        z = path[count - 1]
+        whole[..., first + 1 : first + 1 + count] = np.moveaxis(path[:count, :, :n_system], 0, -1)
     return whole
 
 
 def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]) -> Float[np.ndarray, "n_step n_c"]:
-    """Columns halfway between nodes: of the cubic through four of them; of a line where steps are not equally long."""
+    """Interpolate columns halfway between nodes: cubics through four of them, lines where steps are not even."""
     line = (c[1:] + c[:-1]) / 2
     if len(h) < 3:
         return line
@@ -173,23 +181,17 @@ def _halfway(h: Float[np.ndarray, " n_step"], c: Float[np.ndarray, "n n_column"]
     return np.where(even[:, None], cubic, line)
 
 
-def _width(n: int) -> int:
-    return max(LEAST, 1 << (n - 1).bit_length()) if n <= MANY else -(-n // MANY) * MANY
-
-
 @partial(compiled, often=True, static_argnums=0)
-def _followed(
-    rates: _Rates, numbers: Arrays, z: Arrays, n_step: Arrays | int, h: Arrays, before: Arrays, halfway: Arrays,
-    after: Arrays, start: Arrays, fresh: Arrays,
-) -> Array:  # fmt: skip
+def _followed(rates: _Rates, numbers: Arrays, z: Arrays, n_step: Arrays | int, intervals: _Intervals) -> Array:
     # As programs of their own these are traced once, for all places that they are called at.
     each = jax.jit(jax.vmap(rates, in_axes=(1, None, 1), out_axes=1))
     slopes = jax.jit(jax.vmap(jax.jacfwd(rates), in_axes=(1, None, 1)))
 
-    def step(z: Array, piece: tuple[Array, ...]) -> Array:
-        h, c0, c1, c2, start, fresh = piece
+    def step(z: Array, interval: tuple[Array, ...]) -> Array:
+        h, c0, c1, c2, start, fresh = interval
         fastest = jnp.maximum(*(jnp.max(jnp.sum(jnp.abs(slopes(z, c, numbers)), axis=-1)) for c in (c0, c2)))
-        count = jnp.clip(jnp.ceil(jnp.nan_to_num(h * fastest / SHORT)), FEWEST_STEPS, MOST_STEPS)
+        needed = jnp.ceil(jnp.nan_to_num(h * fastest / STEP_OVER_TIME_SCALE))
+        count = jnp.clip(needed, FEWEST_STEPS_BETWEEN_NODES, MOST_STEPS_BETWEEN_NODES)
 
         def rate(z: Array, share: Array) -> Array:
             # The parabola through the nodes and the middle.
@@ -197,20 +199,19 @@ def _followed(
             return each(z, c, numbers)
 
         def part(k: Array, z: Array) -> Array:
-            own, at = h / count, k / count
-            k1 = rate(z, at)
-            k2 = rate(z + own / 2 * k1, at + 0.5 / count)
-            k3 = rate(z + own / 2 * k2, at + 0.5 / count)
-            k4 = rate(z + own * k3, at + 1 / count)
-            return z + own / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            length, share = h / count, k / count
+            k1 = rate(z, share)
+            k2 = rate(z + length / 2 * k1, share + 0.5 / count)
+            k3 = rate(z + length / 2 * k2, share + 0.5 / count)
+            k4 = rate(z + length * k3, share + 1 / count)
+            return z + length / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
         moved = jax.lax.fori_loop(0, count.astype(int), part, z)
         return jnp.where(fresh, start[:, None], moved)
 
     def next_one(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-        z, found = carry
-        z = step(z, tuple(jax.lax.dynamic_index_in_dim(x, k, keepdims=False) for x in steps))
-        return z, jax.lax.dynamic_update_index_in_dim(found, z, k, 0)
+        z, path = carry
+        z = step(z, tuple(jax.lax.dynamic_index_in_dim(x, k, keepdims=False) for x in intervals))
+        return z, jax.lax.dynamic_update_index_in_dim(path, z, k, 0)
 
-    steps = h, before, halfway, after, start, fresh
-    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(h), *z.shape))))[1]
+    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(intervals.h), *z.shape))))[1]

@@ -35,26 +35,26 @@ _MAX_TERMS = 1000
 class Term:
     """One candidate effect, a column of the dictionary, and what is known of its coefficient.
 
-        Term("y**3", sign="-")             the coefficient is not positive; how large it is the model's prior says
+        Term("y**3", sign="-")             the coefficient is not positive; its size follows the model's prior
         Term("y**3", prior=(-40, 10))      N(-40, 10²) in place of the model's prior; the term is in
         Term("y**3", bounds=(-60, 0))      the one or the other, restricted to an interval
-        Term("y**3", fixed=-40)            given and not learned: the term belongs to the simulation
+        Term("y**3", fixed=-40)            known and not learned: the term belongs to the simulation
 
-    Coefficients are in your units; see `Coefficient` for what these mean beside each other and under each prior.
+    Coefficients are in your units; see `Coefficient` for how these combine, and for their meaning under each prior.
 
     Attributes:
         expression: The formula, as text or as a SymPy expression.
-        name: How tables and figures call it; the formula as written, without blanks, by default.
+        name: Name in tables and figures; by default the formula as written, without blanks.
         unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
-        states: Hidden states that the formula uses beside columns, where it remembers; `Program.remembering` gives them
-            to a simulation.
+        states: Hidden states that the formula uses beside columns, where it has memory; `Program.remembering` gives
+            them to a simulation.
         sign: "+" where the coefficient is not negative, "-" where it is not positive.
-        prior: Mean and standard deviation of what is known of it.
-        fixed: Its value.
+        prior: Mean and standard deviation of the coefficient.
+        fixed: Value of the coefficient.
         bounds: Its least and largest value; None leaves an end open.
-        named: The same formula where it is known already, with names for numbers in it: text is then read when it is
-            asked for, and a study evaluates hundreds of terms that differ in a number.
-        stated: Sign, prior, fixed and bounds as one; None where they say nothing.
+        named: The same formula, if it was parsed before, with names for numbers in it. Text is then read only when it
+            is asked for: a study evaluates hundreds of terms that differ in a number.
+        stated: Sign, prior, fixed and bounds as one; None where nothing is stated.
     """
 
     expression: str | sympy.Expr
@@ -84,14 +84,14 @@ class Term:
         object.__setattr__(self, "stated", stated)
         # As plain values: lists, as files have them, cannot be keys.
         for key, plain in (("prior", _plain), ("fixed", float), ("bounds", _plain)):
-            given = getattr(self, key)
-            object.__setattr__(self, key, None if given is None else plain(given))
+            value = getattr(self, key)
+            object.__setattr__(self, key, None if value is None else plain(value))
 
     @cached_property
     def expr(self) -> sympy.Expr:
         """The SymPy expression over real symbols."""
-        given = self.expression
-        return parse_expression(given) if isinstance(given, str) else check_expression(given)
+        formula = self.expression
+        return parse_expression(formula) if isinstance(formula, str) else check_expression(formula)
 
     @property
     def symbols(self) -> tuple[str, ...]:
@@ -115,22 +115,22 @@ class Term:
 
     @cached_property
     def jumps(self) -> bool:
-        """Whether the term may jump, as sign and heaviside do."""
+        """True if the term may jump, as sign and heaviside do."""
         formula = self.expr if self._named is None else self._named.formula
         return bool(formula.atoms(sympy.sign, sympy.Heaviside))
 
     def evaluate(self, columns: Mapping[str, Float[Array | np.ndarray, "..."]]) -> Float[Array | np.ndarray, "..."]:
-        """Value of the term, in the shape of the columns (see `expressions.evaluate`)."""
+        """Evaluate the term, in the shape of the columns (see `expressions.evaluate`)."""
         if self._named is None:
             return evaluate(self.expr, columns)
         return evaluate(self._named.formula, {**columns, **as_columns([np.asarray(x) for x in self._named.numbers])})
 
     def units(self, units: Mapping[str, str]) -> dict[str, str]:
-        """Units of columns, and those of the hidden states."""
+        """Return the units of columns and of the term's hidden states."""
         return {**units, **{state.name: units.get(state.unit_of, "") for state in self.states}}
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Term":
-        """The term with its jumps rounded, as an integrator needs it (see `rounding.rounded`)."""
+        """Return the term with its jumps rounded, as an integrator needs it (see `rounding.rounded`)."""
         smooth = rounded(self.expr, columns)
         return self if smooth is self.expr else replace(self, expression=smooth)
 
@@ -143,7 +143,7 @@ class Dictionary:
 
     Attributes:
         terms: The terms, in order.
-        parts: Where it joins the dictionaries of several learned states, these by state, in the order of the terms.
+        parts: Dictionaries by learned state, in the order of the terms, where this one joins those of several states.
     """
 
     terms: tuple[Term, ...]
@@ -151,23 +151,19 @@ class Dictionary:
 
     @classmethod
     def joined(cls, parts: Mapping[str, "Dictionary"]) -> "Dictionary":
-        """One dictionary for all terms of several learned states; a term is called "x: x*y" in it.
-
-        Args:
-            parts: Dictionaries by learned state.
-        """
-        terms = [replace(term, name=f"{state}: {term.name}") for state, own in parts.items() for term in own.terms]
+        """Join the dictionaries of several learned states; a term of the state x is called "x: x*y" in it."""
+        terms = [replace(term, name=f"{state}: {term.name}") for state, part in parts.items() for term in part.terms]
         return cls(tuple(terms), tuple(parts.items()))
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Dictionary":
-        """The dictionary with jumps of its terms rounded, as an integrator needs them."""
-        parts = tuple((state, own.rounded(columns)) for state, own in self.parts)
+        """Return the dictionary with jumps of its terms rounded, as an integrator needs them."""
+        parts = tuple((state, part.rounded(columns)) for state, part in self.parts)
         return Dictionary(tuple(term.rounded(columns) for term in self.terms), parts)
 
     @property
     def acts_on(self) -> tuple[str, ...]:
-        """The learned state whose rate each term adds to, where there are several; else empty."""
-        return tuple(state for state, own in self.parts for _ in own.terms)
+        """Learned state to whose rate each term adds, where there are several states; else empty."""
+        return tuple(state for state, part in self.parts for _ in part.terms)
 
     @classmethod
     def of(cls, spec: object, names: Iterable[str]) -> "Dictionary":
@@ -182,8 +178,8 @@ class Dictionary:
             The dictionary, with the terms in the order given.
 
         Raises:
-            InputError: No terms; two terms that are equal up to a constant factor; two terms with one name; a
-                term that uses an unknown column.
+            InputError: There are no terms; two terms are equal up to a constant factor, or have one name; a term uses
+                an unknown column.
         """
         names = tuple(check_name(name) for name in names)
         terms = terms_of(spec)
@@ -226,13 +222,13 @@ class Dictionary:
 
     @property
     def jumping(self) -> tuple[int, ...]:
-        """Places of the terms that may jump."""
+        """Indices of the terms that may jump."""
         return tuple(i for i, term in enumerate(self.terms) if term.jumps)
 
     def evaluate(
         self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
     ) -> Float[Array | np.ndarray, "*rows n_term"]:
-        """Dictionary matrix Phi, one row per observation.
+        """Return the dictionary matrix Phi, one row for each observation.
 
         Args:
             columns: Arrays by name, all of one shape: `(n_obs,)`, or `()` for a single point.
@@ -249,13 +245,13 @@ class Dictionary:
 def polynomial(
     variables: str | Sequence[str], degree: int, interactions: bool = True, constant: bool = False
 ) -> tuple[Term, ...]:
-    """All monomials of the variables up to a degree, lowest degree first.
+    """Return all monomials of the variables up to a degree, lowest degree first.
 
     Args:
         variables: Column names; their order decides the order of the terms.
         degree: Largest total degree, at least 1.
-        interactions: Include products of different variables.
-        constant: Start with the constant term 1.
+        interactions: If true, products of different variables are included.
+        constant: If true, the constant term 1 comes first.
 
     Returns:
         The terms, for example y, ydot, y**2, y*ydot, ydot**2.
@@ -279,35 +275,24 @@ def polynomial(
     for total in range(1, degree + 1):
         for factors in combinations_with_replacement(names, total):
             if interactions or len(set(factors)) == 1:
-                terms.append(Term(_monomial(factors)))
+                powers = {name: factors.count(name) for name in factors}
+                terms.append(Term("*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())))
     return tuple(terms)
 
 
-def _monomial(factors: Sequence[str]) -> str:
-    powers = {name: factors.count(name) for name in factors}
-    return "*".join(name if n == 1 else f"{name}**{n}" for name, n in powers.items())
-
-
 def terms_of(spec: object) -> tuple[Term, ...]:
-    """Terms as `Dictionary.of` reads them, neither checked against columns nor against each other."""
-    return tuple(_as_term(item) for item in _flat(spec))
+    """Read terms as `Dictionary.of` does, without checking them against columns or each other."""
+    # Nested sequences are opened one level deep.
+    return tuple(_as_term(item) for part in _items(spec) for item in _items(part))
 
 
 def stating(spec: object) -> tuple[Term, ...]:
-    """Terms of a term list that state something of their coefficients; formulas are not read."""
+    """Return the terms of a term list that state something of their coefficients; formulas are not read."""
     if isinstance(spec, str | sympy.Expr | Mapping) or not isinstance(spec, Iterable | Term | Dictionary):
         return ()
     items = _items(spec)
     nested = [each if isinstance(each, Term | Dictionary | list | tuple) else () for each in items]
     return tuple(t for each in nested for t in _items(each) if isinstance(t, Term) and t.stated is not None)
-
-
-def _flat(spec: object) -> list[object]:
-    """The items of a term list, with nested sequences opened one level deep."""
-    items: list[object] = []
-    for item in _items(spec):
-        items.extend(_items(item))
-    return items
 
 
 def _plain(pair: Iterable[float | None]) -> tuple[float | None, ...]:
@@ -338,7 +323,7 @@ def _as_term(item: object) -> Term:
 
 
 def _canonical(expr: Any) -> Any:
-    """One form for all expressions that are equal up to a constant factor."""
+    """Return one form for all expressions that are equal up to a constant factor."""
     # Decimals as exact fractions: ratios such as 0.1/0.1 are then the whole number 1.
     expr = expr.xreplace({f: sympy.Rational(repr(float(f))) for f in expr.atoms(sympy.Float)})
     small = all(

@@ -24,17 +24,10 @@ from .terms import Term
 
 
 def parse_unit(text: str, what: str) -> Any:
-    """Read a unit such as "m/s^2".
-
-    Args:
-        text: The unit.
-        what: What has it, for the message, such as "column 'y'".
-
-    Returns:
-        The pint unit.
+    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'".
 
     Raises:
-        InputError: Not a known unit; the message names the nearest known ones.
+        InputError: The unit is unknown; the message names the nearest known ones.
     """
     # Chains of powers and long numbers are no units and could take pint for ever.
     chained = re.search(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}", text)
@@ -50,15 +43,10 @@ def parse_unit(text: str, what: str) -> Any:
 
 
 def same_unit(first: str, second: str, what: str) -> bool:
-    """Whether two units are one, however they are written.
-
-    Args:
-        first: A unit, as in "m/s".
-        second: Another.
-        what: What has them, for the message.
+    """Return True if two units, as in "m/s", are one, however they are written.
 
     Raises:
-        InputError: One of them is not a known unit.
+        InputError: One of them is unknown; `what` names their owner in the message.
     """
     if first == second:
         return True
@@ -70,13 +58,8 @@ def same_unit(first: str, second: str, what: str) -> bool:
 def require_units_of(data: Runs, train: Runs, which: str = "test") -> None:
     """Refuse data in other units than those of the training data, where both are declared.
 
-    Args:
-        data: Data that a model is asked about.
-        train: Data that it learned from.
-        which: What the first are called in a sentence.
-
     Raises:
-        InputError: The column whose units differ, or a unit that is not known.
+        InputError: Units of a column differ, or one is unknown. The message calls the data `which`.
     """
     for name, unit in train.units.items():
         other = data.units.get(name)
@@ -85,11 +68,7 @@ def require_units_of(data: Runs, train: Runs, which: str = "test") -> None:
 
 
 def per_second(unit: str) -> float:
-    """How many of a unit of time are a second: 1000 for ms; 1 where the unit is not known, or none of time.
-
-    Args:
-        unit: Unit of time, "" where it is not known.
-    """
+    """Return the number of units of time in a second: 1000 for ms; 1 where the unit is unknown, or none of time."""
     try:
         given, second = parse_unit(unit, "the time"), registry().parse_units("second")
     except InputError:
@@ -100,14 +79,9 @@ def per_second(unit: str) -> float:
 
 
 def derivative_unit(state: str, units: Mapping[str, str]) -> str:
-    """Unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over the time's.
+    """Return the unit of d(state)/dt: as declared under "d(state)/dt", else the state's unit over that of "t".
 
-    Args:
-        state: Name of the state.
-        units: Units by column name, the time's under "t".
-
-    Returns:
-        A unit that `parse_unit` reads, such as "m/s²"; "" if it is not known.
+    It reads as `parse_unit` does, such as "m/s²"; "" if it is unknown.
     """
     declared = units.get(derivative_label(state))
     if declared:
@@ -119,11 +93,10 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
 
 
 def with_rates(units: Mapping[str, str], rates: Mapping[str, str | None]) -> dict[str, str]:
-    """Units with those of states that are nothing but the rate of another one, such as m/s of the rate of a length.
+    """Add units of states that are nothing but the rate of another one, such as m/s for the rate of a length.
 
-    Args:
-        units: Units by column name, the time's under "t"; what they say already stays.
-        rates: The state that is the rate, by the state whose rate it is; None where the rate is a formula.
+    Declared units take precedence. `rates` has the state that is the rate, by the state whose rate it is; None where
+    the rate is a formula.
     """
     known = dict(units)
     for _ in rates:
@@ -135,27 +108,12 @@ def with_rates(units: Mapping[str, str], rates: Mapping[str, str | None]) -> dic
 
 
 def target_unit(equation: str, data: Runs) -> str:
-    """Unit of what an equation gives: of a state's derivative, or an output's own.
-
-    Args:
-        equation: Name of a state or an output.
-        data: Data that have it.
-
-    Returns:
-        A unit that `parse_unit` reads; "" if it is not known.
-    """
+    """Return the unit of what an equation gives: of a state's derivative, or an output's own; "" if it is unknown."""
     return (data.unit(equation) or "") if data.is_output(equation) else derivative_unit(equation, data.units)
 
 
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:
-    """Unit of a term, from the units of its columns or its own declaration.
-
-    Args:
-        term: The term.
-        units: Units by column name.
-
-    Returns:
-        The pint unit, None if it cannot be told.
+    """Return the pint unit of a term, from the units of its columns or its own declaration; None if it is unknown.
 
     Raises:
         InputError: The term adds or compares different units, or has a unit inside a function such as sin.
@@ -166,18 +124,12 @@ def term_unit(term: Term, units: Mapping[str, str]) -> Any:
 
 
 def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> str:
-    """Unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print.
+    """Return the unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print: "1/s²", or "1" for none.
 
-    Args:
-        target_unit: Unit of what the equation gives, see `target_unit`.
-        term: The term.
-        units: Units by column name.
-
-    Returns:
-        For example "1/s²"; "1" for a plain number, "" if a unit is missing.
+    It is "" if a unit is missing. `target_unit` is the unit of what the equation gives.
 
     Raises:
-        InputError: As `term_unit` and `parse_unit`.
+        InputError: As for `term_unit` and `parse_unit`.
     """
     unit = term_unit(term, units)
     if unit is None or not target_unit:
@@ -200,13 +152,12 @@ def check_units(
     Args:
         dictionary: Terms by equation (the learned state), for example `{"ydot": some_dictionary.terms}`.
         units: Units by column name, the time's under "t"; columns without one are not checked.
-        states: States whose declared derivative unit is compared with state over time, beside the equations.
+        states: States beside the equations whose declared derivative unit is compared with state over time.
         time: Name of the time, for the message.
 
     Raises:
-        InputError: A unit is not known; that of the time is none of time, nor of an angle or a plain number; a
-            derivative's unit is not state over time; a term adds, compares or puts into a function what its units
-            forbid.
+        InputError: A unit is unknown; the time's is none of time, of an angle or of a plain number; a derivative's unit
+            is not state over time; a term adds, compares or puts into a function what its units forbid.
     """
     for name, unit in units.items():
         if unit:
@@ -228,7 +179,7 @@ def check_units(
 
 
 def _require_time(text: str, name: str) -> None:
-    """Refuse a unit of the time that is one of something else: Min is a mega-inch, S a siemens."""
+    """Refuse a unit of the time that measures something else: Min is a mega-inch, S a siemens."""
     unit = parse_unit(text, f"column {name!r}")
     if unit.dimensionless or unit.dimensionality == registry().second.dimensionality:
         return
@@ -240,7 +191,7 @@ def _require_time(text: str, name: str) -> None:
 
 @dataclass(frozen=True)
 class _Quantity:
-    """Unit of a part of a formula (None: unknown), and whether a number in it may carry a further unit."""
+    """Unit of a part of a formula (None: unknown), with `free` true if a number in it may carry a further unit."""
 
     unit: Any
     free: bool
@@ -290,7 +241,7 @@ class _Walk:
         return _Quantity(self.none, free=False)
 
     def common(self, expr: sympy.Basic) -> _Quantity:
-        """Unit of a sum, minimum or maximum: that of the parts whose unit no number can change."""
+        """Return the unit of a sum, minimum or maximum: that of the parts whose unit no number can change."""
         parts = [(arg, self.quantity(arg)) for arg in expr.args]
         fixed = [(arg, q.unit) for arg, q in parts if not q.free]
         if not fixed:
@@ -319,7 +270,7 @@ class _Walk:
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Equal dimension and equal size: m/s² and N/kg are the same, m and mm are not."""
+    """Compare dimension and size: m/s² and N/kg are the same, m and mm are not."""
     if a.dimensionality != b.dimensionality:
         return False
     size_a, size_b = (float(registry().get_root_units(unit)[0]) for unit in (a, b))

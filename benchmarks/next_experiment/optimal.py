@@ -15,8 +15,8 @@ from scipy.linalg import qr
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.explained import PREDICTING, Explained
-from bayes_greybox.physics.candidate import Candidate
-from bayes_greybox.physics.side_by_side import side_by_side, stage_times
+from bayes_greybox.physics.experiments.candidate import Candidate
+from bayes_greybox.physics.integration.side_by_side import side_by_side, stage_times
 from bayes_greybox.physics.terms import Term
 from benchmarks.hidden_effects.generate import CaseData
 from benchmarks.hidden_effects.systems.hosts import term_value

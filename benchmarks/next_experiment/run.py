@@ -21,7 +21,7 @@ from .scores import LEAST_PROBABILITY, score, show
 
 if TYPE_CHECKING:
     from bayes_greybox.missing_effects import Study
-    from bayes_greybox.physics.candidate import Candidate
+    from bayes_greybox.physics.experiments.candidate import Candidate
 
 TIED = ("one of", "unknown")
 """Verdicts of a tie, where at least two explanations say what a further run would show."""

@@ -110,7 +110,7 @@ def measured(problem: Problem, seed: int) -> Data:
     """Return the data of a problem; the seed is that of states in the box, and of the noise."""
     if problem.kind != BOX:
         # Imported here: it brings JAX.
-        from bayes_greybox.physics.systems import oscillator
+        from bayes_greybox.physics.experiments.systems import oscillator
 
         system, time = oscillator(), np.linspace(0.0, 100.0, problem.n_obs)
         if problem.n_obs <= INTEGRATED:

@@ -247,7 +247,7 @@ def made_up(monkeypatch, tmp_path):
         (folder / "summary.json").write_text(text, encoding="utf-8")
 
     class Settings:
-        def with_sampling(self, **_):
+        def with_settings(self, *_, **__):
             return self
 
     monkeypatch.setattr(Asset, "settings", lambda _: Settings())

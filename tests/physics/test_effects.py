@@ -14,7 +14,8 @@ from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.catalogue.loading import DOMAINS, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import ROLES, bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.roles import ROLES, Columns, bind_catalogue, unbound
+from bayes_greybox.physics.catalogue.roles import roles_of as roles_of_columns
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.formula.grammar import read
 from bayes_greybox.physics.hidden_states import HiddenState, along
@@ -36,6 +37,10 @@ OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
 ALL = load_catalogue("all")
 BY_SLUG = {effect.slug: effect for effect in ALL}
+
+
+def roles_of(simulation, states, inputs, equation, given=None, units=None, pairs=None, outputs=()):
+    return roles_of_columns(simulation, Columns(states, inputs, outputs, units or {}), equation, given, pairs)
 
 
 def texts(catalogue, roles, units=None):

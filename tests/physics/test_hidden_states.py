@@ -67,7 +67,7 @@ def test_several_numbers_at_once_are_each_alone():
 def test_one_program_follows_paths_of_any_length(monkeypatch):
     traced, real = [], module._Rates.__call__
     monkeypatch.setattr(module._Rates, "__call__", lambda self, *given: traced.append(1) or real(self, *given))
-    monkeypatch.setattr(module, "STRETCH", 64)
+    monkeypatch.setattr(module, "PROGRAM_STEPS", 64)
 
     def followed(n):
         t, states = STEP * np.arange(n), (HiddenState("z", "v - abs(v)*z/0.3 - 0.1*z", "y"),)

@@ -1,1 +1,1 @@
-"""A first configuration for a table: what its columns probably are, and the file that says so."""
+"""A first configuration for a table: the probable roles of its columns, and the file that states them."""

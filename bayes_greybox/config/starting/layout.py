@@ -1,4 +1,4 @@
-"""How a table is laid out, found from the table where it leaves no doubt."""
+"""Layout of a table, found from the table where it leaves no doubt."""
 
 import codecs
 from dataclasses import replace
@@ -21,40 +21,36 @@ MARKS = {
 
 
 def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
-    """Read a table with the encoding, the lines of titles and the marks of its numbers that it has.
+    """Read a table with the encoding, title lines and marks of numbers that it has, and return its layout.
 
-    Args:
-        data: The table.
-        layout: What is known of it, which holds.
-
-    Returns:
-        The table, and how it was read.
+    Known parts of the layout take precedence.
 
     Raises:
-        InputError: A table that cannot be read.
+        InputError: The table cannot be read.
     """
     if data.is_file() and TABLE_READERS.get(data.suffix.lower()) is TABLE_READERS[".csv"]:
         layout = _encoded(data, layout)
         if layout.skiprows == 0 and layout.columns is None:
             layout = replace(layout, skiprows=titles(data, layout))
     table = read_source(data, layout)
-    if layout.decimal == "." and _has_decimal_commas(table):
+    if layout.decimal == "." and _numbers_have(",", table):
         layout = replace(layout, decimal=",")
         table = read_source(data, layout)
-    if layout.decimal == "," and layout.thousands is None and _has_groups(table):
+    # Digits grouped by points.
+    if layout.decimal == "," and layout.thousands is None and _numbers_have(".", table):
         layout = replace(layout, thousands=".")
         table = read_source(data, layout)
     return table, layout
 
 
 def _encoded(data: Path, layout: Layout) -> Layout:
-    """The layout with the encoding of Western European Windows, or UTF-16, where text is no UTF-8."""
+    """Return the layout with the encoding of Western European Windows, or UTF-16, where text is no UTF-8."""
     if layout.encoding != Layout().encoding:
         return layout
     content = data.read_bytes()
-    found = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
-    if found is not None:
-        return replace(layout, encoding=found)
+    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
+    if encoding is not None:
+        return replace(layout, encoding=encoding)
     # Text has no such bytes; what has is refused as it is.
     every = [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []
     return next((replace(layout, encoding=each) for each in every if _reads(content, each)), layout)
@@ -68,17 +64,9 @@ def _reads(content: bytes, encoding: str) -> bool:
     return True
 
 
-def _has_decimal_commas(table: Table) -> bool:
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(",").any() for column in cells)
-
-
-def _has_groups(table: Table) -> bool:
-    """Whether a column of numbers has cells whose digits are grouped by points."""
-    cells = [column for column in _words(table) if column.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
-    return any(column.str.contains(".", regex=False).any() for column in cells)
-
-
-def _words(table: Table) -> list[Any]:
+def _numbers_have(mark: str, table: Table) -> bool:
+    """Return True if a column that was read as words has numbers with this mark."""
     words = table.frame.select_dtypes(exclude="number")
-    return [column for name in words if len(column := words[name].dropna().astype(str).str.strip())]
+    columns: list[Any] = [words[name].dropna().astype(str).str.strip() for name in words]
+    numbers = [each for each in columns if len(each) and each.str.fullmatch(f"{COMMA}|{GROUPS}").all()]
+    return any(each.str.contains(mark, regex=False).any() for each in numbers)

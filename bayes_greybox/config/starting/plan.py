@@ -1,4 +1,4 @@
-"""What a first configuration learns from what: names in formulas, whose rate is whose, which equations are open."""
+"""Names in formulas, rates of states and open equations of a first configuration."""
 
 import re
 from collections.abc import Iterable, Mapping
@@ -10,27 +10,26 @@ from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.running.errors import InputError
 
 from .example import is_electrical, is_length_or_angle
-from .roles import LEVEL, POSITION, Guess
+from .roles import LIQUID_LEVELS, POSITIONS, Guess
 
 
 class Plan:
-    """Names in formulas, and which equations are learned from what.
+    """Names in formulas, and the data from which each equation is learned.
 
     Attributes:
-        table: What was read.
-        guess: What its columns probably are.
+        table: The table.
+        guess: Probable roles of its columns.
         names: Name in formulas by column.
         units: Unit by column, where the table states it.
         measured: Column of the measured rate by state.
         chained: State that is the rate, by state.
         learned: States whose rate is open.
-        computed: Whether rates are computed by a filter; where they are not measured either, rows are samples.
-        followed: Whether a position is all that was measured, beside inputs.
+        computed: True if rates are computed by a filter; where they are not measured either, rows are samples.
+        followed: True if a position is all that was measured, beside inputs.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
     """
 
     def __init__(self, table: Table, guess: Guess) -> None:
-        """Plan for a table."""
         self.table, self.guess = table, guess
         self.names = _names((*guess.states, *guess.inputs, *guess.rate_of.values()))
         columns = [each for each in (guess.time, *self.names) if each is not None]
@@ -54,55 +53,54 @@ class Plan:
         self.computed = not self.measured and guess.even and not self.followed
 
     def name(self, columns: Iterable[str]) -> list[str]:
-        """Names in formulas of columns."""
+        """Return the names of columns in formulas."""
         return [self.names[column] for column in columns]
 
     def unit(self, column: str | None) -> str:
-        """Unit of a column; "" if it is not known."""
+        """Return the unit of a column; "" if it is unknown."""
         return "" if column is None else self.units.get(column, "")
 
     @property
     def sampled(self) -> bool:
-        """Whether rows are samples: rates are neither measured nor computed."""
+        """True if rows are samples: rates are neither measured nor computed."""
         return not (self.measured or self.computed)
 
     @cached_property
     def variables(self) -> list[str]:
-        """What a term may be of."""
+        """Names that a term may use."""
         return [*self.name(self.guess.states), *self.second.values(), *self.name(self.guess.inputs)]
 
     @cached_property
     def equations(self) -> list[str]:
-        """What is learned: a measured or computed rate of each."""
+        """Learned equations: a measured or computed rate of each."""
         return [self.second.get(state, self.names[state]) for state in self.learned]
 
     @cached_property
     def known(self) -> dict[str, str]:
         """Rates that are other states."""
-        return {self.names[s]: self.names[r] for s, r in self.chained.items()} | {
-            self.names[state]: rate for state, rate in self.second.items()
-        }
+        chained = {self.names[state]: self.names[rate] for state, rate in self.chained.items()}
+        return chained | {self.names[state]: rate for state, rate in self.second.items()}
 
     @property
     def catalogue(self) -> str:
         """The field of the states, by their names and units."""
-        if any(LEVEL.match(state) for state in self.guess.states):
+        if any(LIQUID_LEVELS.match(state) for state in self.guess.states):
             return "fluid"
         return "electrical" if any(is_electrical(self.unit(state)) for state in self.guess.states) else "mechanical"
 
     def _is_position(self, state: str) -> bool:
-        """Whether a state is a position of a body: by its unit if it has one, else by its name."""
+        """Return True if a state is a position of a body: by its unit if it has one, else by its name."""
         unit = self.unit(state)
-        if LEVEL.match(state):
+        if LIQUID_LEVELS.match(state):
             return False
-        return is_length_or_angle(unit) if unit else bool(POSITION.match(state))
+        return is_length_or_angle(unit) if unit else bool(POSITIONS.match(state))
 
     def _free(self, name: str) -> str:
         return name if name not in self.names.values() else self._free(f"{name}_")
 
 
 def _names(columns: Iterable[str]) -> Mapping[str, str]:
-    """A name for formulas by column."""
+    """Return a name for formulas by column."""
     names: dict[str, str] = {}
     for column in columns:
         if column in names:

@@ -1,4 +1,4 @@
-"""What the columns of a table probably are, from their names and their behaviour."""
+"""Probable roles of the columns of a table, from their names and their behaviour."""
 
 import re
 from collections.abc import Sequence
@@ -15,55 +15,57 @@ from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
 from bayes_greybox.running.errors import InputError
 
-TIME = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
-RUN = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")
-INPUT = re.compile(
+TIME_WORDS = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
+RUNS = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")
+INPUTS = re.compile(
     r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
 )
-AROUND = re.compile(
+AMBIENT = re.compile(
     r"(?i)(^|[ _.])(amb|ambient|room|outdoor|outside|setpoint|umgebung|raum|aussen|außen|soll)(_?\d+|[ _.].*)?$"
 )
-"""What acts from outside, wherever it stands in the name: T_amb."""
+"""Word for the surroundings, anywhere in the name: T_amb."""
 
-LEVEL = re.compile(r"(?i)^(level|height|depth|head|h|pegel|füllstand|fuellstand|höhe|hoehe|tiefe)([ _]?\d+)?([ _].*)?$")
+LIQUID_LEVELS = re.compile(
+    r"(?i)^(level|height|depth|head|h|pegel|füllstand|fuellstand|höhe|hoehe|tiefe)([ _]?\d+)?([ _].*)?$"
+)
 """A length that is no position of a body: its own rate is what is known."""
 
-POSITION = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
-COUNTER = re.compile(r"(?i)^(index|no|nr|number|sample|row|unnamed: \d+)$")
+POSITIONS = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
+COUNTERS = re.compile(r"(?i)^(index|no|nr|number|sample|row|unnamed: \d+)$")
 
-EXPLAINED = 0.95
+EXPLAINED_SHARE = 0.95
 """Share of a column that the integral of another one must explain, beside a line, to be its rate."""
 
-FACTOR = 1.25
-"""By how much, up or down, that integral may be off."""
+RATE_FACTOR = 1.25
+"""Factor by which that integral may be off, up or down."""
 
-HELD = 0.3
-"""A column of which this share of samples repeats the one before is set by somebody, and not measured."""
+HELD_SHARE = 0.3
+"""Share of samples that repeat the one before, beyond which a column is set by somebody, and not measured."""
 
-FEW = 3
-"""Rows of a run, at most, of which most runs have no more where the rows are out of order."""
+ROWS_OUT_OF_ORDER = 3
+"""Median number of rows of a run up to which rows are out of order."""
 
-SAME = 0.99999
+SAME_CORRELATION = 0.99999
 """Correlation from which on two columns are one."""
 
 
 @dataclass(frozen=True)
 class Guess:
-    """What columns probably are; names are those of the table.
+    """Probable roles of columns, by their names in the table.
 
     Attributes:
         time: Column of stamps; None for none.
-        run: Column that tells the runs apart.
-        restart: Whether the time goes back without such a column.
-        even: Whether the stamps of every run are evenly spaced.
-        set_back: Whether the time goes back by an hour, as clocks do when summer time ends.
-        missing: Rows with missing cells.
+        run: Column that labels the runs.
+        restart: True if the time goes back without such a column.
+        even: True if the stamps of every run are evenly spaced.
+        set_back: True if the time goes back by an hour, as clocks do when summer time ends.
+        missing: Number of rows with missing cells.
         states: Columns of states.
         inputs: Columns of inputs.
         rate_of: Column of the rate by the state whose rate it is.
-        left_out: Why a column has no role.
-        dated: Whether the stamps are dates or clock times, which become seconds.
-        shuffled: Whether the time goes back every few rows, as that of rows which are out of order does.
+        left_out: Reason why a column has no role.
+        dated: True if the stamps are dates or clock times, which become seconds.
+        shuffled: True if the time goes back every few rows, as that of rows which are out of order does.
     """
 
     time: str | None
@@ -81,14 +83,10 @@ class Guess:
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
-    """Roles of the columns of a table.
-
-    Args:
-        table: What was read.
-        layout: How its cells are written.
+    """Guess the roles of the columns of a table with this layout.
 
     Raises:
-        InputError: No column of numbers that changes; dates whose day may be their month.
+        InputError: No column has numbers that change, or the day of dates may be their month.
     """
     names = [str(name) for name in table.frame.columns]
     time = _time(table, names, layout)
@@ -119,7 +117,7 @@ def guessed(table: Table, layout: Layout) -> Guess:
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
     parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
-    shuffled = back and float(np.median([len(part) for part in parts])) <= FEW
+    shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
     guess = Guess(
         time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out,
         dated=dated, shuffled=shuffled,
@@ -128,10 +126,10 @@ def guessed(table: Table, layout: Layout) -> Guess:
 
 
 def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
-    """The column of stamps: by its name, else the first that holds dates, else the first that only increases."""
-    by_name = [name for name in names if TIME.match(name)]
-    # What only counts is no time; the index of a frame, or of its file, may hold dates.
-    counters = [name for name in names if COUNTER.match(name)]
+    """Return the column of stamps: by its name, else the first that holds dates, else the first that only increases."""
+    by_name = [name for name in names if TIME_WORDS.match(name)]
+    # A mere counter is no time; the index of a frame, or of its file, may hold dates.
+    counters = [name for name in names if COUNTERS.match(name)]
     others = [name for name in names if name not in (*by_name, *counters)]
     for name in (*by_name, *counters, *others):
         try:
@@ -149,11 +147,11 @@ def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
 
 
 def _tells_runs(table: Table, name: str, layout: Layout) -> bool:
-    """Whether a column is a label of runs: by its name or being of words, with few values beside the rows."""
+    """Return True if a column labels runs: it has few values for its rows, and words or such a name."""
     column: Any = table.frame[name]
     words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
     few = column.nunique() <= max(1, len(column) // 10)
-    return bool(few and column.notna().all() and (RUN.match(name) or (words and column.nunique() > 1)))
+    return bool(few and column.notna().all() and (RUNS.match(name) or (words and column.nunique() > 1)))
 
 
 def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
@@ -165,12 +163,12 @@ def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
 
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:
-    """Why a column can be neither state nor input; None if it can."""
+    """Return the reason why a column can be neither state nor input; None if it can."""
     try:
         values = numbers(table, name, layout)
     except InputError:
         return "holds words or dates"
-    if COUNTER.match(name):
+    if COUNTERS.match(name):
         return "counts the rows"
     known = values[np.isfinite(values)]
     if is_packed_dates(values):
@@ -181,7 +179,7 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
         return "never changes"
     for other, column in before.items():
         both = np.isfinite(values) & np.isfinite(column)
-        if abs(np.corrcoef(values[both], column[both])[0, 1]) > SAME:
+        if abs(np.corrcoef(values[both], column[both])[0, 1]) > SAME_CORRELATION:
             return f"is {other} again, but for a factor and an offset"
     return None
 
@@ -197,17 +195,17 @@ def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
 def _with_roles(
     guess: Guess, clock: Float[np.ndarray, " n"], columns: dict[str, Float[np.ndarray, " n"]], parts: list[np.ndarray]
 ) -> Guess:
-    """States, inputs and which column is whose rate."""
+    """Find states, inputs and rates."""
     rate_of: dict[str, str] = {}
     for state in columns:
         fits = {name: _explained(clock, columns[state], columns[name], parts) for name in columns if name != state}
         best = max(fits, key=lambda name: fits[name], default=None)
-        if best is not None and fits[best] > EXPLAINED:
+        if best is not None and fits[best] > EXPLAINED_SHARE:
             rate_of[state] = best
     moving = {*rate_of, *rate_of.values()}
-    held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD}
+    held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD_SHARE}
     inputs = [
-        name for name in columns if name not in moving and (name in held or INPUT.match(name) or AROUND.search(name))
+        name for name in columns if name not in moving and (name in held or INPUTS.match(name) or AMBIENT.search(name))
     ]
     # The last rate of a chain of three is measured, and no state: y, v and a.
     last = {rate for state, rate in rate_of.items() if rate not in rate_of and state in rate_of.values()}
@@ -223,7 +221,7 @@ def _explained(
     rate: Float[np.ndarray, " n"],
     parts: Sequence[np.ndarray],
 ) -> float:
-    """Share of a column, less a line in each run, that the integral of another one explains with a factor near one."""
+    """Return the share of a column, less a line in each run, that the integral of another one explains."""
     moved, summed = [], []
     for part in parts:
         t, r = clock[part], rate[part]
@@ -237,6 +235,6 @@ def _explained(
     if not (np.any(x) and np.any(y)):
         return 0.0
     factor = float(x @ y) / float(x @ x)
-    if not 1 / FACTOR < factor < FACTOR:
+    if not 1 / RATE_FACTOR < factor < RATE_FACTOR:
         return 0.0
     return 1.0 - float(np.sum((y - factor * x) ** 2)) / float(y @ y)

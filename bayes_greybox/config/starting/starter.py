@@ -14,12 +14,12 @@ from .example import equation_of_motion
 from .layout import read_as_found
 from .plan import Plan
 from .roles import guessed
-from .told import told
+from .summary import summary_of
 
 PLACE = "..."
 
-OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
-"""What of the layout is written where it is not the usual."""
+LAYOUT_OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
+"""Parts of the layout that are written where they are not the usual."""
 
 SUFFIXES = frozenset(
     "s ms us m mm cm um km N kN mN V mV kV A mA W kW Pa kPa MPa bar mbar K °C degC deg rad mrad Hz kHz rpm kg g N*m Nm "
@@ -31,7 +31,7 @@ _SET_BACK = [
     "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the next line out",
     "# and write the stamps in UTC or with their offset, such as 2024-10-27T02:00:00+01:00.",
 ]
-"""What stands above `restart` where it may be a mistake."""
+"""Lines above `restart` where it may be a mistake."""
 
 
 @dataclass(frozen=True)
@@ -40,23 +40,18 @@ class Start:
 
     Attributes:
         text: The file.
-        told: What its columns were taken for and what to do next, a line each.
+        summary: Lines about the roles of columns and the next steps.
     """
 
     text: str
-    told: tuple[str, ...]
+    summary: tuple[str, ...]
 
 
 def starter(data: Path, config: Path, layout: Layout) -> Start:
-    """The first configuration for a table.
-
-    Args:
-        data: The table.
-        config: Where the configuration will stand; paths in it start from its folder.
-        layout: How the table is laid out, where it does not tell itself.
+    """Write the first configuration for a table; paths in it start from its folder.
 
     Raises:
-        InputError: A table that cannot be read, or has nothing to model.
+        InputError: The table cannot be read, or has nothing to model.
     """
     table, layout = read_as_found(data, layout)
     plan = Plan(table, guessed(table, layout))
@@ -70,7 +65,9 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _differentiate(plan),
         _simulation(plan),
         _dictionary(plan),
-        _study(plan),
+        "[study]\n"
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
+        f"catalogue = {_quoted(plan.catalogue)}",
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"
         "enabled = false",
@@ -78,17 +75,18 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         # for: 1000 in all would pass or fail by chance, 4000 pass with room, at a few seconds more.
         "[sampling]\ndraws = 1000\ntune = 500\nchains = 4\nseed = 0",
     ]
-    return Start("\n\n".join(part for part in parts if part) + "\n", told(plan, layout, data, config))
+    return Start("\n\n".join(part for part in parts if part) + "\n", summary_of(plan, layout, data, config))
 
 
 def _data(path: str, layout: Layout, plan: Plan) -> str:
-    guess = plan.guess
+    guess, usual = plan.guess, Layout()
     lines = ["[data]", f"path = {_quoted(path)}"]
     if guess.time is not None:
         lines.append(f"time = {_quoted(guess.time)}")
     else:
         lines += ["# The table has no column of time: set the distance of its rows.", "dt = 1.0"]
-    lines += [f"{option} = {_quoted(value)}" for option, value in _options(layout)]
+    options = [name for name in LAYOUT_OPTIONS if getattr(layout, name) != getattr(usual, name)]
+    lines += [f"{name} = {_quoted(getattr(layout, name))}" for name in options]
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
     if guess.shuffled:
@@ -110,7 +108,7 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
 
 
 def _units(plan: Plan) -> str:
-    """Units to be filled in; those of the table stand there already."""
+    """Write units to be filled in; those of the table stand there already."""
     columns = {"t": plan.guess.time} | {plan.names[c]: c for c in (*plan.guess.states, *plan.guess.inputs)}
     columns |= {derivative_label(plan.names[s]): rate for s, rate in plan.measured.items()}
     lines = [
@@ -127,7 +125,7 @@ def _units(plan: Plan) -> str:
 
 
 def _by_name(column: str | None) -> str | None:
-    """The unit that a name ends with, as in force_N."""
+    """Return the unit that a name ends with, as in force_N."""
     last = (column or "").rpartition("_")
     return last[2] if last[0] and last[2] in SUFFIXES else None
 
@@ -141,14 +139,11 @@ def _example_unit(plan: Plan, name: str, column: str | None) -> str:
 
 
 def _differentiate(plan: Plan) -> str:
+    rates = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
     if plan.followed and plan.guess.even:
-        rate = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
-        return "\n".join(
-            [
-                "# Rows are samples. Rates of a filter in their place are quicker, tell less, and nothing of memory:",
-                "# [data.differentiate]",
-                f"# rates = {{ {rate} }}",
-            ]
+        return (
+            "# Rows are samples. Rates of a filter in their place are quicker, tell less, and nothing of memory:\n"
+            f"# [data.differentiate]\n# rates = {{ {rates} }}"
         )
     if not plan.computed:
         return ""
@@ -158,47 +153,32 @@ def _differentiate(plan: Plan) -> str:
         'method = "savgol"',
     ]
     if plan.second:
-        rates = ", ".join(f"{_key(plan.names[state])} = {_quoted(rate)}" for state, rate in plan.second.items())
         lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
         lines += [f"rates = {{ {rates} }}"]
     return "\n".join(lines)
 
 
 def _simulation(plan: Plan) -> str:
+    columns = (plan.guess.time, *plan.guess.states, *plan.guess.inputs)
+    units = ", ".join(dict.fromkeys(unit for unit in map(plan.unit, columns) if unit))
+    shown = f" ({units})" if units else ""
     lines = ["[simulation]", "# What your simulation says: the rate of a state as a formula of states and inputs,"]
-    lines += [f"# its numbers in the units of the table{_shown(plan)}. Take the # away and write yours."]
+    lines += [f"# its numbers in the units of the table{shown}. Take the # away and write yours."]
     positions = {rate: state for state, rate in plan.second.items()}
     positions |= {plan.names[rate]: state for state, rate in plan.chained.items()}
     for state, rate in plan.second.items():
-        lines += [
-            f"# {rate} is the rate of {plan.names[state]}{_per(plan, state)}. Where the equation is of first order,"
-        ]
-        lines += [
-            f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{_and_rates(plan)}."
-        ]
+        unit, time, also = plan.unit(state), plan.unit(plan.guess.time), " and rates above" if plan.computed else ""
+        unit = f", in {unit}/{time}" if unit and time else ""
+        lines += [f"# {rate} is the rate of {plan.names[state]}{unit}. Where the equation is of first order,"]
+        lines += [f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{also}."]
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
         state = positions.get(name)
-        said = _first_order(plan, name) if state is None else _second_order(plan, state, name)
-        lines.append(f'# {_key(name)} = "{PLACE}"  # {said}')
+        example = _first_order(plan, name) if state is None else _second_order(plan, state, name)
+        lines.append(f'# {_key(name)} = "{PLACE}"  # {example}')
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
-
-
-def _shown(plan: Plan) -> str:
-    units = [plan.unit(column) for column in (plan.guess.time, *plan.guess.states, *plan.guess.inputs)]
-    known = list(dict.fromkeys(unit for unit in units if unit))
-    return f" ({', '.join(known)})" if known else ""
-
-
-def _per(plan: Plan, state: str) -> str:
-    unit, time = plan.unit(state), plan.unit(plan.guess.time)
-    return f", in {unit}/{time}" if unit and time else ""
-
-
-def _and_rates(plan: Plan) -> str:
-    return " and rates above" if plan.computed else ""
 
 
 def _first_order(plan: Plan, name: str) -> str:
@@ -214,7 +194,7 @@ def _second_order(plan: Plan, state: str, rate: str) -> str:
 
 
 def _dictionary(plan: Plan) -> str:
-    """Terms to be learned: active where rates were measured, else a comment, as studies learn them everywhere."""
+    """Write terms to be learned: active where rates were measured, else a comment, as studies learn them everywhere."""
     terms = ", ".join(map(_quoted, ["1", *plan.variables]))
     example = _quoted(plan.variables[0])
     equations = [f"{_key(name)} = [{terms}]" for name in plan.equations]
@@ -239,22 +219,8 @@ def _dictionary(plan: Plan) -> str:
     return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
 
 
-def _study(plan: Plan) -> str:
-    return (
-        "[study]\n"
-        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
-        f"catalogue = {_quoted(plan.catalogue)}"
-    )
-
-
-def _options(layout: Layout) -> list[tuple[str, object]]:
-    """Options of the table that are not the usual ones."""
-    usual = Layout()
-    return [(name, value) for name in OPTIONS if (value := getattr(layout, name)) != getattr(usual, name)]
-
-
 def _columns(plan: Plan, columns: Iterable[str]) -> str:
-    """A list of columns, or a table where a column's name cannot stand in formulas."""
+    """Write a list of columns, or a table where a column's name cannot stand in formulas."""
     chosen = list(columns)
     if plan.name(chosen) == chosen:
         return f"[{', '.join(map(_quoted, chosen))}]"

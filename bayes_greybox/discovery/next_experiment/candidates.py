@@ -7,8 +7,8 @@ from numbers import Real
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.candidate import Candidate
-from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Signal, Usual, band
+from bayes_greybox.physics.experiments.candidate import Candidate
+from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Signal, Usual, band
 from bayes_greybox.running.errors import InputError
 
 
@@ -56,7 +56,7 @@ def usual_candidates(
     driven: list[dict[str, Signal]] = []
     for (name, u), factor in product(data.inputs.items(), amplitudes):
         usual = Usual(factor * 0.5 * float(np.ptp(u)), 0.5 * float(np.min(u) + np.max(u)), low, high, duration)
-        driven += [{**still, name: s} for family in families for s in USUAL[family](usual) if np.ptp(u) > 0]
+        driven += [{**still, name: s} for family in families for s in USUAL_SIGNALS[family](usual) if np.ptp(u) > 0]
     firsts = [int(np.flatnonzero(data.run == r)[0]) for r in range(min(2, data.n_run))]
     begun = [{name: float(x[i]) for name, x in data.states.items()} for i in firsts]
     if starts is None:

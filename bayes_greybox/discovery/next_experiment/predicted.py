@@ -10,8 +10,8 @@ from jaxtyping import Float
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.explained import Component, Explained
-from bayes_greybox.physics.candidate import Candidate
-from bayes_greybox.physics.side_by_side import Added, run_with, stage_times, steps_needed
+from bayes_greybox.physics.experiments.candidate import Candidate
+from bayes_greybox.physics.integration.side_by_side import Added, run_with, stage_times, steps_needed
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import derivative_unit
 

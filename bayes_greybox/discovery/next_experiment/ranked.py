@@ -11,7 +11,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.discovery.answer.explained import Explained, joined
 from bayes_greybox.discovery.refusals import check_candidate, check_ranking, check_runs
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.physics.candidate import Candidate
+from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.running.errors import InputError
 
 from .candidates import usual_candidates

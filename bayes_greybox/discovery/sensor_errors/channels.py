@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integrate import between_samples
+from bayes_greybox.physics.integration.adaptive_steps import between_samples
 
 from .bends import BEND_ERRORS, BEND_POWERS, Curve
 

@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.rows.path.path_segments import START_WIDTH
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
-from bayes_greybox.physics.integrate import between_samples, curvature_of
+from bayes_greybox.physics.integration.adaptive_steps import between_samples, curvature_of
 
 from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 

@@ -13,9 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.physics.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
-from bayes_greybox.physics.integrate import Limits, Samples, cut, follow_piece, joined
-from bayes_greybox.physics.solvers import diffrax
+from bayes_greybox.physics.integration.adaptive_steps import Limits, Samples, StepSettings, cut, follow_piece, joined
+from bayes_greybox.physics.integration.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
+from bayes_greybox.physics.integration.solvers import diffrax
 
 MOST_STEPS_PER_INTERVAL = 64
 """Steps in an interval of typical length beyond which adaptive steps are fewer."""
@@ -128,10 +128,9 @@ class AdaptiveSteps:
 
         def one(x0: Array, times: Array, samples: Samples) -> Array:
             limits = Limits(x0, times[-1], times[-1] - times[0], grid.sizes, 1e12 * jnp.max(grid.sizes))
-            follow = partial(
-                follow_piece, rate, limits=limits, args=parameters, kinds=self._kinds, rtol=grid.tolerance,
-                atol=grid.tolerance, solver=diffrax().Tsit5(), adjoint=diffrax().ForwardMode(),
-            )  # fmt: skip
+            dfx = diffrax()
+            settings = StepSettings(grid.tolerance, grid.tolerance, solver=dfx.Tsit5(), adjoint=dfx.ForwardMode())
+            follow = partial(follow_piece, rate, limits=limits, args=parameters, kinds=self._kinds, settings=settings)
             _, pieces = jax.lax.scan(
                 lambda start, piece: follow(start, Samples(*piece)), (x0, jnp.array(True)), samples
             )

@@ -8,7 +8,7 @@ reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ a
 V the response to a force. These are rows as any others: Φ and f are evaluated along x̄, V is their operator, and the
 starts δ₀ of the segments, with a wide prior, belong to the noise. Of several learned states each has its Φθ and its V,
 on the same rows: V Φθ is then a sum over them. The reference is the smoothed path of a model in which an unknown force
-may act (see `physics.smoothing`), so that it follows the data whatever is missing; where nothing is missing it is a
+may act (see `integration.smoothing`), so that it follows the data whatever is missing; where nothing is missing it is a
 path that the model allows. States that no sensor measures are part of x all the same.
 """
 
@@ -25,7 +25,7 @@ from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integrate import INTERPOLATIONS
+from bayes_greybox.physics.integration.adaptive_steps import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import with_rates

@@ -2,8 +2,7 @@
 
 A file has `[[effect]]` tables with the fields of `Effect`, and optionally inner parameters as
 `[effect.inner.NAME]` with the fields of `InnerParameter`, and hidden states as `[effect.hidden.NAME]` with those of
-`HiddenState`. The keys and their types are read from the classes; a file
-explains itself, so that it needs the meaning too.
+`HiddenState`. Keys and their types are read from the classes; a file explains itself, so it needs the meaning too.
 """
 
 import dataclasses
@@ -14,11 +13,11 @@ from typing import Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from bayes_greybox.running.errors import InputError
 
-_WANTED = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
+_TOML_WORDS = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
 
 
 class Keys(NamedTuple):
-    """Keys of a table: the type that TOML has for each, and those that a table needs."""
+    """Keys of a table: the TOML type of each, and the required ones."""
 
     types: dict[str, type]
     needed: tuple[str, ...]
@@ -28,20 +27,15 @@ _FILE = Keys({"domain": str, "effect": list}, ())
 
 
 def keys_of(part: type, *elsewhere: str) -> Keys:
-    """The keys of a table that has the fields of a dataclass.
-
-    Args:
-        part: The dataclass.
-        elsewhere: Fields that are said elsewhere in the file.
-    """
+    """Return the keys of a table with the fields of a dataclass, without those that stand elsewhere in the file."""
     hints = get_type_hints(part)
-    own = [field for field in dataclasses.fields(part) if field.init and field.name not in elsewhere]
-    needed = [f.name for f in own if f.default is dataclasses.MISSING or f.name == "meaning"]
-    return Keys({field.name: _in_toml(hints[field.name]) for field in own}, tuple(needed))
+    fields = [field for field in dataclasses.fields(part) if field.init and field.name not in elsewhere]
+    needed = [f.name for f in fields if f.default is dataclasses.MISSING or f.name == "meaning"]
+    return Keys({field.name: _in_toml(hints[field.name]) for field in fields}, tuple(needed))
 
 
 def _in_toml(hint: Any) -> type:
-    """Tables named after what they describe stand for a tuple of parts, and a list for one of plain values."""
+    """Return the TOML type of a field: tables with names stand for a tuple of parts, a list for one of plain values."""
     if get_origin(hint) is UnionType:
         hint = get_args(hint)[0]
     if get_origin(hint) is tuple:
@@ -50,19 +44,14 @@ def _in_toml(hint: Any) -> type:
 
 
 def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, Keys]) -> list[dict[str, Any]]:
-    """The effects of a catalogue file.
+    """Check a catalogue file and return one complete table for each effect.
 
-    Args:
-        content: The file, as TOML reads it.
-        effect: Keys of an effect.
-        parts: Keys of what it has tables of: "inner", its inner parameters, and "hidden", its hidden states.
-
-    Returns:
-        One table for each effect, complete and with values of the right kind; `inner` and `hidden` are lists of
-        tables that carry their name.
+    `parts` has the keys of the tables within an effect: "inner", its inner parameters, and "hidden", its hidden states.
+    They become lists of tables that carry their name.
 
     Raises:
-        InputError: An unknown or missing key, a value of the wrong kind, no effects, or a slug twice.
+        InputError: A key is unknown or missing, a value has the wrong kind, a slug occurs twice, or there are no
+            effects.
     """
     _check_keys(content, _FILE, "")
     tables = content.get("effect", [])
@@ -77,7 +66,7 @@ def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, 
 
 
 def nearest(word: str, known: list[str]) -> str:
-    """The known word that is probably meant, or all of them, as the end of a sentence."""
+    """Suggest the known word that is probably meant, or list all of them, as the end of a sentence."""
     near = get_close_matches(word.lower(), known, n=1, cutoff=0.6)
     return f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}."
 
@@ -98,12 +87,12 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
     return {**table, "confusions": confusions, **read}
 
 
-_PARTS = {"inner": ("inner parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
-"""What tables within an effect describe, what they are named after, and such a name."""
+_PART_WORDS = {"inner": ("inner parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
+"""Subject of each table within an effect, the thing that it is named after, and an example of a name."""
 
 
 def _part_table(part: str, name: str, table: Any, where: str, keys: Keys) -> dict[str, Any]:
-    called, after, such = _PARTS[part]
+    called, after, such = _PART_WORDS[part]
     if not isinstance(table, Mapping):
         raise InputError(
             f"{where}{part} must hold a table named after the {after}; start it with a line such as "
@@ -123,7 +112,7 @@ def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
         # To Python, true and false are numbers.
         right = isinstance(value, int | float if kind is float else kind) and not isinstance(value, bool)
         if not right:
-            raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_WANTED[kind]}.")
+            raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_TOML_WORDS[kind]}.")
         if isinstance(value, str) and not value.strip() and key != "unit_of":
             raise InputError(f"{where}{key} is empty; write it or leave it out.")
     for key in keys.needed:

@@ -1,4 +1,4 @@
-"""Physical effects: what a simulation may lack, in roles, and how it becomes a term of the data.
+"""Physical effects that a simulation may lack, written in roles, and how they become terms of the data.
 
 A role, such as position, is a column by its physical meaning. Catalogues of effects are read in `loading`.
 """
@@ -20,14 +20,14 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
-from .inner_parameter import MOST, InnerParameter
+from .inner_parameter import MOST_PARAMETERS, InnerParameter
 
 ANSWERS = ("recalibrate", "instrument", "unknown")
-"""Slugs that no effect may have: what a study says without one, in the same tables."""
+"""Slugs that no effect may have: answers of a study without an effect, in the same tables."""
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-_NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
-_INNER = "#"
+_IDENTIFIER = re.compile(r"(?<![\w.])[^\W\d]\w*")
+_INNER_MARK = "#"
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ class Effect:
         domain: Catalogue that it belongs to.
         expression: Formula over roles, the inner parameters and the hidden states.
         inner: Its inner parameters.
-        hidden: Hidden states, by whose rates it remembers; none of an effect without memory.
-        meaning: What happens physically, in one sentence.
+        hidden: Hidden states of an effect with memory; empty for one without.
+        meaning: One sentence that says what happens physically.
         latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
         confusions: Slugs of effects that look alike on many data.
         sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its
             meaning says; 0 if either is as ordinary.
-        reverse: What the other sign would mean physically, in a few words; "" where `sign` is 0.
-        nominal: Role whose coefficient in the simulation its own is about as large as, as that of an input which acts
-            late; "" where nothing is known of it.
-        family: Effects of one family are one answer to a user, such as dry friction; "" where it is its own.
+        reverse: A few words that say what the other sign would mean physically; "" where `sign` is 0.
+        nominal: Role whose coefficient in the simulation is about as large as the effect's, such as that of an input
+            which acts late; "" where nothing is known of it.
+        family: Name shared by effects that are one answer to a user, such as dry friction; "" where it stands alone.
         roles: Roles that the formula and the rates use, or take units and ranges from, sorted.
         expr: The formula over real symbols.
     """
@@ -82,15 +82,14 @@ class Effect:
         expr = parse_expression(self.expression)
         if expr.is_zero:
             raise InputError(f"The expression {self.expression!r} is zero everywhere; remove the effect.")
-        if len(self.inner) > MOST:
+        if len(self.inner) > MOST_PARAMETERS:
             raise InputError(
-                f"{self.slug!r} has {len(self.inner)} inner parameters; {MOST} at most can be integrated over."
+                f"{self.slug!r} has {len(self.inner)} inner parameters; {MOST_PARAMETERS} at most can be integrated."
             )
         hidden = tuple(replace(state, rate=unicodedata.normalize("NFC", state.rate)) for state in self.hidden)
         object.__setattr__(self, "hidden", hidden)
         names = {*symbol_names(expr), *(name for state in hidden for name in state.symbols)}
-        own = {part.name for part in (*self.inner, *hidden)}
-        used = names - own
+        used = names - {part.name for part in (*self.inner, *hidden)}
         if hidden:
             # An effect without memory is a function of its roles alone; the rest only says how large things are.
             used |= {role for part in (*self.inner, *hidden) if (role := getattr(part, "of", part.unit_of))}
@@ -116,16 +115,10 @@ class Effect:
         object.__setattr__(self, "latex", self.latex or to_latex(expr))
 
     def bind(self, names: Mapping[str, str]) -> "BoundEffect":
-        """Put columns in the place of roles.
-
-        Args:
-            names: Column of each role; roles that the effect does not use are passed over.
-
-        Returns:
-            The effect on these columns.
+        """Put a column in the place of each role; further roles are ignored.
 
         Raises:
-            InputError: A role without a column, a column for two roles, or a name that formulas cannot use.
+            InputError: A role has no column, two roles have the same, or formulas cannot use its name.
         """
         lacking = [role for role in self.roles if role not in names]
         if lacking:
@@ -137,7 +130,7 @@ class Effect:
         return BoundEffect(self, columns)
 
     def either_way(self) -> "Effect":
-        """The effect without a usual sign, where nobody knows which way what was measured counts."""
+        """Return the effect without a usual sign, for measurements whose orientation is unknown."""
         return replace(self, sign=0, reverse="")
 
 
@@ -169,28 +162,22 @@ class BoundEffect:
         return self.effect.name
 
     def term(self, inner: Mapping[str, float] | None = None) -> Term:
-        """The effect as a term of a dictionary.
-
-        Args:
-            inner: Value of the inner parameter by its name, if the effect has one.
-
-        Returns:
-            The term, with the full value in its expression and four digits of it in its name.
+        """Return the effect as a term, with all digits of inner parameters in its expression and four in its name.
 
         Raises:
-            InputError: A value that is missing, unknown, or not positive and finite.
+            InputError: A value is missing, unknown, or not positive and finite.
         """
         values = inner or {}
-        known = {parameter.name for parameter in self.effect.inner}
-        if set(values) != known:
-            wanted = f"a value of {', '.join(known)}" if known else "no values"
+        parameters = {parameter.name for parameter in self.effect.inner}
+        if set(values) != parameters:
+            wanted = f"a value of {', '.join(parameters)}" if parameters else "no values"
             raise InputError(f"The effect {self.slug!r} takes {wanted}, not {', '.join(values) or 'none'}.")
         for name, value in values.items():
             if not 0.0 < value < math.inf:
                 raise InputError(f"{name} of the effect {self.slug!r} is {value:g}; it must be positive and finite.")
         exact = {name: repr(float(value)) for name, value in values.items()}
-        known = {name + _INNER: value for name, value in values.items()}
-        named, *rates = self._parts.at(known) if known else [None] * (1 + len(self.effect.hidden))
+        marked = {name + _INNER_MARK: value for name, value in values.items()}
+        named, *rates = self._parts.at(marked) if marked else [None] * (1 + len(self.effect.hidden))
         states = tuple(
             HiddenState(
                 self._hidden[state.name],
@@ -206,11 +193,11 @@ class BoundEffect:
         return Term(self._written(self.effect.expression, exact), name=name, states=states, named=named)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
-        """The formula over columns, for readers: the inner parameter with four digits, or by name if not given."""
+        """Write the formula over columns, for readers: inner parameters with four digits, or by name if not given."""
         return self._written(self.effect.expression, _short(inner))
 
     def hidden(self, inner: Mapping[str, float] | None = None) -> dict[str, str]:
-        """Rates of its hidden states by their names, for readers as `text` is."""
+        """Write the rates of its hidden states by their names, for readers as `text` does."""
         return {self._hidden[state.name]: self._written(state.rate, _short(inner)) for state in self.effect.hidden}
 
     @cached_property
@@ -222,16 +209,16 @@ class BoundEffect:
     @cached_property
     def _parts(self) -> Parts:
         """The formula and the rates over columns, read once for all values of inner parameters."""
-        read = [self.effect.expr, *(parse_expression(state.rate) for state in self.effect.hidden)]
+        formulas = [self.effect.expr, *(parse_expression(state.rate) for state in self.effect.hidden)]
         # All names at once, and in place of inner parameters such as no column has.
-        inner = {part.name: part.name + _INNER for part in self.effect.inner}
+        inner = {part.name: part.name + _INNER_MARK for part in self.effect.inner}
         words = {symbol(old): symbol(new) for old, new in {**self.names, **self._hidden, **inner}.items()}
-        return parted([each.xreplace(words) for each in read], inner.values())
+        return parted([each.xreplace(words) for each in formulas], inner.values())
 
     def _written(self, formula: str, numbers: Mapping[str, str]) -> str:
         # All names at once: a column may well be called as a role or an inner parameter is.
         words = {**self.names, **self._hidden, **numbers}
-        return _NAME.sub(lambda match: words.get(match.group(), match.group()), formula)
+        return _IDENTIFIER.sub(lambda match: words.get(match.group(), match.group()), formula)
 
 
 def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
@@ -252,16 +239,16 @@ def _check_sign(effect: Effect) -> None:
 
 
 def _check_hidden(effect: Effect, names: Collection[str]) -> None:
-    own = [part.name for part in (*effect.inner, *effect.hidden)]
+    part_names = [part.name for part in (*effect.inner, *effect.hidden)]
     for state in effect.hidden:
-        if own.count(state.name) > 1:
+        if part_names.count(state.name) > 1:
             raise InputError(f"The name {state.name!r} occurs twice in the effect {effect.slug!r}; rename one of them.")
         if state.name not in names:
             raise InputError(
                 f"The hidden state {state.name!r} occurs neither in {effect.expression!r} nor in a rate; remove it."
             )
         for key, role in (("unit_of", state.unit_of), ("start", state.start or "rest")):
-            if not role or role in own:
+            if not role or role in part_names:
                 raise InputError(
                     f"The hidden state {state.name!r} has {key} = {role!r}; it must be a role, such as 'position'."
                 )

@@ -1,4 +1,4 @@
-"""A constant inside an effect's expression, which is not known but for its range."""
+"""A constant inside an effect's expression, of which only the range is known."""
 
 import math
 from dataclasses import dataclass
@@ -11,34 +11,34 @@ from bayes_greybox.running.errors import InputError
 
 from .effect_tables import nearest
 
-SCALES = {
+RANGE_SCALES = {
     "size": "the largest |{}|",
     "threshold": "the largest |{}|, and no less than the smallest",
     "period": "the period of a wave with the spread of {} and of its rate",
     "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
     "number": "one",
 }
-"""What the range of an inner parameter may be in shares of, in words with the role."""
+"""Sizes of which the range of an inner parameter may be in shares, in words with the role."""
 
-MOST = 4
-"""Inner parameters of an effect, at most: their first values are all combinations of values of each."""
+MOST_PARAMETERS = 4
+"""Most inner parameters of an effect: their first values are all combinations of values of each."""
 
 
 @dataclass(frozen=True)
 class InnerParameter:
     """A constant inside an effect's expression, such as the gap of a dead zone.
 
-    Its prior is log-uniform between two shares of what `scale` says of a column: by default the largest absolute value
-    that it takes.
+    Its prior is log-uniform between two shares of a size of a column, which `scale` chooses: by default the largest
+    absolute value in it.
 
     Attributes:
         name: Its name in the expression.
-        meaning: What it is, in a few words.
+        meaning: A few words that describe it.
         of: Role whose column scales it.
         low, high: Smallest and largest share.
         unit_of: Role whose unit it carries; "" for a plain number; None: that of `of`.
-        scale: One of `SCALES`.
-        values: How many values are tried first: as many as a resonance needs that its frequency is not missed.
+        scale: One of `RANGE_SCALES`.
+        values: Number of values that are tried first; a resonance needs enough that its frequency is not missed.
     """
 
     name: str
@@ -55,9 +55,9 @@ class InnerParameter:
         if self.unit_of is None:
             object.__setattr__(self, "unit_of", self.of)
         check_name(self.name)
-        if self.scale not in SCALES:
+        if self.scale not in RANGE_SCALES:
             raise InputError(
-                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*SCALES])}"
+                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*RANGE_SCALES])}"
             )
         if not 0.0 < self.low < self.high < math.inf:
             raise InputError(
@@ -67,18 +67,15 @@ class InnerParameter:
 
     @property
     def scaled_by(self) -> str:
-        """What the range is in shares of, in words."""
-        return SCALES[self.scale].format(self.of)
+        """The size of which the range is in shares, in words."""
+        return RANGE_SCALES[self.scale].format(self.of)
 
     def size(
         self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
     ) -> float:
-        """What the range is in shares of; 0 where that is nothing.
+        """Return the size, of the column of `of`, in which the range has shares; 0 where there is none.
 
-        Args:
-            x: The column of `of`.
-            time: Of its values, where a time scale asks for it.
-            run: Of its values, likewise.
+        A time scale needs the times and the runs of the values.
         """
         if self.scale in ("size", "threshold"):
             return float(np.max(np.abs(x)))
@@ -102,42 +99,28 @@ class InnerParameter:
     def ends(
         self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
     ) -> tuple[float, float]:
-        """Least and largest value; a threshold is one only where the column is on both sides of it.
+        """Return the least and largest value, in the unit of the column or of time; both 0 where there are none.
 
-        They are shares of a size in two digits: a path that moved a little asks for the values of the last one, whose
-        formulas are not read again.
-
-        Args:
-            x: The column of `of`.
-            time: Of its values, where a time scale asks for it.
-            run: Of its values, likewise.
-
-        Returns:
-            Both in that column's unit, or that of time; 0 and 0 where there is no such value.
+        A threshold needs a column on both sides of it. Ends are shares of a size in two digits: a path that moved a
+        little then has the same values as the last one, whose formulas are not read again.
         """
         size = float(f"{self.size(x, time, run):.1e}")
         least, most = self.low * size, self.high * size
         if self.scale == "threshold":
-            # Below the smallest |x| it would never switch, and any smooth law would pass for it; what dies out beyond
-            # it would be seen by its tail alone.
+            # Below the smallest |x| it would never switch, and any smooth law would pass for it; an effect that dies
+            # out beyond it would be seen by its tail alone.
             least = max(least, float(np.min(np.abs(x))))
         return (least, most) if least < most else (0.0, 0.0)
 
     def nodes(
         self, least: float, most: float, count: int | None = None
     ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-        """Values that stand for the prior: the middles of parts of equal probability.
+        """Return increasing values between the `ends` that stand for the prior, and their weights, which add up to one.
 
-        Args:
-            least: What `ends` says of the column of `of`.
-            most: Likewise.
-            count: Number of values; `values` by default.
-
-        Returns:
-            The values, increasing, in that unit; and their prior weights, which add up to one.
+        They are the middles of parts of equal probability.
 
         Raises:
-            InputError: Ends that are not positive, finite and apart, or no values.
+            InputError: The ends are not positive, finite and apart, or there are no values.
         """
         if not 0.0 < least < most < math.inf:
             raise InputError(

@@ -29,18 +29,11 @@ CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str
 
 
 def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
-    """Read a catalogue.
-
-    Args:
-        spec: A domain ("mechanical", "fluid", "population" or "electrical"), "all", the path of a TOML file
-            of the user's own, an `Effect`, or a sequence of these.
-
-    Returns:
-        The effects in order, each slug once.
+    """Read a catalogue: a domain, "all", the path of a TOML file, an `Effect`, or a sequence of these; each slug once.
 
     Raises:
-        InputError: An unknown domain, a file that cannot be read or used, two different effects with one
-            slug, a confusion with an unknown effect, or no effects at all.
+        InputError: A domain is unknown, a file cannot be read or used, two different effects have one slug, a confusion
+            names an unknown effect, or there are no effects at all.
     """
     effects: dict[str, Effect] = {}
     for effect in _each(spec):
@@ -61,11 +54,7 @@ def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
 
 
 def located(spec: CatalogueSpec) -> CatalogueSpec:
-    """The same catalogue for any working folder: paths of files become absolute.
-
-    Args:
-        spec: As for `load_catalogue`.
-    """
+    """Return the same catalogue for any working folder: paths of files become absolute."""
     if isinstance(spec, Effect) or spec in (*DOMAINS, "all"):
         return spec
     if isinstance(spec, str | os.PathLike):

@@ -12,26 +12,20 @@ PERSONS = frozenset(
 
 
 def within(name: str) -> str:
-    """A name as it stands within a sentence: *cubic stiffness*, but *Coulomb friction* and *LuGre friction*.
+    """Write a name as it stands within a sentence: *cubic stiffness*, but *Coulomb friction* and *LuGre friction*.
 
-    Args:
-        name: As in the catalogue; sets of effects are joined by " + ".
+    Names of several effects are joined by " + ".
     """
     return " + ".join(map(_lowered, name.split(" + ")))
 
 
 def listing(names: Iterable[str], between: str = " + ") -> str:
-    """Several names where a sentence or a label begins: only the first has its capital.
-
-    Args:
-        names: As in the catalogue.
-        between: What stands between two of them.
-    """
+    """Join names where a sentence or a label begins: only the first has its capital."""
     return between.join(name if place == 0 else within(name) for place, name in enumerate(names))
 
 
 def _lowered(name: str) -> str:
     word = name.replace("-", " ").split(" ", 1)[0]
-    # What has capitals further on is a name or a short form: LuGre, DC.
+    # A word with capitals further on is a name or a short form: LuGre, DC.
     kept = word in PERSONS or word[1:] != word[1:].lower() or len(word) == 1
     return name if kept else name[:1].lower() + name[1:]

@@ -1,6 +1,7 @@
-"""Which columns of the data play which role in an effect of the catalogue."""
+"""Roles of the columns of the data in an effect of the catalogue."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import product
 
 from bayes_greybox.data.reading.unit_registry import registry
@@ -28,73 +29,82 @@ ROLES: dict[str, str] = {
     "flux": "the flux linkage: the state whose rate is this voltage, or the state whose equation is learned",
     "stored": "charge or flux linkage: the state whose rate is this current or voltage",
 }
-"""Roles of the packaged catalogues and what they mean in the equation of one state."""
+"""Roles of the packaged catalogues and their meaning in the equation of one state."""
 
-_QUANTITIES = {"voltage": "V", "current": "A", "flux": "Wb"}
+_ELECTRICAL_UNITS = {"voltage": "V", "current": "A", "flux": "Wb"}
 
-_OF_ANYTHING = ("state", "input", "other")
+_TEMPERATURE_ROLES = ("state", "input", "other")
 """Roles that a temperature plays: it is no speed, no level and no population, though it has a rate as they have."""
 
-_OF_OUTPUTS = {
-    "position": ("m", "rad"), "velocity": ("m/s", "rad/s"), **{role: (unit,) for role, unit in _QUANTITIES.items()},
-}  # fmt: skip
+_OUTPUT_ROLE_UNITS = {
+    "position": ("m", "rad"),
+    "velocity": ("m/s", "rad/s"),
+    **{role: (unit,) for role, unit in _ELECTRICAL_UNITS.items()},
+}
 """Roles that a column of such a unit plays in the equation of an output."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Names of the columns of the data, and their units.
+
+    A voltage, current or flux in a unit of something else is none, and a temperature may only be a state, an input or
+    another state.
+    """
+
+    states: Sequence[str]
+    inputs: Sequence[str]
+    outputs: Sequence[str] = ()
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 def roles_of(
     simulation: Mapping[str, str] | Callable | None,
-    states: Sequence[str],
-    inputs: Sequence[str],
+    columns: Columns,
     equation: str,
     given: Mapping[str, str | Sequence[str]] | None = None,
-    units: Mapping[str, str] | None = None,
     pairs: Mapping[str, str] | None = None,
-    outputs: Sequence[str] = (),
 ) -> dict[str, tuple[str, ...]]:
-    """Columns that may play each role in the equation of one state or output.
+    """Return the columns that may play each role in the equation of one state or output.
 
     A position is recognised by its equation in the simulation, which says no more than that its rate is
     another state, `{"y": "ydot"}`; of a function `pairs` has to say it. In the equation of an output no state is
-    learned: columns play the roles that their units say, and such a position and its velocity theirs.
+    learned: columns play the roles that their units indicate, and so do such a position and its velocity.
 
     Args:
         simulation: The user's simulation, formulas by state or output.
-        states: Names of the states.
-        inputs: Names of the inputs.
+        columns: States, inputs and outputs of the data, and their units.
         equation: The state or output whose equation is learned.
-        given: Column or columns by role, which win over what is found here; further roles are welcome, and an
-            empty sequence switches a role off.
-        units: Units by column; a voltage, current or flux that is in another unit is none, and a temperature is a
-            state, an input or another state alone.
+        given: Column or columns by role, which take precedence; further roles are welcome, and an empty sequence
+            switches a role off.
         pairs: States whose rate is another state, with that state, as `pairs.pairs_in_data` finds them; by default
             those that can be read off the simulation.
-        outputs: Names of the outputs.
 
     Returns:
         Columns by role, of all `ROLES` and those given; empty where there is none.
 
     Raises:
-        InputError: An unknown state or column, or a role's name that formulas cannot use.
+        InputError: A state or column is unknown, or formulas cannot use a role's name.
     """
-    given = _given(given or {}, (*states, *inputs))
-    if equation in outputs:
-        pairs = _positions(simulation, states) if pairs is None else pairs
-        return _of_output(states, inputs, given, units or {}, pairs)
+    states, inputs, units = columns.states, columns.inputs, columns.units
+    given = _checked(given or {}, (*states, *inputs))
+    pairs = _positions(simulation, states) if pairs is None else pairs
+    if equation in columns.outputs:
+        return _of_output(columns, given, pairs)
     if equation not in states:
         raise InputError(
             f"There is no state {equation!r} whose equation could be learned; {nearest(equation, [*states])}"
         )
-    pairs = _positions(simulation, states) if pairs is None else pairs
     others = tuple(name for name in states if name != equation)
     # In the equation of a position, its rate is the velocity.
-    own = (equation,) if equation in pairs else tuple(x for x in states if pairs.get(x) == equation)
+    position = (equation,) if equation in pairs else tuple(x for x in states if pairs.get(x) == equation)
     velocity = pairs.get(equation, equation)
     apart = [x for x in pairs if x != velocity and velocity not in _rates(x, pairs)]
     integrals = tuple(x for x in others if pairs.get(x) == equation)
     roles = {
         "state": (equation,),
         "input": tuple(inputs),
-        "position": own,
+        "position": position,
         "velocity": (velocity,),
         "other_position": tuple(apart),
         "other_velocity": tuple(dict.fromkeys(pairs[x] for x in apart)),
@@ -107,29 +117,23 @@ def roles_of(
         "flux": integrals or (equation,),
         "stored": integrals,
     }
-    for role, quantity in _QUANTITIES.items():
-        roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units or {}))
-    for role in set(roles).difference(_OF_ANYTHING):
-        roles[role] = tuple(name for name in roles[role] if not _is_temperature(name, units or {}))
+    for role, quantity in _ELECTRICAL_UNITS.items():
+        roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units))
+    for role in set(roles).difference(_TEMPERATURE_ROLES):
+        roles[role] = tuple(name for name in roles[role] if not _is_temperature(name, units))
     return {**roles, **given}
 
 
 def bind_catalogue(
     effects: Iterable[Effect], roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None = None
 ) -> tuple[BoundEffect, ...]:
-    """Put columns in the place of roles, in every way that gives a formula of its own.
+    """Put columns in the place of roles, in every way that gives a formula of its own, in the order of the catalogue.
 
-    Args:
-        effects: The catalogue.
-        roles: Columns by role, from `roles_of`.
-        units: Units by column, the time's under "t". Effects that they forbid, such as the sine of a
-            position in metres, are left out; without units none is.
-
-    Returns:
-        The effects that can be bound, in the order of the catalogue.
+    Effects that the units by column forbid, such as the sine of a position in metres, are left out; without units none
+    is.
 
     Raises:
-        InputError: A role that is neither one of `ROLES` nor given.
+        InputError: A role is neither one of `ROLES` nor given.
     """
     return tuple(bound for effect in effects for bound in _bindings(effect, roles, units)[0])
 
@@ -137,36 +141,33 @@ def bind_catalogue(
 def unbound(
     effects: Iterable[Effect], roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None = None
 ) -> dict[str, str]:
-    """Why effects of the catalogue were left out by `bind_catalogue`, by slug; its arguments and errors."""
+    """Return the reasons why `bind_catalogue` left effects out, by slug; arguments and errors are the same."""
     reasons = {effect.slug: _bindings(effect, roles, units) for effect in effects}
     return {slug: reason for slug, (bound, reason) in reasons.items() if not bound}
 
 
 def _of_output(
-    states: Sequence[str],
-    inputs: Sequence[str],
-    given: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, str],
-    pairs: Mapping[str, str],
+    columns: Columns, given: Mapping[str, tuple[str, ...]], pairs: Mapping[str, str]
 ) -> dict[str, tuple[str, ...]]:
-    """Roles in the equation of an output: those given, and those that units and pairs tell."""
-    known = {
-        role: tuple(name for name in (*states, *inputs) if units.get(name) and _is_in(units[name], name, quantities))
-        for role, quantities in _OF_OUTPUTS.items()
+    """Return roles in the equation of an output: those given, and those that units and pairs indicate."""
+    units, usable = columns.units, (*columns.states, *columns.inputs)
+    by_unit = {
+        role: tuple(name for name in usable if units.get(name) and _is_in(units[name], name, quantities))
+        for role, quantities in _OUTPUT_ROLE_UNITS.items()
     }
     for role, quantity, names in (("position", "m", pairs), ("velocity", "m/s", pairs.values())):
         paired = [name for name in names if _may_be(name, quantity, units)]
-        known[role] = tuple(dict.fromkeys((*known[role], *paired)))
-    roles = {**dict.fromkeys(ROLES, ()), **known, **given}
+        by_unit[role] = tuple(dict.fromkeys((*by_unit[role], *paired)))
+    roles = {**dict.fromkeys(ROLES, ()), **by_unit, **given}
     # One column under two names would be two effects.
     taken = {name for role, names in roles.items() if role != "input" for name in names}
-    return {**roles, "input": given.get("input", tuple(name for name in inputs if name not in taken))}
+    return {**roles, "input": given.get("input", tuple(name for name in columns.inputs if name not in taken))}
 
 
 def _bindings(
     effect: Effect, roles: Mapping[str, Sequence[str]], units: Mapping[str, str] | None
 ) -> tuple[list[BoundEffect], str]:
-    """The ways to bind an effect, and what stood in the way of others."""
+    """Return the ways to bind an effect, and the reason why others were refused."""
     for role in effect.roles:
         if role not in roles and role not in ROLES:
             raise InputError(
@@ -175,10 +176,10 @@ def _bindings(
             )
     empty = [role for role in effect.roles if not roles.get(role)]
     if empty:
-        known = f" ({ROLES[empty[0]]})" if empty[0] in ROLES else ""
-        return [], f"no column plays the role {empty[0]!r}{known}"
+        meaning = f" ({ROLES[empty[0]]})" if empty[0] in ROLES else ""
+        return [], f"no column plays the role {empty[0]!r}{meaning}"
     reason = f"the roles {', '.join(effect.roles)} need columns of their own"
-    found = {}
+    distinct = {}
     for columns in product(*(roles[role] for role in effect.roles)):
         if len(set(columns)) < len(columns):
             continue
@@ -192,28 +193,25 @@ def _bindings(
             reason = str(error)
             continue
         named = effect.expr.xreplace({symbol(r): symbol(c) for r, c in bound.names.items()})
-        # What remembers is told apart by its hidden states too.
-        found.setdefault((named, bound.label if effect.hidden else ""), bound)
-    return list(found.values()), reason
+        # Effects with memory differ by their hidden states too.
+        distinct.setdefault((named, bound.label if effect.hidden else ""), bound)
+    return list(distinct.values()), reason
 
 
 def _positions(simulation: Mapping[str, str] | Callable | None, states: Sequence[str]) -> dict[str, str]:
-    """States whose rate is another state and nothing else, with that state."""
-    found = {}
-    for state, text in simulation.items() if isinstance(simulation, Mapping) else ():
-        rate = parse_expression(str(text))
-        if rate.is_Symbol and str(rate) in states and state in states and str(rate) != state:
-            found[state] = str(rate)
-    return found
+    """Return states whose rate is another state and nothing else, with that state."""
+    formulas = simulation.items() if isinstance(simulation, Mapping) else ()
+    rates = {state: parse_expression(str(text)) for state, text in formulas if state in states}
+    return {s: str(rate) for s, rate in rates.items() if rate.is_Symbol and str(rate) in states and str(rate) != s}
 
 
 def _rates(state: str, pairs: Mapping[str, str]) -> list[str]:
-    """The rate of a state, the rate of that and so on, as far as they are states."""
-    found: list[str] = []
-    while state in pairs and pairs[state] not in found:
+    """Return the rate of a state, the rate of that and so on, as far as they are states."""
+    rates: list[str] = []
+    while state in pairs and pairs[state] not in rates:
         state = pairs[state]
-        found.append(state)
-    return found
+        rates.append(state)
+    return rates
 
 
 def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
@@ -224,17 +222,17 @@ def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
 
 
 def _is_temperature(name: str, units: Mapping[str, str]) -> bool:
-    known = units.get(name)
-    return bool(known) and parse_unit(known, f"column {name!r}").dimensionality == {"[temperature]": 1}
+    unit = units.get(name)
+    return bool(unit) and parse_unit(unit, f"column {name!r}").dimensionality == {"[temperature]": 1}
 
 
 def _is_in(unit: str, name: str, quantities: Sequence[str]) -> bool:
-    """Whether a unit measures one of these quantities; an angle is none of a plain number."""
+    """Return True if a unit measures one of these quantities; an angle differs from a plain number."""
     base = registry().get_base_units(parse_unit(unit, f"column {name!r}"))[1]
     return any(base == registry().get_base_units(registry().parse_units(each))[1] for each in quantities)
 
 
-def _given(given: Mapping[str, str | Sequence[str]], known: Sequence[str]) -> dict[str, tuple[str, ...]]:
+def _checked(given: Mapping[str, str | Sequence[str]], known: Sequence[str]) -> dict[str, tuple[str, ...]]:
     roles = {}
     for role, value in given.items():
         check_name(role)

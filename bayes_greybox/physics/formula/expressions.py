@@ -12,19 +12,19 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.running.errors import InputError
 
-from .functions import FUNCTIONS, NODES
-from .grammar import REMEMBERED, check_known, check_name, check_size, function_list, read, symbol
+from .functions import FUNCTIONS, NODE_CLASSES
+from .grammar import REMEMBERED_FORMULAS, check_known, check_name, check_size, function_list, read, symbol
 
 MOST_FACTORS = 8
-"""Powers below it are evaluated as products."""
+"""Exponent from which on powers are no longer evaluated as products."""
 
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:
     """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression.
 
-    Allowed are numbers, the given names, `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan,
-    asin, acos, atan, sinh, cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2
-    at zero, 1 above). Names become real SymPy symbols.
+    Numbers, the given names, `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan, asin, acos, atan, sinh,
+    cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2 at zero, 1 above) are allowed.
+    Names become real SymPy symbols.
 
     Args:
         text: The formula, at most 2000 characters.
@@ -34,7 +34,7 @@ def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Exp
         The expression, in SymPy's canonical form (`"y*y"` and `"y**2"` are equal).
 
     Raises:
-        InputError: Anything outside the whitelist; the message names the piece and what to write instead.
+        InputError: A part is outside the whitelist; the message names it and says what to write instead.
     """
     if not isinstance(text, str):
         raise InputError(f"A formula must be text, not {type(text).__name__}; write for example 'y**2'.")
@@ -42,45 +42,33 @@ def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Exp
 
 
 def check_expression(expr: sympy.Expr) -> sympy.Expr:
-    """Bring a SymPy expression of a user's own to the form that `parse_expression` returns.
-
-    Args:
-        expr: Any SymPy expression.
-
-    Returns:
-        The same expression over real symbols.
+    """Return a SymPy expression of a user's own over real symbols, as `parse_expression` does.
 
     Raises:
         InputError: A part of it is outside the whitelist, or a number in it is not finite.
     """
     real: Any = expr.xreplace({s: symbol(check_name(s.name)) for s in expr.atoms(sympy.Symbol)})
     for node in sympy.preorder_traversal(real):
-        if not isinstance(node, NODES):
+        if not isinstance(node, NODE_CLASSES):
             raise InputError(f"{node} in {expr} is not available; use {function_list()}.")
     check_size(real, str(expr))
     return real
 
 
-@lru_cache(REMEMBERED)
+@lru_cache(REMEMBERED_FORMULAS)
 def symbol_names(expr: sympy.Expr) -> tuple[str, ...]:
-    """Names of the columns in an expression, sorted."""
+    """Return the names of the columns in an expression, sorted."""
     return tuple(sorted(s.name for s in expr.atoms(sympy.Symbol)))
 
 
 def evaluate(
     expr: sympy.Expr, columns: Mapping[str, Float[Array | np.ndarray, "..."]]
 ) -> Float[Array | np.ndarray, "..."]:
-    """Value of an expression on columns of numbers; works under jit, vmap and grad.
+    """Evaluate an expression on columns by name, of shapes that broadcast; works under jit, vmap and grad.
 
     Integer powers and their gradients are finite at zero and for negative bases. The
-    gradients of sqrt, abs, sign and heaviside at zero are taken as 0.
-
-    Args:
-        expr: From `parse_expression`.
-        columns: Arrays by name, of shapes that broadcast; unused ones are welcome.
-
-    Returns:
-        Array of the columns' common shape, also where the expression is a constant; read-only where it is NumPy's.
+    gradients of sqrt, abs, sign and heaviside at zero are taken as 0. The result has the columns' common shape, also
+    where the expression is a constant; NumPy's results are read-only.
 
     Raises:
         InputError: A column of the expression is missing.
@@ -88,7 +76,7 @@ def evaluate(
     check_known(symbol_names(expr), columns, expr)
     xp = namespace(columns.values())
     values: list[Any] = []
-    # What is not finite is for the caller to judge, as under JAX.
+    # The caller judges values that are not finite, as under JAX.
     with np.errstate(all="ignore"):
         for operation, places in _operations(expr):
             values.append(operation(xp, columns, [values[place] for place in places]))
@@ -96,7 +84,7 @@ def evaluate(
 
 
 def namespace(arrays: Iterable[Any]) -> Any:
-    """`numpy` for NumPy's arrays, so that nothing is compiled to be run once, and `jax.numpy` for all others."""
+    """Return `numpy` for NumPy's arrays, so that nothing is compiled to be run once, and `jax.numpy` for all others."""
     return jnp if any(isinstance(a, jax.Array) for a in arrays) else np
 
 
@@ -104,19 +92,20 @@ Operation = Callable[[Any, Mapping[str, Any], list[Any]], Any]
 """(namespace, columns, values of the arguments) -> value of a node."""
 
 
-@lru_cache(REMEMBERED)
+@lru_cache(REMEMBERED_FORMULAS)
 def _operations(expr: sympy.Basic) -> tuple[tuple[Operation, tuple[int, ...]], ...]:
-    """Nodes of an expression, each after its arguments and once, with the places of these; the last one is the whole.
+    """List the nodes of an expression once, each after its arguments and with their places; the last one is the whole.
 
-    A path asks for the same formulas thousands of times, and a walk through SymPy's tree takes longer than the numbers.
+    A path evaluates the same formulas thousands of times, and a walk through SymPy's tree takes longer than the
+    arithmetic.
     """
     places: dict[sympy.Basic, int] = {}
-    found = []
+    operations = []
     for node in sympy.postorder_traversal(expr):
         if node not in places:
-            found.append((_operation(node), tuple(places[arg] for arg in node.args)))
+            operations.append((_operation(node), tuple(places[arg] for arg in node.args)))
             places[node] = len(places)
-    return tuple(found)
+    return tuple(operations)
 
 
 def _operation(node: sympy.Basic) -> Operation:

@@ -14,7 +14,7 @@ class Function:
     """One function of the formula language.
 
     Attributes:
-        symbolic: Builds the SymPy node; takes `evaluate`.
+        symbolic: Function that builds the SymPy node; takes `evaluate`.
         node: The SymPy class of that node (an empty tuple where the node is a plain power).
         number: The function on Python floats.
         array: The function on arrays: takes their namespace, `numpy` or `jax.numpy`, then the arguments of the SymPy
@@ -29,7 +29,7 @@ class Function:
     arity: tuple[int, int] = (1, 1)
 
     def written(self, args: tuple[Any, ...]) -> tuple[Any, ...]:
-        """The arguments that a user writes, out of those of the SymPy node."""
+        """Select the arguments that a user writes from those of the SymPy node."""
         return args[: self.arity[1]]
 
 
@@ -47,16 +47,8 @@ def _heaviside(xp: Any, x: Any, at_zero: Any = 0.5) -> Any:
     return xp.where(x > 0.0, 1.0, xp.where(x < 0.0, 0.0, xp.where(x == 0.0, at_zero, xp.nan)))
 
 
-def _symbolic_sqrt(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
-    return sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate)
-
-
-def _symbolic_heaviside(x: sympy.Expr, evaluate: bool) -> sympy.Expr:
-    return sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate)
-
-
 def _plain(node: Any, number: Callable[..., float], name: str) -> Function:
-    """A function that NumPy and JAX have under one name."""
+    """Describe a function that NumPy and JAX have under one name."""
     return Function(symbolic=node, node=node, number=number, array=lambda xp, x: getattr(xp, name)(x))
 
 
@@ -72,25 +64,30 @@ FUNCTIONS: dict[str, Function] = {
     "tanh": _plain(sympy.tanh, math.tanh, "tanh"),
     "exp": _plain(sympy.exp, math.exp, "exp"),
     "log": _plain(sympy.log, math.log, "log"),
-    "sqrt": Function(_symbolic_sqrt, (), math.sqrt, _sqrt),
+    "sqrt": Function(lambda x, evaluate: sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate), (), math.sqrt, _sqrt),
     "abs": Function(sympy.Abs, sympy.Abs, math.fabs, _abs),
     "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), "sign"),
     "min": Function(sympy.Min, sympy.Min, min, lambda xp, *a: reduce(xp.minimum, a), (2, 8)),
     "max": Function(sympy.Max, sympy.Max, max, lambda xp, *a: reduce(xp.maximum, a), (2, 8)),
     # 0 below zero, 1/2 at zero, 1 above.
-    "heaviside": Function(_symbolic_heaviside, sympy.Heaviside, lambda x: 0.5 * (1 + (x > 0) - (x < 0)), _heaviside),
+    "heaviside": Function(
+        lambda x, evaluate: sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate),
+        sympy.Heaviside,
+        lambda x: 0.5 * (1 + (x > 0) - (x < 0)),
+        _heaviside,
+    ),
 }
 
 CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}
 
-# What users of other languages write, for "did you mean".
+# Names in other languages, for "did you mean".
 ALIASES = {
     "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs",
     "sgn": "sign", "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",
 }  # fmt: skip
 
 # Node classes that an expression may contain.
-NODES = (
+NODE_CLASSES = (
     sympy.Symbol,
     sympy.Integer,
     sympy.Rational,

@@ -19,7 +19,7 @@ import sympy
 
 from bayes_greybox.running.errors import InputError
 
-from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODES, Function
+from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODE_CLASSES, Function
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 50
@@ -31,8 +31,8 @@ _MAX_BITS = 512
 # Roots of higher degree are taken in floating point.
 _MAX_ROOT = 1000
 
-REMEMBERED = 4096
-"""Formulas that are not read again: a study asks for the same ones near every path, and each takes milliseconds."""
+REMEMBERED_FORMULAS = 4096
+"""Size of caches: a study reads the same formulas along every path, and each takes milliseconds."""
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _REFUSED = {
@@ -49,47 +49,30 @@ _REFUSED = {
 }
 
 
-@lru_cache(REMEMBERED)
+@lru_cache(REMEMBERED_FORMULAS)
 def read(text: str, names: tuple[str, ...] | None) -> sympy.Expr:
-    """Read a formula; see `expressions.parse_expression`.
-
-    Args:
-        text: The formula.
-        names: Names that may appear; None accepts any.
-
-    Returns:
-        The expression.
-
-    Raises:
-        InputError: Anything outside the whitelist.
-    """
+    """Read a formula; see `expressions.parse_expression`."""
     text = _clean(text)
-    found = _Builder(text, names).build(_syntax_tree(text), 0)
-    if found.has(sympy.zoo, sympy.nan):
-        # Of parts that are finite one by one, as 0**(y**y) and its inverse.
+    expr = _Builder(text, names).build(_syntax_tree(text), 0)
+    if expr.has(sympy.zoo, sympy.nan):
+        # Its parts may be finite one by one, as 0**(y**y) and its inverse.
         raise InputError(f"{_shown(text)} contains a number that is not finite; check its constants.")
-    if found.has(sympy.I):
-        # SymPy may find out that late, as it takes a root apart that is within another one.
+    if expr.has(sympy.I):
+        # SymPy may notice it only when it takes a root apart that is within another one.
         raise InputError(f"{_shown(text)} contains the root of a negative number; take abs(...) of it.")
-    return found
+    return expr
 
 
 def symbol(name: str) -> sympy.Symbol:
-    """The SymPy symbol that stands for a column: real, so that sqrt(y**2) is |y|."""
+    """Return the SymPy symbol that stands for a column: real, so that sqrt(y**2) is |y|."""
     return sympy.Symbol(name, real=True)
 
 
 def check_name(name: str) -> str:
-    """Refuse a column name that cannot be used in a formula.
-
-    Args:
-        name: The column's name.
-
-    Returns:
-        The name, unchanged.
+    """Return a column name unchanged, or refuse one that formulas cannot use.
 
     Raises:
-        InputError: Not an identifier, a word of the formula language, or a function's name.
+        InputError: It is no identifier, a word of the formula language, or a function's name.
     """
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
@@ -107,15 +90,10 @@ def check_name(name: str) -> str:
 
 
 def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.Expr) -> None:
-    """Refuse names that are not columns.
-
-    Args:
-        used: Names that appear in the formula.
-        names: Names that exist.
-        formula: For the message; as text only there, since SymPy takes a millisecond to write one.
+    """Refuse names in a formula that are not columns.
 
     Raises:
-        InputError: Names the unknown one, the nearest known ones and the list.
+        InputError: A name is unknown; the message has the nearest known ones and the list.
     """
     known = tuple(names)
     for name in sorted(set(used) - set(known)):
@@ -136,12 +114,12 @@ def check_size(expr: sympy.Expr, text: str) -> None:
 
 
 def function_list() -> str:
-    """The known functions, for messages."""
+    """List the known functions, for messages."""
     return ", ".join(FUNCTIONS)
 
 
 def _clean(text: str) -> str:
-    """Refuse what is too long, too deep or would be misread, before any parsing."""
+    """Refuse text that is too long, too deep or would be misread, before any parsing."""
     if len(text) > MAX_LENGTH:
         raise InputError(
             f"A formula has {len(text)} characters, starting with {text[:30]!r}; {MAX_LENGTH} is the limit: "
@@ -155,7 +133,9 @@ def _clean(text: str) -> str:
         if char in "'\"`":
             raise InputError(f"{_shown(text)}: {_REFUSED[ast.JoinedStr]}.")
         if plain != char:
-            raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {_plain_form(char)!r}.")
+            power = unicodedata.category(char) == "No" and plain.isdigit()
+            remedy = f"**{plain}" if power else plain
+            raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {remedy!r}.")
         if char in "#\\\0;" or not (char.isprintable()):
             raise InputError(f"{_shown(text)}: {_named(char)} at position {position + 1} must be removed.")
     depth = 0
@@ -164,11 +144,6 @@ def _clean(text: str) -> str:
         if depth > MAX_DEPTH:
             raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
     return text
-
-
-def _plain_form(char: str) -> str:
-    plain = unicodedata.normalize("NFKC", char)
-    return f"**{plain}" if unicodedata.category(char) == "No" and plain.isdigit() else plain
 
 
 def _syntax_tree(text: str) -> ast.expr:
@@ -276,7 +251,7 @@ class _Builder:
         if value_base is None:
             whole: Any = base
             if base.atoms(sympy.Float):
-                # SymPy takes roots of numbers apart, and beside a tiny or huge decimal does not come back from it.
+                # SymPy takes roots of numbers apart, and beside a tiny or huge decimal never finishes.
                 roots = {root: _from_float(float(root)) for root in base.atoms(sympy.Pow) if root.is_number}
                 whole = base.xreplace(roots)
             return self.real(whole**exponent)
@@ -288,13 +263,12 @@ class _Builder:
             self.refuse(f"contains a power ({value_base:g})**({value:g}) that is not a finite real number")
         if result == 0 and value_base != 0:
             self.refuse("contains a number too small to tell from zero; check its constants")
-        if base.atoms(sympy.Float) and not base.is_Float:
-            # A decimal beside roots: SymPy would look for what they have in common, and may not come back from it.
-            return _from_float(result)
-        if exponent.atoms(sympy.Pow):
-            # Each further storey of a tower of powers would be evaluated with all those below it, again and again.
-            return _from_float(result)
-        if base.is_Rational and _bits(base) * max(abs(value), 1.0) > _MAX_BITS:
+        # Beside roots SymPy would look for common factors of a decimal, and may never finish. Each further storey of a
+        # tower of powers would be evaluated with all those below it, again and again.
+        decimal_beside_roots = base.atoms(sympy.Float) and not base.is_Float
+        bits = max(int(part).bit_length() for part in sympy.fraction(base)) if base.is_Rational else 0
+        too_long = bits * max(abs(value), 1.0) > _MAX_BITS
+        if decimal_beside_roots or exponent.atoms(sympy.Pow) or too_long:
             return _from_float(result)
         return self.checked(base**exponent)
 
@@ -314,7 +288,8 @@ class _Builder:
         if name not in FUNCTIONS:
             if name in CONSTANTS or (self.names is not None and name in self.names):
                 self.refuse(f"uses {name!r} as a function; write {name}*(...) for a product")
-            raise InputError(_unknown_function(name, self.text))
+            near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
+            self.refuse(f"calls the unknown function {name!r}; known: {function_list()}", _did_you_mean(near))
         if node.keywords:
             self.refuse(f"names an argument of {name}; write {name}(...) with plain arguments")
         function = FUNCTIONS[name]
@@ -339,8 +314,8 @@ class _Builder:
         check_size(expr, self.text)
         return expr
 
-    def refuse(self, reason: str) -> NoReturn:
-        raise InputError(f"{_shown(self.text)} {reason}.")
+    def refuse(self, reason: str, hint: str = "") -> NoReturn:
+        raise InputError(f"{_shown(self.text)} {reason}.{hint}")
 
 
 def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
@@ -349,13 +324,13 @@ def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
         result = function.symbolic(*args, evaluate=True)
     except (ValueError, TypeError):
         result = None
-    if result is not None and all(isinstance(n, NODES) for n in sympy.preorder_traversal(result)):
+    if result is not None and all(isinstance(n, NODE_CLASSES) for n in sympy.preorder_traversal(result)):
         return result
     return function.symbolic(*args, evaluate=False)
 
 
 def _number_value(expr: sympy.Expr) -> float | None:
-    """The value of an expression without symbols, None for the others."""
+    """Return the value of an expression without symbols, None for the others."""
     if expr.is_Number:
         return float(expr)
     return float(expr.evalf()) if expr.is_number else None
@@ -370,11 +345,6 @@ def _finite(value: float | int) -> bool:
     return abs(value) <= MAX_NUMBER
 
 
-def _bits(number: sympy.Expr) -> int:
-    p, q = sympy.fraction(number)
-    return max(int(p).bit_length(), int(q).bit_length())
-
-
 def _shown(text: str) -> str:
     return f"The formula {text if len(text) <= 80 else text[:77] + '...'!r}"
 
@@ -386,13 +356,9 @@ def _named(char: str) -> str:
 def _unknown_name(name: str, known: tuple[str, ...], text: str) -> str:
     odd = [c for c in name if ord(c) > 127]
     shown = f"{name!r}" + (f", with {_named(odd[0])}" if odd else "")
-    near = get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    listed = ", ".join(known) if known else "none"
-    return f"{_shown(text)} uses the unknown name {shown}; known names: {listed}.{hint}"
+    hint = _did_you_mean(get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6))
+    return f"{_shown(text)} uses the unknown name {shown}; known names: {', '.join(known) or 'none'}.{hint}"
 
 
-def _unknown_function(name: str, text: str) -> str:
-    near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
-    hint = f" Did you mean {' or '.join(near)}?" if near else ""
-    return f"{_shown(text)} calls the unknown function {name!r}; known: {function_list()}.{hint}"
+def _did_you_mean(near: list[str]) -> str:
+    return f" Did you mean {' or '.join(near)}?" if near else ""

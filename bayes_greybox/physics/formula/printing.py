@@ -12,23 +12,23 @@ from sympy.printing.str import StrPrinter
 
 from .functions import FUNCTIONS
 
-GAP = "0.17em"
-"""Between a word and another factor, as TeX's thin space."""
+WORD_GAP = "0.17em"
+"""Space between a word and another factor, as TeX's thin space."""
 
 
 def to_text(expr: sympy.Basic, blanks: bool = False) -> str:
-    """The expression as text that `parse_expression` reads back, with blanks around signs or without any."""
+    """Write an expression as text that `parse_expression` reads back, with blanks around signs or without any."""
     text = _TextPrinter().doprint(expr)
     return text if blanks else text.replace(" ", "")
 
 
 def to_latex(expr: sympy.Basic) -> str:
-    r"""The expression in LaTeX: `ydot` as \dot{y}, `tank_1` with a subscript, whole words upright."""
+    r"""Write an expression in LaTeX: `ydot` as \dot{y}, `tank_1` with a subscript, whole words upright."""
     return _FormulaPrinter().doprint(expr)
 
 
 def to_mathml(expr: sympy.Basic) -> str:
-    """The expression in MathML without the outer element, names as in LaTeX."""
+    """Write an expression in MathML without the outer element, names as in LaTeX."""
     return _MathMLPrinter().doprint(expr)
 
 
@@ -60,14 +60,13 @@ class _TextPrinter(StrPrinter):
 class _FormulasInExponents:
     """Products whose powers have formulas as exponents, which are printed beforehand.
 
-    SymPy simplifies them to find out on which side of a fraction the powers are, and may not come back.
+    SymPy simplifies them to decide on which side of a fraction the powers stand, and may never finish.
     """
 
     _below = False
-    """Whether exponents that are products may be printed below the line, which needs no simplification."""
+    """True if exponents that are products may be printed below the line, which needs no simplification."""
 
     def __init__(self, *args: Any, **settings: Any) -> None:
-        """As of SymPy's printer."""
         super().__init__(*args, **settings)
         self._printed: dict[str, Any] = {}
 
@@ -129,7 +128,7 @@ class _MathMLPrinter(_FormulasInExponents, MathMLPresentationPrinter):
         for times in shown.childNodes:
             beside = [each.toxml() for each in (times.previousSibling, times.nextSibling) if each is not None]
             if times.nodeName == "mo" and "Times" in times.toxml() and any("normal" in each for each in beside):
-                times.setAttribute("rspace", GAP)
+                times.setAttribute("rspace", WORD_GAP)
         return shown
 
     def _print_Function(self, expr):  # noqa: N802  # pyright: ignore[reportIncompatibleMethodOverride]

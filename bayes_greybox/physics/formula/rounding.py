@@ -13,28 +13,18 @@ from jaxtyping import Float
 from .expressions import evaluate
 
 ROUNDED = 1e-4
-"""Half width w of a jump that is integrated over, in RMS values of its argument: what sticks creeps so much slower than
-it moves."""
+"""Half width w of a jump for an integrator, in RMS values of its argument: a body that sticks creeps by this share of
+its speed."""
 
 
 def smooth_jump(jump: sympy.Expr, width: Any) -> sympy.Expr:
-    """A jump of half width w.
-
-    Args:
-        jump: sign(x) or heaviside(x).
-        width: w.
-    """
+    """Round a jump, sign(x) or heaviside(x), to the half width w."""
     smooth = sympy.tanh(jump.args[0] / width)
     return smooth if isinstance(jump, sympy.sign) else (1 + smooth) / 2
 
 
 def rounded(expr: sympy.Expr, columns: Mapping[str, Float[np.ndarray, " n"]]) -> sympy.Expr:
-    """A formula with its jumps rounded, each over `ROUNDED` of the RMS of its argument; one without any as it is.
-
-    Args:
-        expr: The formula.
-        columns: Values that its arguments have.
-    """
+    """Round each jump of a formula over `ROUNDED` of the RMS of its argument on the columns."""
     smooth: dict[Any, sympy.Expr] = {}
     jumps: set[Any] = expr.atoms(sympy.sign, sympy.Heaviside)
     inner = [jump for jump in jumps if not jump.args[0].atoms(sympy.sign, sympy.Heaviside)]

@@ -15,28 +15,32 @@ from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
-from .protocol import RightHandSide, Simulation, finite
+from .protocol import (
+    CENTRAL_DIFFERENCE_STEP,
+    Input,
+    Inputs,
+    Jacobians,
+    RightHandSide,
+    Simulation,
+    State,
+    States,
+    Times,
+    finite,
+)
 
 PROBES = 3
-"""Points at which a function's values tell whether it still reads the same numbers."""
-
-DIFFERENCE = 6e-6
-"""Step of central differences over the size of a state: the cube root of rounding."""
+"""Points at which a function's values show whether it still reads the same numbers."""
 
 
 @dataclass(frozen=True)
 class CallableSimulation(Simulation):
-    """A function (t, x, u) -> dx/dt of all states at once.
-
-    Attributes:
-        function: The user's.
-    """
+    """A user's function (t, x, u) -> dx/dt of all states at once."""
 
     function: RightHandSide
 
     @property
     def code(self) -> str:
-        """A function."""
+        """A few words."""
         return "your function"
 
     @property
@@ -44,68 +48,56 @@ class CallableSimulation(Simulation):
         """All states."""
         return self.states
 
-    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """Value of g at one point, inside an integrator."""
+    def rate(self, t: Array, x: State, u: Input) -> State:
+        """Return g at one point, inside an integrator."""
         return jnp.asarray(self.function(t, x, u), float)
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state on the rows of the data, user's units; a function gives no output."""
+        """Return g for one state on the rows of the data, user's units; a function gives no output."""
         if state not in self.states:
             raise InputError(
                 f"The simulation is a function, which gives the rates of states and not the output {state!r}: give "
                 f"formulas, simulation={{{state!r}: '...'}}, or name the equation of a state in the dictionary."
             )
-        return finite(self._call(data)[:, self.states.index(state)], state)
+        rates = self._at(data.time, data.matrix(self.states), data.matrix(self.inputs))
+        return finite(rates[:, self.states.index(state)], state)
 
-    def rates(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state"]:
-        """Values of g at many points."""
-        n_state, n_input = x.shape[-1], u.shape[-1]
-        return self._at(t.ravel(), x.reshape(t.size, n_state), u.reshape(t.size, n_input)).reshape(x.shape)
+    def rates(self, t: Times, x: States, u: Inputs) -> States:
+        """Return g at many points."""
+        return self._at(*flat(t, x, u)).reshape(x.shape)
 
-    def jacobian(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state n_state"]:
-        """∂g/∂x at points along paths: by JAX, or by central differences of a function that JAX cannot follow."""
-        n_state, n_input = x.shape[-1], u.shape[-1]
-        flat = t.ravel(), x.reshape(t.size, n_state), u.reshape(t.size, n_input)
+    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x at points along paths: by JAX, or by central differences where JAX cannot trace the function."""
+        t, x_flat, u = flat(t, x, u)
         try:
-            found = np.asarray(_jacobians(self._now(), *(jnp.asarray(each) for each in flat)))
+            slopes = np.asarray(_jacobians(self._now(), *(jnp.asarray(each) for each in (t, x_flat, u))))
         except Exception:
             # As in `_at`.
-            size = np.sqrt(np.mean(flat[1] ** 2, axis=0))
-            steps = np.diag(DIFFERENCE * np.where(size > 0, size, 1.0))
-            differences = [
-                self._at(flat[0], flat[1] + h, flat[2]) - self._at(flat[0], flat[1] - h, flat[2]) for h in steps
-            ]
-            found = np.stack(differences, axis=-1) / (2 * np.diag(steps))
-        return found.reshape(*x.shape, n_state)
+            size = np.sqrt(np.mean(x_flat**2, axis=0))
+            steps = np.diag(CENTRAL_DIFFERENCE_STEP * np.where(size > 0, size, 1.0))
+            differences = [self._at(t, x_flat + h, u) - self._at(t, x_flat - h, u) for h in steps]
+            slopes = np.stack(differences, axis=-1) / (2 * np.diag(steps))
+        return slopes.reshape(*x.shape, x.shape[-1])
 
     def formula(self, name: str) -> sympy.Expr:
-        """An undefined function g_name(t, x, u) of a state: code cannot be read. It gives no outputs."""
-        if name not in self.states:
-            return sympy.S.Zero
-        return sympy.Function(f"g_{name}", real=True)(*map(symbol, ("t", *self.states, *self.inputs)))
+        """Return an undefined function g_name(t, x, u) of a state: code cannot be read. It gives no outputs."""
+        return undefined(self, name) if name in self.states else sympy.S.Zero
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """None: code cannot be read."""
+        """Return no terms: code cannot be read."""
         return []
 
     def rate_name(self, state: str) -> str | None:
-        """Never known; data that meet the rate exactly tell it."""
+        """Return None: only data that meet the rate exactly show it."""
         return None
 
     @property
     def key(self) -> Hashable:
-        """Names, and the very function with what it reads now."""
+        """Names, and the very function with the numbers that it reads now."""
         return self.states, self.inputs, self._now()
 
     def _now(self) -> "_Now":
         return _Now(self.function, len(self.states), len(self.inputs))
-
-    def _call(self, data: Trajectories) -> np.ndarray:
-        return self._at(data.time, data.matrix(self.states), data.matrix(self.inputs))
 
     def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         try:
@@ -130,12 +122,20 @@ class CallableSimulation(Simulation):
             ) from error
 
 
+def flat(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return points along one axis."""
+    return t.ravel(), x.reshape(t.size, x.shape[-1]), u.reshape(t.size, u.shape[-1])
+
+
+def undefined(simulation: Simulation, name: str) -> sympy.Expr:
+    """Return the undefined function g_name(t, x, u) that stands for code."""
+    return sympy.Function(f"g_{name}", real=True)(*map(symbol, ("t", *simulation.states, *simulation.inputs)))
+
+
 def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
     """Refuse a simulation that an integrator could not follow; rates of rows do with plain NumPy, paths do not.
 
-    Args:
-        simulation: The simulation.
-        otherwise: What else can be done, as the end of a sentence.
+    The message ends with `otherwise`, an alternative for the user.
 
     Raises:
         InputError: It fails under JAX.
@@ -152,10 +152,10 @@ def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
 
 
 class _Now:
-    """A function as it is now: another one, or the same that reads other numbers, is not equal to it.
+    """A function as it is now, unequal to itself once the numbers that it reads beside its arguments have changed.
 
-    What a function reads beside its arguments, such as a global of a notebook or an attribute of its object, may be
-    changed between two fits. Nobody can see that, but its values at a few points differ.
+    A global of a notebook or an attribute of its object may be changed between two fits. Only the function's values at
+    a few points show that.
     """
 
     def __init__(self, function: RightHandSide, n_state: int, n_input: int) -> None:
@@ -165,14 +165,14 @@ class _Now:
             values = [np.asarray(function(z[0], z[1 : 1 + n_state], z[1 + n_state :]), float) for z in points]
             self._seen = b"".join(each.tobytes() for each in values)
         except Exception:
-            # There it has no values, or it is wrong and is told so where it is used.
+            # It has no values there, or its error is reported where it is used.
             self._seen = b""
 
     def __call__(self, t: Array, x: Array, u: Array) -> Array:
         return jnp.asarray(self._function(t, x, u), float)
 
     def __hash__(self) -> int:
-        # By identity: what users write need not be hashable.
+        # By identity: users' functions need not be hashable.
         return hash((id(self._function), self._seen))
 
     def __eq__(self, other: object) -> bool:

@@ -15,7 +15,7 @@ from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.formula.rounding import rounded
 from bayes_greybox.physics.terms import Term
 
-from .protocol import Simulation, finite
+from .protocol import Input, Inputs, Jacobians, Simulation, State, States, Times, finite
 
 
 @dataclass(frozen=True)
@@ -33,67 +33,61 @@ class ExpressionSimulation(Simulation):
         """States and outputs with an expression."""
         return tuple(self.expressions)
 
-    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """Value of g at one point, inside an integrator."""
-        columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
-        return jnp.stack(
-            [evaluate(self.expressions[s], columns) if s in self.expressions else jnp.zeros(()) for s in self.states]
-        )
+    def rate(self, t: Array, x: State, u: Input) -> State:
+        """Return g at one point, inside an integrator."""
+        columns, known = self.named(x, u), self.expressions
+        return jnp.stack([evaluate(known[s], columns) if s in known else jnp.zeros(()) for s in self.states])
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state on the rows of the data, user's units."""
+        """Return g for one state on the rows of the data, user's units."""
         if state not in self.expressions:
             return np.zeros(data.n_obs)
         return finite(np.asarray(evaluate(self.expressions[state], data.columns)), state)
 
-    def rates(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state"]:
-        """Values of g at many points."""
-        columns, found = self._columns(x, u), np.zeros(x.shape)
+    def rates(self, t: Times, x: States, u: Inputs) -> States:
+        """Return g at many points."""
+        columns, rates = self._columns(x, u), np.zeros(x.shape)
         for k, state in enumerate(self.states):
             if state in self.expressions:
-                found[..., k] = evaluate(self.expressions[state], columns)
-        return found
+                rates[..., k] = evaluate(self.expressions[state], columns)
+        return rates
 
-    def jacobian(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state n_state"]:
-        """∂g/∂x at points along paths, from derivatives of the formulas."""
-        columns, found = self._columns(x, u), np.zeros((*x.shape, x.shape[-1]))
+    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x at points along paths, from derivatives of the formulas."""
+        columns, slopes = self._columns(x, u), np.zeros((*x.shape, x.shape[-1]))
         for k, state in enumerate(self.states):
             if state in self.expressions:
-                found[..., k, :] = gradient(self.expressions[state], self.states, columns)
-        return found
+                slopes[..., k, :] = gradient(self.expressions[state], self.states, columns)
+        return slopes
 
     def formula(self, name: str) -> sympy.Expr:
-        """The expression; zero where there is none."""
+        """Return the expression; zero where there is none."""
         return self.expressions.get(name, sympy.S.Zero)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """The additive terms of an expression, each with its coefficient: F - 2*y gives (F, 1) and (y, -2)."""
+        """Split an expression into additive terms with coefficients: F - 2*y gives (F, 1) and (y, -2)."""
         if state not in self.expressions:
             return []
-        found: dict[sympy.Expr, float] = {}
+        values: dict[sympy.Expr, float] = {}
         for part in sympy.Add.make_args(sympy.expand(self.expressions[state])):
             value, form = part.as_coeff_Mul()
-            found[form] = found.get(form, 0.0) + float(value)
-        return [(Term(form), value) for form, value in found.items() if value != 0]
+            values[form] = values.get(form, 0.0) + float(value)
+        return [(Term(form), value) for form, value in values.items() if value != 0]
 
     def rate_name(self, state: str) -> str | None:
-        """The state that the expression is the name of."""
+        """Return the state whose name is the expression."""
         # An output that is a state is measured twice, and no rate.
         expression = self.expressions.get(state) if state in self.states else None
         alone = expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
         return str(expression) if alone else None
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
-        """Formulas with their jumps rounded."""
+        """Round the jumps of the formulas."""
         smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
         return replace(self, expressions=smooth)
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
-        """Formulas over numbers that are inputs; these are the last ones."""
+        """Return formulas over numbers that are inputs; these are the last ones."""
         formulas, numbers = without_numbers(self.expressions.values())
         inputs = (*self.inputs, *as_columns(numbers))
         return replace(self, inputs=inputs, expressions=dict(zip(self.expressions, formulas, strict=True))), numbers

@@ -1,4 +1,4 @@
-"""What the rest of the package asks of a simulation; expressions and callables answer it, each in its way."""
+"""The protocol of a simulation, which formulas, code and FMUs fulfil."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
@@ -19,6 +19,22 @@ from bayes_greybox.running.errors import InputError
 RightHandSide = Callable[[Array, Array, Array], Array]
 """(t, x [n_state], u [n_input]) -> dx/dt [n_state]."""
 
+State = Float[Array, " n_state"]
+Input = Float[Array, " n_input"]
+"""States and inputs at one point, inside an integrator."""
+
+Times = Float[np.ndarray, "*n"]
+States = Float[np.ndarray, "*n n_state"]
+Inputs = Float[np.ndarray, "*n n_input"]
+Jacobians = Float[np.ndarray, "*n n_state n_state"]
+"""Values at many points, such as those along paths."""
+
+KnownTerms = Sequence[tuple[Term, float]]
+"""Terms with their coefficients."""
+
+CENTRAL_DIFFERENCE_STEP = 6e-6
+"""Step of central differences over the size of a column: the cube root of rounding."""
+
 
 @dataclass(frozen=True)
 class Simulation(ABC):
@@ -34,17 +50,17 @@ class Simulation(ABC):
 
     @property
     def differentiable(self) -> bool:
-        """Whether an integrated path has exact derivatives by its start and coefficients, as NUTS needs them."""
+        """True if an integrated path has exact derivatives by its start and coefficients, as NUTS needs them."""
         return True
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was found of the simulation since it was used, and its user has to know; sentences."""
+        """Sentences for the user about defects of the simulation that its use has shown."""
         return ()
 
     @property
     def code(self) -> str:
-        """What it is in words if it is code, which no formula says; "" of formulas."""
+        """A few words that describe a simulation which is code; "" for formulas."""
         return ""
 
     @property
@@ -53,107 +69,85 @@ class Simulation(ABC):
         """States whose rate the simulation gives, that of the others is zero; and outputs that it gives."""
 
     @abstractmethod
-    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """Value of g at one point, inside an integrator."""
+    def rate(self, t: Array, x: State, u: Input) -> State:
+        """Return g at one point, inside an integrator."""
 
     @abstractmethod
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state or output on the rows of the data, user's units.
+        """Return g for one state or output on the rows of the data, user's units.
 
         Raises:
-            InputError: A simulation that fails, that is not finite, or that returns the wrong number of rates; an
-                output of a function.
+            InputError: The simulation fails, is not finite, or returns the wrong number of rates; or an output is asked
+                of a function.
         """
 
     @abstractmethod
-    def rates(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state"]:
-        """Values of g at many points."""
+    def rates(self, t: Times, x: States, u: Inputs) -> States:
+        """Return g at many points."""
 
     @abstractmethod
-    def jacobian(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state n_state"]:
-        """∂g/∂x at points along paths, neighbours along the last axis of t."""
+    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x at points along paths, neighbours along the last axis of t."""
 
     def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
-        """Values of an output at many points along the first axis, by NumPy on its arrays, else by JAX.
-
-        Args:
-            name: The output.
-            t: Times.
-            x: States.
-            u: Inputs.
-        """
-        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
-        return evaluate(self.formula(name), columns)
+        """Return an output at many points along the first axis, by NumPy on its arrays, else by JAX."""
+        return evaluate(self.formula(name), self.named(x.T, u.T))
 
     @abstractmethod
     def formula(self, name: str) -> sympy.Expr:
-        """What is known of the rate of a state, or of an output, as a formula; code is an undefined function g_name."""
+        """Return the known rate of a state, or an output, as a formula; code is an undefined function g_name."""
 
     def own_formula(self, name: str) -> sympy.Expr:
-        """The formula without terms beside the simulation (see `beside`)."""
+        """Return the formula without terms beside the simulation (see `beside`)."""
         return self.formula(name)
 
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """The terms of a state's rate, or of an output, with coefficients; none where the simulation cannot be read."""
+        """Return the terms of a state's rate, or of an output, with coefficients; code has none that can be read."""
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
-        """The terms of `additive_terms`, and those whose coefficients are known besides."""
+        """Return the terms of `additive_terms`, and those whose coefficients are known besides."""
         return self.additive_terms(state)
 
     def kinematic(self, state: str) -> bool:
-        """Whether the rate of a state is known to be another state, as position and velocity are."""
+        """Return True if the rate of a state is known to be another state, as position and velocity are."""
         return self.rate_name(state) is not None
 
     @abstractmethod
     def rate_name(self, state: str) -> str | None:
-        """The state that is the rate of a state; None where its rate is anything else, or cannot be read."""
+        """Return the state that is the rate of a state; None where its rate is anything else, or cannot be read."""
 
     @property
     @abstractmethod
     def key(self) -> Hashable:
-        """What two simulations that do the same have in common: programs are compiled once for it."""
+        """Value that two simulations share if they do the same: programs are compiled once for it."""
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
-        """The simulation with jumps of its formulas rounded, as an integrator needs them; code as it is.
-
-        Args:
-            columns: States and inputs that it is used on.
-        """
+        """Return the simulation with jumps of its formulas rounded on these columns, for an integrator."""
         return self
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
-        """The simulation with decimal numbers of its formulas as further inputs, and these; code has none."""
+        """Return the simulation with decimal numbers of its formulas as further inputs, and these; code has none."""
         return self, ()
 
-    def beside(self, known: Mapping[str, Sequence[tuple[Term, float]]]) -> "Simulation":
-        """The simulation with more terms in its rates, whose coefficients are known.
-
-        Args:
-            known: Terms with coefficients by state; a state may have none.
-        """
+    def beside(self, known: Mapping[str, KnownTerms]) -> "Simulation":
+        """Return the simulation with known terms added to the rates of states, which may also have none."""
         added = {state: tuple(terms) for state, terms in known.items() if terms}
         return _WithTerms(self.states, self.inputs, self, added) if added else self
 
+    def named(self, x: Any, u: Any) -> dict[str, Any]:
+        """Return columns by name, where states and inputs lie along the first axis."""
+        return dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
+
     def _columns(self, x: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
-        """Values at many points by name."""
-        values = (*np.moveaxis(x, -1, 0), *np.moveaxis(u, -1, 0))
-        return dict(zip((*self.states, *self.inputs), values, strict=True))
+        return self.named(np.moveaxis(x, -1, 0), np.moveaxis(u, -1, 0))
 
 
 def finite(value: np.ndarray, state: str) -> np.ndarray:
-    """Values of a rate that are finite.
-
-    Args:
-        value: Values.
-        state: Whose rate they are.
+    """Return the values of a state's rate, or refuse them where some are not finite.
 
     Raises:
-        InputError: Some are not.
+        InputError: Some are not finite.
     """
     if not np.all(np.isfinite(value)):
         raise InputError(f"The simulation of {state!r} is not finite on all the data: check its domain.")
@@ -162,116 +156,104 @@ def finite(value: np.ndarray, state: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _WithTerms(Simulation):
-    """A simulation, and terms beside it whose coefficients are known.
+    """A simulation with known terms beside it, by state or output."""
 
-    Attributes:
-        given: The simulation.
-        known: Terms with coefficients by state or output.
-    """
-
-    given: Simulation
+    base: Simulation
     known: Mapping[str, tuple[tuple[Term, float], ...]]
 
     @property
     def differentiable(self) -> bool:
-        """As of the simulation."""
-        return self.given.differentiable
+        """True if the simulation is."""
+        return self.base.differentiable
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Those of the simulation."""
-        return self.given.warnings
+        """Warnings of the simulation."""
+        return self.base.warnings
 
     @property
     def code(self) -> str:
-        """As of the simulation."""
-        return self.given.code
-
-    @property
-    def _of_states(self) -> list[tuple[int, tuple[tuple[Term, float], ...]]]:
-        """Terms that add to rates, by the number of the state."""
-        return [(self.states.index(name), terms) for name, terms in self.known.items() if name in self.states]
+        """Description of the simulation, if it is code."""
+        return self.base.code
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """Those of the simulation, and those of the terms."""
-        return tuple(dict.fromkeys((*self.given.equations, *self.known)))
+        """Equations of the simulation, and those of the terms."""
+        return tuple(dict.fromkeys((*self.base.equations, *self.known)))
 
-    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """Value of g at one point, inside an integrator."""
-        columns = dict(zip((*self.states, *self.inputs), (*x, *u), strict=True))
-        rate = jnp.asarray(self.given.rate(t, x, u), float)
-        for k, terms in self._of_states:
-            for term, value in terms:
-                rate = rate.at[k].add(value * term.evaluate(columns))
+    @property
+    def _in_rates(self) -> list[tuple[int, Term, float]]:
+        """Terms in rates, with the index of the state and the coefficient."""
+        places = {name: k for k, name in enumerate(self.states)}
+        return [(places[name], *each) for name, terms in self.known.items() if name in places for each in terms]
+
+    def rate(self, t: Array, x: State, u: Input) -> State:
+        """Return g at one point, inside an integrator."""
+        columns, rate = self.named(x, u), jnp.asarray(self.base.rate(t, x, u), float)
+        for k, term, value in self._in_rates:
+            rate = rate.at[k].add(value * term.evaluate(columns))
         return rate
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state on the rows of the data, user's units."""
-        rate = np.array(self.given.on(data, state), float)
+        """Return g for one state on the rows of the data, user's units."""
+        rate = np.array(self.base.on(data, state), float)
         for term, value in self.known.get(state, ()):
             rate = rate + value * np.asarray(term.evaluate(data.columns))
         return finite(rate, state)
 
-    def rates(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state"]:
-        """Values of g at many points."""
-        found, columns = np.array(self.given.rates(t, x, u)), self._columns(x, u)
-        for k, terms in self._of_states:
-            for term, value in terms:
-                found[..., k] += value * np.asarray(term.evaluate(columns))
-        return found
+    def rates(self, t: Times, x: States, u: Inputs) -> States:
+        """Return g at many points."""
+        rates, columns = np.array(self.base.rates(t, x, u)), self._columns(x, u)
+        for k, term, value in self._in_rates:
+            rates[..., k] += value * np.asarray(term.evaluate(columns))
+        return rates
 
-    def jacobian(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state n_state"]:
-        """∂g/∂x at points along paths."""
-        found, columns = np.array(self.given.jacobian(t, x, u)), self._columns(x, u)
-        for k, terms in self._of_states:
-            for term, value in terms:
-                found[..., k, :] += value * gradient(term.expr, self.states, columns)
-        return found
+    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x at points along paths."""
+        slopes, columns = np.array(self.base.jacobian(t, x, u)), self._columns(x, u)
+        for k, term, value in self._in_rates:
+            slopes[..., k, :] += value * gradient(term.expr, self.states, columns)
+        return slopes
 
     def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
-        """That of the simulation, and the terms."""
-        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
+        """Return the output of the simulation plus the terms."""
+        columns = self.named(x.T, u.T)
         added = [value * term.evaluate(columns) for term, value in self.known.get(name, ())]
-        return sum(added, start=self.given.output(name, t, x, u))
+        return sum(added, start=self.base.output(name, t, x, u))
 
     def formula(self, name: str) -> sympy.Expr:
-        """That of the simulation, and the terms with their coefficients."""
+        """Return the formula of the simulation plus the terms."""
         added = [value * term.expr for term, value in self.known.get(name, ())]
-        return cast(sympy.Expr, sympy.Add(self.given.formula(name), *added))
+        return cast(sympy.Expr, sympy.Add(self.base.formula(name), *added))
 
     def own_formula(self, name: str) -> sympy.Expr:
-        """That of the simulation."""
-        return self.given.own_formula(name)
+        """Return the formula of the simulation."""
+        return self.base.own_formula(name)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """Those of the simulation: the coefficients of the others are known, and nobody corrects them."""
-        return self.given.additive_terms(state)
+        """Return the terms of the simulation: coefficients of the others are known, and nobody corrects them."""
+        return self.base.additive_terms(state)
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
-        """Those of the simulation, and those that are known."""
-        return [*self.given.readable_terms(state), *self.known.get(state, ())]
+        """Return the terms of the simulation, and those that are known."""
+        return [*self.base.readable_terms(state), *self.known.get(state, ())]
 
     def rate_name(self, state: str) -> str | None:
-        """As in the simulation, of states without more terms."""
-        return None if state in self.known else self.given.rate_name(state)
+        """Return the state that is the rate of a state without more terms."""
+        return None if state in self.known else self.base.rate_name(state)
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
-        """Both with their jumps rounded."""
-        known = {s: tuple((term.rounded(columns), value) for term, value in own) for s, own in self.known.items()}
-        return replace(self, given=self.given.rounded(columns), known=known)
+        """Round the jumps of both."""
+        known = {s: tuple((term.rounded(columns), value) for term, value in terms) for s, terms in self.known.items()}
+        return replace(self, base=self.base.rounded(columns), known=known)
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
-        """Those of the simulation; the terms stay as they are."""
-        given, numbers = self.given.without_numbers()
-        return replace(self, inputs=given.inputs, given=given), numbers
+        """Take the numbers out of the simulation; the terms stay as they are."""
+        base, numbers = self.base.without_numbers()
+        return replace(self, inputs=base.inputs, base=base), numbers
 
     @property
     def key(self) -> Hashable:
-        """That of the simulation, and the terms."""
+        """Key of the simulation, and the terms."""
         known = ((s, tuple((sympy.srepr(t.expr), value) for t, value in terms)) for s, terms in self.known.items())
-        return self.given.key, tuple(known)
+        return self.base.key, tuple(known)

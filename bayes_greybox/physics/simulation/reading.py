@@ -8,7 +8,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
 
 from .code import CallableSimulation
-from .fmu.given import FMU, fmu_from, given_again
+from .fmu.given import FMU, fmu_from, with_record
 from .fmu.simulation import fmu_simulation
 from .formulas import ExpressionSimulation
 from .protocol import RightHandSide, Simulation
@@ -17,33 +17,29 @@ NO_STATES = (
     "the simulation is a function or an FMU, which no hidden states can be added to: give it as formulas, one for "
     "each state, simulation={'y': 'v', 'v': 'F - 2*y'}"
 )
-"""Why what remembers is left out beside such a simulation."""
+"""Reason why effects with memory are left out beside such a simulation."""
 
 FUNCTION = "function"
-"""What stands in files for a simulation that is code."""
+"""Word that stands in files for a simulation that is code."""
 
 FMU_RECORD = "an FMU"
-"""What stands in files before what is kept of an FMU: no state can be called so."""
+"""Key of an FMU's record in files: no state can have this name."""
+
+UserSimulation = Mapping[str, str] | RightHandSide | FMU | None
+"""Expressions by state or output, a function of all states at once, an FMU, or None for no simulation."""
 
 
 def simulation_of(
-    given: Mapping[str, str] | RightHandSide | FMU | None,
+    given: UserSimulation,
     states: tuple[str, ...],
     inputs: tuple[str, ...],
     outputs: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> Simulation:
-    """Read the user's simulation.
-
-    Args:
-        given: Expressions by state or output, a function of all states at once, an FMU, or None for no simulation.
-        states: State names of the data.
-        inputs: Input names of the data.
-        outputs: Output names of the data, which expressions give and do not use.
-        units: Units by column, which those of an FMU are compared with.
+    """Read the user's simulation for data with these names; units are compared with those of an FMU.
 
     Raises:
-        InputError: An expression for an unknown state or output, or one that cannot be read; an FMU that does not fit.
+        InputError: An expression cannot be read or is of an unknown state or output; or an FMU does not fit.
     """
     if isinstance(given, FMU):
         return fmu_simulation(given, states, inputs, outputs, units or {})
@@ -59,33 +55,25 @@ def simulation_of(
     return ExpressionSimulation(states, inputs, parsed)
 
 
-def readable(given: Mapping[str, str] | RightHandSide | FMU | None) -> TypeGuard[Mapping[str, str] | None]:
-    """Whether a user's simulation is formulas, or none at all: code cannot be read."""
+def readable(given: UserSimulation) -> TypeGuard[Mapping[str, str] | None]:
+    """Return True if a user's simulation is formulas, or none at all: code cannot be read."""
     return not (callable(given) or isinstance(given, FMU))
 
 
 def named_states(given: Any) -> tuple[str, ...]:
-    """Names that formulas have equations for, or the states of an FMU; a function names none."""
+    """Return names that formulas have equations for, or the states of an FMU; a function names none."""
     if isinstance(given, FMU):
         return tuple(given.state_columns)
     return () if callable(given) else tuple(given or {})
 
 
 def named_outputs(given: Any) -> tuple[str, ...]:
-    """Names that formulas have equations for, or the outputs of an FMU; a function gives none."""
-    if isinstance(given, FMU):
-        return tuple(given.outputs)
-    return named_states(given)
+    """Return names that formulas have equations for, or the outputs of an FMU; a function gives none."""
+    return tuple(given.outputs) if isinstance(given, FMU) else named_states(given)
 
 
-def with_states(
-    given: Mapping[str, str] | RightHandSide | FMU | None, states: Sequence[HiddenState]
-) -> Mapping[str, str]:
-    """A user's simulation with more states; one of the same name takes the place of the one before.
-
-    Args:
-        given: Expressions by state or output, or None for no simulation.
-        states: Hidden states.
+def with_states(given: UserSimulation, states: Sequence[HiddenState]) -> Mapping[str, str]:
+    """Return a user's simulation with more states; one of the same name takes the place of the one before.
 
     Raises:
         InputError: The simulation is a function or an FMU.
@@ -96,14 +84,7 @@ def with_states(
 
 
 def not_known(name: str, states: Sequence[str], outputs: Sequence[str], hint: str = "") -> str:
-    """What is said of an equation for a name that the data do not have, with those that they have.
-
-    Args:
-        name: The equation's.
-        states: State names of the data.
-        outputs: Output names of the data.
-        hint: What may have been meant, in brackets.
-    """
+    """Say that the data lack the name of an equation, and which names they have; `hint` stands in brackets."""
     if not outputs:
         of = f"{states[0]}, or of another of them" if len(states) > 1 else "".join(states)
         remedy = f". If it is the rate of {of}: data.differentiate(rates={{{states[0]!r}: {name!r}}})" if states else ""
@@ -112,8 +93,8 @@ def not_known(name: str, states: Sequence[str], outputs: Sequence[str], hint: st
     return f"which is neither a state nor an output of the data{hint}; {'; '.join(known)}"
 
 
-def simulation_record(given: Mapping[str, str] | RightHandSide | FMU | None) -> Any:
-    """A user's simulation as plain values for a file: its expressions, the word that it is code, or which FMU."""
+def simulation_record(given: UserSimulation) -> Any:
+    """Return a user's simulation as plain values for a file; of code only that it is code, or which FMU."""
     if isinstance(given, FMU):
         return {FMU_RECORD: given.record()}
     return FUNCTION if callable(given) else {name: str(text) for name, text in (given or {}).items()}
@@ -122,19 +103,15 @@ def simulation_record(given: Mapping[str, str] | RightHandSide | FMU | None) -> 
 def simulation_from(
     record: Any, function: RightHandSide | FMU | None = None
 ) -> Mapping[str, str] | RightHandSide | FMU:
-    """The inverse of `simulation_record`.
-
-    Args:
-        record: What it returned.
-        function: The simulation's function, if it had one; a file cannot hold code.
+    """Invert `simulation_record`; a file cannot hold code, so a function is given again.
 
     Raises:
-        InputError: If the simulation was a function and none is given, or an FMU that is not there.
+        InputError: The simulation was a function and none is given, or an FMU that is missing.
     """
     if record != FUNCTION:
         if FMU_RECORD in record:
-            given = record[FMU_RECORD]
-            return given_again(given, function) if isinstance(function, FMU) else function or fmu_from(given)
+            saved = record[FMU_RECORD]
+            return with_record(saved, function) if isinstance(function, FMU) else function or fmu_from(saved)
         return record
     if function is None:
         raise InputError(

@@ -9,7 +9,7 @@ from html import escape
 
 from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.formula.printing import GAP, to_mathml
+from bayes_greybox.physics.formula.printing import WORD_GAP, to_mathml
 
 from .pieces import Piece, pieces
 
@@ -27,7 +27,7 @@ def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
     if not system.is_output(name):
         time = to_mathml(symbol(system.data.time_name))
         # A word after the d would be read as one with it.
-        gap = f'<mspace width="{GAP}"/>' if "normal" in shown else ""
+        gap = f'<mspace width="{WORD_GAP}"/>' if "normal" in shown else ""
         shown = f"<mfrac><mrow>{_D}{gap}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
     found = [_math(f"{shown}<mo>=</mo>")]
     for k, piece in enumerate(pieces(system, name)):
@@ -49,7 +49,7 @@ def _piece(piece: Piece) -> str:
         if piece.unit:
             parts.append(f"<mtext>\u202f[{escape(piece.unit)}]\u202f</mtext>")
         elif piece.expr is not None:
-            parts.append(f'<mspace width="{GAP}"/>')
+            parts.append(f'<mspace width="{WORD_GAP}"/>')
     if piece.expr is not None:
         shown = to_mathml(piece.expr)
         parts.append(f"<mrow><mo>(</mo>{shown}<mo>)</mo></mrow>" if piece.bracketed else shown)

@@ -162,7 +162,7 @@ def test_a_first_configuration_says_that_time_goes_back(tmp_path):
         path = tmp_path / "run.csv"
         frame.to_csv(path, index=False)
         found = starter(path, tmp_path / "run.toml", layout_of())
-        return found.text, "\n".join(found.told)
+        return found.text, "\n".join(found.summary)
 
     runs = table(np.tile(np.arange(N / 2), 2))
     text, told = start(runs)

@@ -13,7 +13,7 @@ from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_
 from bayes_greybox.inference.kept.packing import Packer, Unpacker
 from bayes_greybox.missing_effects import Study
 from bayes_greybox.model.gp.features import HilbertBasis
-from bayes_greybox.physics.signals import Hold, Multisine, Noise
+from bayes_greybox.physics.experiments.signals import Hold, Multisine, Noise
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 

@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.missing_effects import load
-from bayes_greybox.physics.signals import SIGNALS, USUAL, Hold, Usual
+from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Usual
 from bayes_greybox.running.errors import InputError
 
 
@@ -46,7 +46,7 @@ def test_a_candidate_that_fails_is_not_chosen(study):
 
 @pytest.mark.parametrize("name", SIGNALS)
 def test_usual_signals_stay_within_their_amplitude(name):
-    for signal in USUAL[name](Usual(2.0, 1.0, 0.1, 1.0, 10.0)):
+    for signal in USUAL_SIGNALS[name](Usual(2.0, 1.0, 0.1, 1.0, 10.0)):
         assert isinstance(signal, SIGNALS[name])
         value = signal.value(np.linspace(0, 10, 2001))
         assert signal.text

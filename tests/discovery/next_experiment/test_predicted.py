@@ -9,8 +9,8 @@ from bayes_greybox.discovery.answer.explained import Component, Explained
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
 from bayes_greybox.discovery.next_experiment.information import information
 from bayes_greybox.discovery.next_experiment.predicted import Predictor
+from bayes_greybox.physics.experiments.signals import Hold
 from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.signals import Hold
 from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.physics.terms import Term
 

@@ -6,7 +6,7 @@ import pytest
 
 from bayes_greybox import cli, plots
 from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.physics.signals import Hold
+from bayes_greybox.physics.experiments.signals import Hold
 from bayes_greybox.running.errors import InputError
 
 FAR = Candidate({"F": Hold(0.0)}, {"y": 1.5, "v": 0.0}, 4.0, 41, {"v": 0.3}, "far")

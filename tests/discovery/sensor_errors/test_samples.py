@@ -6,7 +6,7 @@ from sampled_paths import STEP, paths
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, misread
-from bayes_greybox.physics.systems import duffing
+from bayes_greybox.physics.experiments.systems import duffing
 
 
 def smoothed(data, rates=None):

@@ -12,7 +12,7 @@ from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, gram
 from bayes_greybox.model.gp.orthogonal import box_nodes, orthogonal_gram, orthonormalise
 from bayes_greybox.model.program import Program
-from bayes_greybox.physics.systems import oscillator
+from bayes_greybox.physics.experiments.systems import oscillator
 from bayes_greybox.running.errors import InputError
 
 SIX_TERMS = ["y", "ydot", "y**2", "ydot**2", "y**3", "ydot**3"]

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from bayes_greybox.physics.sensitivity import power_of_two
+from bayes_greybox.physics.integration.sensitivity import power_of_two
 from bayes_greybox.running.compiling import compiled
 
 COLUMN_MULTIPLE = 32

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.physics.sensitivity import carried, hermite
+from bayes_greybox.physics.integration.sensitivity import carried, hermite
 
 from .forced_rate import ForcedRate
 from .path_grid import points_at_ends, points_at_nodes

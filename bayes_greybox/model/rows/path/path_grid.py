@@ -5,8 +5,8 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integrate import between_samples
-from bayes_greybox.physics.sensitivity import Grid
+from bayes_greybox.physics.integration.adaptive_steps import between_samples
+from bayes_greybox.physics.integration.sensitivity import Grid
 
 
 def runs_of(samples: Trajectories) -> list[np.ndarray]:

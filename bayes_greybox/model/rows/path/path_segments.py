@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.physics.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
+from bayes_greybox.physics.integration.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
 
 from .forced_rate import ForcedRate
 from .path_grid import points_at_ends, points_at_nodes

@@ -14,8 +14,8 @@ from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.rows.equation_rows import Acting, Unfollowed
-from bayes_greybox.physics.sensitivity import Grid, carried
-from bayes_greybox.physics.smoothing import Observed
+from bayes_greybox.physics.integration.sensitivity import Grid, carried
+from bayes_greybox.physics.integration.smoothing import Observed
 from bayes_greybox.running.errors import InputError
 
 from .common import Common, sizes_of, steps_needed, usual_step

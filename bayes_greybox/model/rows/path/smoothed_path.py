@@ -8,8 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bayes_greybox.physics.sensitivity import Grid, hermite
-from bayes_greybox.physics.smoothing import PARTS, Observed, filtered, log_likelihoods, smooth, steps_along
+from bayes_greybox.physics.integration.sensitivity import Grid, hermite
+from bayes_greybox.physics.integration.smoothing import (
+    Observed,
+    filtered,
+    log_likelihoods,
+    smooth,
+    steps_along,
+)
 from bayes_greybox.running.errors import InputError
 
 from .forced_rate import ForcedRate

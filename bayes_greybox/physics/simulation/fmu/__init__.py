@@ -1,1 +1,1 @@
-"""A simulation that is an FMU: what users give, how it is run, and the right-hand side that it is."""
+"""A simulation that is an FMU: its description, its instances, and its right-hand side."""

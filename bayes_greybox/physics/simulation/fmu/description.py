@@ -1,4 +1,4 @@
-"""What an FMU says of itself, in the words of this package."""
+"""Description of an FMU, in the words of this package."""
 
 import re
 from collections.abc import Mapping
@@ -21,10 +21,10 @@ class Unit:
     """A unit of a variable.
 
     Attributes:
-        name: As the FMU calls it, such as "m/s2".
-        base: Product of base units that it is a multiple of, such as "meter**1 * second**-2"; "" if it is not said.
-        factor: Which multiple.
-        offset: What its zero is in base units, as 273.15 of degrees Celsius.
+        name: Name in the FMU, such as "m/s2".
+        base: Product of base units that it is a multiple of, such as "meter**1 * second**-2"; "" if it is not stated.
+        factor: The multiple.
+        offset: Its zero in base units, such as 273.15 of degrees Celsius.
     """
 
     name: str
@@ -45,8 +45,8 @@ class Variable:
         variability: "continuous", "discrete", "tunable", "fixed" or "constant".
         start: Value that it starts from, as text; "" if there is none.
         unit: Its unit, if it has one.
-        scalar: Whether it is one number.
-        nominal: Its usual size; 1 where it is not said.
+        scalar: True if it is one number.
+        nominal: Its usual size; 1 where it is not stated.
         initial: "exact" or "approx" where its start may be set, else "calculated" or "".
     """
 
@@ -63,7 +63,7 @@ class Variable:
 
     @property
     def column(self) -> str:
-        """The name that a column of data may have for it: "mass_s" for "mass.s"."""
+        """Name of a column of data for it: "mass_s" for "mass.s"."""
         return re.sub(r"\W+", "_", self.name).strip("_")
 
 
@@ -73,7 +73,7 @@ class Interface:
 
     Attributes:
         identifier: Name of its library.
-        directional: Whether it says that it gives directional derivatives.
+        directional: True if it declares directional derivatives.
     """
 
     identifier: str
@@ -82,22 +82,22 @@ class Interface:
 
 @dataclass(frozen=True, eq=False)
 class Description:
-    """What the modelDescription.xml of an FMU says.
+    """Content of the modelDescription.xml of an FMU.
 
     Attributes:
         file: The FMU.
         name: Name of the model.
         guid: Its identity: the GUID.
-        version: Of FMI, such as "2.0".
-        interfaces: By `MODEL_EXCHANGE` and `CO_SIMULATION`.
-        variables: By name.
+        version: Version of FMI, such as "2.0".
+        interfaces: Interfaces by `MODEL_EXCHANGE` and `CO_SIMULATION`.
+        variables: Variables by name.
         states: Continuous states, each with the variable that is its rate.
-        rates: The variable that is declared as the rate of a variable, by the name of the latter.
-        eventful: Whether it has event indicators.
-        start: Time that it starts at.
-        step: Length of a step, if it says one; 0 else.
+        rates: Variable that is declared as the rate of another, by the name of the latter.
+        eventful: True if it has event indicators.
+        start: Time at which it starts.
+        step: Length of a step; 0 if it is not stated.
         content: Digest of the file.
-        folder: Where a copy lies unpacked, which is there as long as this is: the file may change meanwhile.
+        folder: Folder of an unpacked copy, which lives as long as this object: the file may change meanwhile.
     """
 
     file: Path
@@ -116,46 +116,39 @@ class Description:
 
     @property
     def interface(self) -> Interface:
-        """How it is run: by Model Exchange where it can be."""
+        """The interface by which it is run: Model Exchange where it has that."""
         return self.interfaces[MODEL_EXCHANGE if self.exchanged else CO_SIMULATION]
 
     @property
     def exchanged(self) -> bool:
-        """Whether it is run by Model Exchange."""
+        """True if it is run by Model Exchange."""
         return MODEL_EXCHANGE in self.interfaces
 
 
-def description_of(file: Path, content: str, folder: Path, found: Any) -> Description:
-    """A description from what FMPy read.
-
-    Args:
-        file: The FMU.
-        content: Digest of the file.
-        folder: Where it lies unpacked.
-        found: FMPy's `ModelDescription`.
-    """
-    units = {unit.name: _unit(unit) for unit in found.unitDefinitions}
-    variables = {each.name: _variable(each, units) for each in found.modelVariables}
+def description_of(file: Path, content: str, folder: Path, parsed: Any) -> Description:
+    """Convert FMPy's `ModelDescription` of a file with this digest, unpacked in a folder."""
+    units = {unit.name: _unit(unit) for unit in parsed.unitDefinitions}
+    variables = {each.name: _variable(each, units) for each in parsed.modelVariables}
     interfaces = {}
-    for name, each in ((MODEL_EXCHANGE, found.modelExchange), (CO_SIMULATION, found.coSimulation)):
+    for name, each in ((MODEL_EXCHANGE, parsed.modelExchange), (CO_SIMULATION, parsed.coSimulation)):
         if each is not None:
             interfaces[name] = Interface(str(each.modelIdentifier), bool(each.providesDirectionalDerivative))
-    derivatives = [each.variable for each in found.derivatives]
+    derivatives = [each.variable for each in parsed.derivatives]
     lost = [d.name for d in derivatives if d.derivative is None]
     if lost:
         raise ValueError(f"{lost[0]!r} is listed as a rate and does not say of which state")
     return Description(
         file=file,
-        name=str(found.modelName),
-        guid=str(found.guid),
-        version=str(found.fmiVersion),
+        name=str(parsed.modelName),
+        guid=str(parsed.guid),
+        version=str(parsed.fmiVersion),
         interfaces=interfaces,
         variables=variables,
         states=tuple((variables[d.derivative.name], variables[d.name]) for d in derivatives),
-        rates={each.derivative.name: variables[each.name] for each in found.modelVariables if each.derivative},
-        eventful=bool(found.numberOfEventIndicators or getattr(found, "eventIndicators", None)),
-        start=float(getattr(found.defaultExperiment, "startTime", None) or 0.0),
-        step=float(getattr(found.defaultExperiment, "stepSize", None) or 0.0),
+        rates={each.derivative.name: variables[each.name] for each in parsed.modelVariables if each.derivative},
+        eventful=bool(parsed.numberOfEventIndicators or getattr(parsed, "eventIndicators", None)),
+        start=float(getattr(parsed.defaultExperiment, "startTime", None) or 0.0),
+        step=float(getattr(parsed.defaultExperiment, "stepSize", None) or 0.0),
         content=content,
         folder=folder,
     )

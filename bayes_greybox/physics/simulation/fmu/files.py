@@ -16,14 +16,14 @@ from bayes_greybox.running.errors import InputError
 
 from .description import Description, description_of
 
-INSTALL = 'install it with pip install ".[fmu]" in the checkout'
+INSTALL_FMPY = 'install it with pip install ".[fmu]" in the checkout'
 
-KNOWN = 64
-"""Files whose digest is kept, by when they were changed and their size."""
+KEPT_DIGESTS = 64
+"""Files whose digest is kept, by their size and the time of their last change."""
 
 
 def fmpy() -> Any:
-    """FMPy.
+    """Import FMPy.
 
     Raises:
         InputError: It is not installed.
@@ -31,19 +31,16 @@ def fmpy() -> Any:
     try:
         import fmpy
     except ImportError as error:
-        raise InputError(f"Running an FMU needs FMPy; {INSTALL}.") from error
+        raise InputError(f"Running an FMU needs FMPy; {INSTALL_FMPY}.") from error
     return fmpy
 
 
 def read_fmu(path: str | os.PathLike[str]) -> Description:
-    """Read what an FMU says of itself, and keep a copy of what is in it: what becomes of the file later is another FMU.
-
-    Args:
-        path: The file.
+    """Read the description of an FMU, and keep a copy of its content: a file that changes later is another FMU.
 
     Raises:
-        InputError: FMPy is not installed; no such file; no FMU; a version of FMI that is not supported; no library for
-            this system.
+        InputError: FMPy is not installed; there is no such file; it is no FMU, or of a version of FMI that is not
+            supported; or it has no library for this system.
     """
     file = Path(path)
     if not file.is_file():
@@ -51,17 +48,17 @@ def read_fmu(path: str | os.PathLike[str]) -> Description:
     library, file = fmpy(), file.resolve()
     content = _digest(file, file.stat().st_mtime_ns, file.stat().st_size)
     with _reading:
-        found = _known.get(content)
-        if found is None:
-            found = _known[content] = _read(file, content, library)
-    return found
+        description = _known.get(content)
+        if description is None:
+            description = _known[content] = _read(file, content, library)
+    return description
 
 
 _known: weakref.WeakValueDictionary[str, Description] = weakref.WeakValueDictionary()
 _reading = threading.Lock()
 
 
-@lru_cache(maxsize=KNOWN)
+@lru_cache(maxsize=KEPT_DIGESTS)
 def _digest(file: Path, changed: int, size: int) -> str:
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
@@ -72,13 +69,13 @@ def _read(file: Path, content: str, library: Any) -> Description:
         raise InputError(f'"{file}" is no FMU: it is not a ZIP archive; check the file.')
     folder = Path(tempfile.mkdtemp(prefix="fmu-"))
     try:
-        found = _unpacked(file, content, folder, library)
+        description = _unpacked(file, content, folder, library)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     # When nobody holds it any more, or the process ends.
-    weakref.finalize(found, shutil.rmtree, folder, ignore_errors=True)
-    return found
+    weakref.finalize(description, shutil.rmtree, folder, ignore_errors=True)
+    return description
 
 
 def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Description:
@@ -87,38 +84,33 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             names, text = archive.namelist(), archive.read("modelDescription.xml").decode("utf-8", "replace")
         stated = re.search(r'fmiVersion\s*=\s*["\']([^"\']*)', text)
         version = stated[1] if stated else "an unknown version"
-        if version == "2.0":
-            library.extract(str(file), str(folder))
-            told = library.read_model_description(str(folder), validate=False)
-            found = description_of(file, content, folder, told)
-        else:
-            found = None
+        if version != "2.0":
+            raise InputError(
+                f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.'
+            )
+        library.extract(str(file), str(folder))
+        parsed = library.read_model_description(str(folder), validate=False)
+        description = description_of(file, content, folder, parsed)
+    except InputError:
+        raise
     except Exception as error:
         # FMPy and its XML reader raise errors of many kinds on what is no model description.
-        raise _damaged(file, error) from error
-    if found is None:
-        raise InputError(f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.')
-    if not found.interfaces:
+        line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
+        raise InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.') from error
+    if not description.interfaces:
         raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
-    _require_library(found, names, library)
-    return found
+    _require_library(description, names, library)
+    return description
 
 
-def _require_library(found: Description, names: list[str], library: Any) -> None:
+def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
     here = library.platform
-    identifier = found.interface.identifier
-    if f"binaries/{here}/{identifier}{library.sharedLibraryExtension}" in names:
+    if f"binaries/{here}/{description.interface.identifier}{library.sharedLibraryExtension}" in names:
         return
     others = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
     has = f"its libraries are for {', '.join(others)}" if others else "it has no library at all"
     sources = any(name.startswith("sources/") and name.endswith(".c") for name in names)
-    compiled = f' its C sources are in it, python -m fmpy compile "{found.file}" adds a library;' if sources else ""
-    raise InputError(
-        f'The FMU "{found.file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.'
-    )
-
-
-def _damaged(file: Path, error: Exception) -> InputError:
-    line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
-    return InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.')
+    file = description.file
+    compiled = f' its C sources are in it, python -m fmpy compile "{file}" adds a library;' if sources else ""
+    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.')

@@ -3,17 +3,17 @@
 import math
 import numbers
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.physics.simulation.fmu.description import Description, Variable
-from bayes_greybox.physics.simulation.fmu.files import read_fmu
 from bayes_greybox.running.errors import InputError
 
-from .naming import by_column, require_number, require_once, require_real, without_states
-from .ports import Ports
+from .description import Description, Variable
+from .files import read_fmu
+from .loaded import Ports
 from .running import running
 
 MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
@@ -24,8 +24,9 @@ MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
 class FMU:
     """A simulation that is an FMU of FMI 2.0, run by FMPy (extra `fmu`): for Model Exchange, else for Co-Simulation.
 
-    Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_"
-    for what no column may be called: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows of samples.
+    Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_" in
+    place of characters that no column may have: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows
+    of samples.
 
     A Co-Simulation is started anew at every point, with the states as its start. Rates are its own variables where it
     declares them; else they are differences of the states over three steps, D(h) = (−11 x₀ + 18 x₁ − 9 x₂ + 2 x₃) / 6h,
@@ -34,20 +35,20 @@ class FMU:
     longer than these.
 
     Attributes:
-        path: The file. What becomes of it later changes nothing: a copy is kept.
+        path: The file. Later changes of it have no effect: a copy is kept.
         parameters: Values of parameters, and of inputs that no column feeds, by the FMU's names.
         states: The FMU's state by the column's name, {"y": "mass.s"}; all of them for a Co-Simulation that declares
             none.
         inputs: The FMU's input by the column's name.
         outputs: The FMU's variable by the name of a measured output.
-        starts: What sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state itself by
-            default.
-        step: Length of the steps of a Co-Simulation, s; by default what the FMU says. The data need no such steps.
-        description: What the file says of itself.
+        starts: Parameter that sets a state where a Co-Simulation starts, by the column's name, {"y": "s0"}; the state
+            itself by default.
+        step: Length of the steps of a Co-Simulation, s; by default that of the FMU. The data need no such steps.
+        description: Content of the file's description.
 
     Raises:
-        InputError: FMPy is not installed; no such file, or one that cannot be run here; a variable that there is not,
-            or that is no real number; one column for two variables, or two for one; a state that cannot be set.
+        InputError: FMPy is not installed; the file is missing or cannot be run here; a variable is missing or no real
+            number; two variables have one column, or one has two; a state cannot be set.
     """
 
     path: str | os.PathLike[str]
@@ -63,37 +64,44 @@ class FMU:
         object.__setattr__(self, "path", str(Path(self.path).resolve()))
         for name in MAPPINGS:
             object.__setattr__(self, name, dict(getattr(self, name)))
-        object.__setattr__(self, "description", found := read_fmu(self.path))
+        object.__setattr__(self, "description", fmu := read_fmu(self.path))
         states = [state.name for state, _ in self.dynamics]
-        declared = states if found.states or found.exchanged else [*found.variables]
+        declared = states if fmu.states or fmu.exchanged else [*fmu.variables]
         for name in self.states.values():
-            require_real(found, name, declared)
+            _require_real(fmu, name, declared)
         if not states:
-            raise InputError(without_states(found))
+            if fmu.exchanged:
+                raise InputError(f"The FMU {fmu.name} has no continuous state: there is no rate that it could give.")
+            raise InputError(
+                f"The FMU {fmu.name} is for Co-Simulation and does not declare its states: name all of them, "
+                "bg.FMU(..., states={'column': 'variable'}), or export it for Model Exchange."
+            )
         for name in (*self.parameters, *self.outputs.values(), *self.starts.values()):
-            require_real(found, name, (*found.variables,))
+            _require_real(fmu, name, (*fmu.variables,))
         for name in self.inputs.values():
-            require_real(found, name, [v.name for v in found.variables.values() if v.causality == "input"])
+            _require_real(fmu, name, [v.name for v in fmu.variables.values() if v.causality == "input"])
         for name in self.parameters:
-            if found.variables[name].causality not in ("parameter", "input"):
-                raise InputError(f"{name!r} of the FMU {found.name} is no parameter and no input: it cannot be set.")
-            require_number(found, name, self.parameters[name])
+            if fmu.variables[name].causality not in ("parameter", "input"):
+                raise InputError(f"{name!r} of the FMU {fmu.name} is no parameter and no input: it cannot be set.")
+            value = self.parameters[name]
+            if not isinstance(value, numbers.Real) or not math.isfinite(value):
+                raise InputError(f"{name!r} of the FMU {fmu.name} is set to {value!r}: give a finite number.")
         # Any kind of number; a file holds plain ones.
         object.__setattr__(self, "parameters", {name: float(value) for name, value in self.parameters.items()})
-        for variable in found.variables.values():
+        for variable in fmu.variables.values():
             if variable.causality == "input":
-                require_real(found, variable.name, (variable.name,))
+                _require_real(fmu, variable.name, (variable.name,))
         for name in self.inputs.values():
             if name in self.parameters:
-                raise InputError(f"The input {name!r} of the FMU {found.name} is held and fed by a column: do one.")
-        columns = [name for name, _ in (*self._of_states(), *self._of_inputs())]
-        require_once(found, "column", [*columns, *self.outputs])
+                raise InputError(f"The input {name!r} of the FMU {fmu.name} is held and fed by a column: do one.")
+        columns = [name for name, _ in (*self._state_pairs(), *self._input_pairs())]
+        _require_once(fmu, "column", [*columns, *self.outputs])
         for given in (self.states, self.inputs):
-            require_once(found, "variable", list(given.values()))
-        if found.exchanged:
+            _require_once(fmu, "variable", list(given.values()))
+        if fmu.exchanged:
             if self.starts or self.step is not None:
                 raise InputError(
-                    f"The FMU {found.name} is run by Model Exchange: starts and step are of Co-Simulation; leave them "
+                    f"The FMU {fmu.name} is run by Model Exchange: starts and step are of Co-Simulation; leave them "
                     "out."
                 )
             return
@@ -101,85 +109,78 @@ class FMU:
 
     def _require_settable(self) -> None:
         """Refuse a Co-Simulation whose states cannot be set, or whose rates nothing gives."""
-        found, columns = self.description, self.state_columns
+        fmu, columns = self.description, self.state_columns
         for column, name in self.starts.items():
             if column not in columns:
                 raise InputError(f"bg.FMU(starts=...) names {column!r}, which is no state: {', '.join(columns)}.")
             if name in self.parameters:
-                raise InputError(
-                    f"{name!r} of the FMU {found.name} is a parameter and the start of {column!r}: do one."
-                )
+                raise InputError(f"{name!r} of the FMU {fmu.name} is a parameter and the start of {column!r}: do one.")
         for column, variable in columns.items():
-            start = found.variables[self.starts.get(column, variable.name)]
+            start = fmu.variables[self.starts.get(column, variable.name)]
             if start.initial not in ("exact", "approx"):
                 raise InputError(
-                    f"{start.name!r} of the FMU {found.name} cannot be set where a Co-Simulation starts: say which "
+                    f"{start.name!r} of the FMU {fmu.name} cannot be set where a Co-Simulation starts: say which "
                     f"parameter sets it, bg.FMU(..., starts={{{column!r}: 'parameter'}}), or export the FMU for Model "
                     "Exchange."
                 )
         if self.step is not None and not (isinstance(self.step, numbers.Real) and 0 < self.step < math.inf):
-            raise InputError(f"step={self.step!r} of the FMU {found.name} must be a number of seconds above 0.")
-        if self.step is not None and 0 < found.step < self.step:
+            raise InputError(f"step={self.step!r} of the FMU {fmu.name} must be a number of seconds above 0.")
+        if self.step is not None and 0 < fmu.step < self.step:
             # Its own integrator's error would be taken for the equations': damping that is not there.
             raise InputError(
-                f"step={self.step:g} s of the FMU {found.name} is longer than the {found.step:g} s that it says it is "
+                f"step={self.step:g} s of the FMU {fmu.name} is longer than the {fmu.step:g} s that it says it is "
                 "run with: give as much or less."
             )
         if self.stepped and not self.ports((), ()).step:
             lacking = next(state.name for state, rate in self.dynamics if rate is None)
             raise InputError(
-                f"The FMU {found.name} declares no rate of {lacking!r}, so that it takes steps, and does not say how "
+                f"The FMU {fmu.name} declares no rate of {lacking!r}, so that it takes steps, and does not say how "
                 "long: bg.FMU(..., step=0.001), in s; or export it for Model Exchange."
             )
 
     def __reduce__(self) -> Any:
-        """Another process reads the file again."""
+        """Have another process read the file again."""
         given = {name: getattr(self, name) for name in (*MAPPINGS, "step")}
         return _read_again, (self.path, given, self.description.content)
 
     @property
     def dynamics(self) -> tuple[tuple[Variable, Variable | None], ...]:
-        """States, each with the variable that is its rate: what a Co-Simulation does not declare, users name."""
-        found = self.description
-        if found.states or found.exchanged:
-            return found.states
-        named = [found.variables[name] for name in self.states.values() if name in found.variables]
-        return tuple((each, found.rates.get(each.name)) for each in named)
+        """States, each with the variable that is its rate; users name those that a Co-Simulation does not declare."""
+        fmu = self.description
+        if fmu.states or fmu.exchanged:
+            return fmu.states
+        named = [fmu.variables[name] for name in self.states.values() if name in fmu.variables]
+        return tuple((each, fmu.rates.get(each.name)) for each in named)
 
     @property
     def stepped(self) -> bool:
-        """Whether rates are differences over steps: a Co-Simulation that does not give them."""
+        """True if rates are differences over steps: a Co-Simulation that does not give them."""
         return any(rate is None for _, rate in self.dynamics)
 
     def ports(self, states: Sequence[str], inputs: Sequence[str]) -> Ports:
-        """What is set at a point.
-
-        Args:
-            states: Columns of states, in the FMU's order.
-            inputs: Columns of inputs.
-        """
-        found, known, fed = self.description, self.state_columns, self.input_columns
-        starts = [found.variables[self.starts[each]] if each in self.starts else known[each] for each in states]
+        """Return the variables that are set at a point, for columns of states in the FMU's order, and of inputs."""
+        fmu, state_columns, input_columns = self.description, self.state_columns, self.input_columns
+        starts = [fmu.variables[self.starts[each]] if each in self.starts else state_columns[each] for each in states]
         return Ports(
-            inputs=tuple(fed[each].ref for each in inputs),
-            states=tuple(known[each].ref for each in states),
+            inputs=tuple(input_columns[each].ref for each in inputs),
+            states=tuple(state_columns[each].ref for each in states),
             starts=tuple(each.ref for each in starts),
-            step=0.0 if found.exchanged else float(self.step or found.step),
+            step=0.0 if fmu.exchanged else float(self.step or fmu.step),
         )
 
     @property
     def state_columns(self) -> dict[str, Variable]:
         """States by the name of their column, in the FMU's order."""
-        return dict(self._of_states())
+        return dict(self._state_pairs())
 
     @property
     def input_columns(self) -> dict[str, Variable]:
         """Inputs that columns feed, by the name of the column."""
-        return dict(self._of_inputs())
+        return dict(self._input_pairs())
 
     @property
     def derivatives(self) -> str:
-        """By what the rates are differentiated, in words: what the FMU declares is used once it was found right."""
+        """The method by which rates are differentiated, in words; declared derivatives are used once found right."""
         if not self.description.exchanged:
             return "central differences: a Co-Simulation is started anew at every point"
         if not self.description.interface.directional:
@@ -188,11 +189,11 @@ class FMU:
             None: "the FMU's directional derivatives, if they agree with central differences: not looked at yet",
             True: "the FMU's directional derivatives, which agree with central differences",
             False: "central differences: the FMU's directional derivatives are not those of its rates",
-        }[running(self.description).right(self.parameters)]
+        }[running(self.description).derivatives_right(self.parameters)]
 
     @property
     def rates(self) -> str:
-        """What the rates are, in words."""
+        """The kind of rates, in words."""
         if self.description.exchanged:
             return "the FMU's own, by Model Exchange"
         if self.stepped:
@@ -201,26 +202,52 @@ class FMU:
         return "variables of the FMU, which is started at each point, by Co-Simulation"
 
     def __str__(self) -> str:
-        """What it is, and how its rates and their derivatives are had."""
+        """Describe the FMU, its rates and their derivatives."""
         columns = ", ".join(f"{column} = {v.name}" for column, v in self.state_columns.items())
         return f"FMU {self.description.name}: {columns}\nrates: {self.rates}\nderivatives: {self.derivatives}"
 
     def record(self) -> dict[str, Any]:
-        """The FMU as plain values for a file: where it is, its GUID, and what was given with it."""
+        """Return the FMU as plain values for a file: its path, its GUID, and what was given with it."""
         given = {name: dict(getattr(self, name)) for name in MAPPINGS}
         return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
-    def _of_states(self) -> list[tuple[str, Variable]]:
-        return by_column([state for state, _ in self.dynamics], self.states)
+    def _state_pairs(self) -> list[tuple[str, Variable]]:
+        return _by_column([state for state, _ in self.dynamics], self.states)
 
-    def _of_inputs(self) -> list[tuple[str, Variable]]:
-        known = self.description.variables.values()
-        fed = [v for v in known if v.causality == "input" and v.name not in self.parameters]
-        return by_column(fed, self.inputs)
+    def _input_pairs(self) -> list[tuple[str, Variable]]:
+        variables = self.description.variables.values()
+        fed = [v for v in variables if v.causality == "input" and v.name not in self.parameters]
+        return _by_column(fed, self.inputs)
+
+
+def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
+    """Pair variables, in the FMU's order, with their columns: those that users named, or the variables' own names."""
+    names = {variable: column for column, variable in given.items()}
+    return [(names.get(each.name, each.column), each) for each in variables]
+
+
+def _require_real(fmu: Description, name: str, known: Collection[str]) -> None:
+    """Refuse a variable that is not among the known names, or is no single real number."""
+    if name not in known:
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(list(known)[:20]) or 'none'}."
+        raise InputError(f"The FMU {fmu.name} has no {name!r} that could be that; {hint}")
+    if fmu.variables[name].kind != "Real" or not fmu.variables[name].scalar:
+        raise InputError(f"{name!r} of the FMU {fmu.name} is of type {fmu.variables[name].kind}: only Real is used.")
+
+
+def _require_once(fmu: Description, what: str, names: list[str]) -> None:
+    """Refuse a name, of a "column" or a "variable", that stands twice in a list."""
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise InputError(
+            f"The FMU {fmu.name} has the {what} {twice[0]!r} twice: give each of its variables a column of its own, "
+            "bg.FMU(..., states={'column': 'variable'}, inputs={...})."
+        )
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
-    """The inverse of `FMU.record`.
+    """Invert `FMU.record`.
 
     Raises:
         InputError: The file is not where it was, or is another one.
@@ -229,37 +256,32 @@ def fmu_from(record: Mapping[str, Any]) -> FMU:
     again = "give it again, bg.load(path, simulation=bg.FMU(...))"
     if not Path(path).is_file():
         raise InputError(f'The model\'s simulation was the FMU "{path}", which is not there: {again}.')
-    found = FMU(path, **_given(record))
-    if found.description.guid != record["guid"]:
+    fmu = FMU(path, **_given(record))
+    if fmu.description.guid != record["guid"]:
         raise InputError(
             f'The model\'s simulation was the FMU "{path}" with the GUID {record["guid"]}, and the one that is there '
-            f"now has {found.description.guid}: {again}."
+            f"now has {fmu.description.guid}: {again}."
         )
-    return found
+    return fmu
 
 
-def given_again(record: Mapping[str, Any], fmu: FMU) -> FMU:
-    """An FMU that is given in the place of a saved one, with that one's parameters and names where it has none.
-
-    Args:
-        record: Of `FMU.record`.
-        fmu: What was given.
-    """
+def with_record(record: Mapping[str, Any], fmu: FMU) -> FMU:
+    """Give an FMU in the place of a saved one that one's parameters and names, where it has none."""
     return fmu if any(getattr(fmu, name) for name in (*MAPPINGS, "step")) else FMU(fmu.path, **_given(record))
 
 
 def _given(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What was given with a file; older records lack what is of Co-Simulation."""
+    """Return what was given with a file; older records lack the fields of Co-Simulation."""
     return {name: record[name] for name in (*MAPPINGS, "step") if name in record}
 
 
 def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
-    """An FMU in another process.
+    """Read an FMU in another process.
 
     Raises:
-        InputError: The file is another one by now.
+        InputError: The file has changed.
     """
-    found = FMU(path, **given)
-    if found.description.content != content:
+    fmu = FMU(path, **given)
+    if fmu.description.content != content:
         raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')
-    return found
+    return fmu

@@ -1,4 +1,4 @@
-"""The right-hand side that an FMU is."""
+"""The right-hand side of an FMU."""
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
@@ -12,183 +12,166 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.simulation.protocol import Simulation, finite
+from bayes_greybox.physics.simulation.code import flat, undefined
+from bayes_greybox.physics.simulation.protocol import (
+    CENTRAL_DIFFERENCE_STEP,
+    Input,
+    Inputs,
+    Jacobians,
+    Simulation,
+    State,
+    States,
+    Times,
+    finite,
+)
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
 from .given import FMU
-from .running import running
-from .tracing import Rates, flat, traced
+from .running import Reading, running
+from .tracing import Rates, traced
+from .units import require_units
 
-DIFFERENCE = 6e-6
-"""Step of central differences over the size of a column: the cube root of rounding."""
+STEPPED_DIFFERENCE_STEP = 1e-3
+"""Step of central differences where rates are differences themselves, whose errors a shorter one would show."""
 
-LONG = 1e-3
-"""The same where rates are differences themselves, whose errors a shorter one would show."""
+NOMINAL_SHARE = 1e-3
+"""Least size of a column, as a share of its nominal value, where only one point shows how large it is."""
 
-FLOOR = 1e-3
-"""Share of its nominal value that a column has at least where one point says how large it is."""
-
-VERIFIED = 5
+COMPARED_POINTS = 5
 """Points at which directional derivatives are compared with differences before they are used."""
 
-AGREE = 1e-4
+DERIVATIVE_TOLERANCE = 1e-4
 """Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
 
 
 @dataclass(frozen=True)
 class FMUSimulation(Simulation):
-    """An FMU as a simulation: states that it does not have stand still.
-
-    Attributes:
-        given: The FMU.
-    """
+    """An FMU as a simulation: states that it does not have stand still."""
 
     given: FMU
 
     @property
     def differentiable(self) -> bool:
-        """No: it has first derivatives, and no trace."""
+        """False: an FMU has first derivatives, and no trace."""
         return False
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """Its states, and outputs that it was asked for."""
+        """Its states, and the outputs that were asked for."""
         return (*self.given.state_columns, *self.given.outputs)
 
-    def rate(self, t: Array, x: Float[Array, " n_state"], u: Float[Array, " n_input"]) -> Float[Array, " n_state"]:
-        """Value of g at one point, by a call from JAX to the FMU; many points at once are one call."""
+    def rate(self, t: Array, x: State, u: Input) -> State:
+        """Return g at one point, by a call from JAX to the FMU; many points at once are one call."""
         return traced(Rates(self))(jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float))
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Values of g for one state or output on the rows of the data, user's units."""
+        """Return g for one state or output on the rows of the data, user's units."""
         t, x, u = data.time, data.matrix(self.states), data.matrix(self.inputs)
         if state in self.given.outputs:
-            found = self.values_of(state, t, x, u)
+            values = self.values_of(state, t, x, u)
         elif state in self.given.state_columns:
-            found = self.rates(t, x, u)[:, self.states.index(state)]
+            values = self.rates(t, x, u)[:, self.states.index(state)]
         else:
             return np.zeros(data.n_obs)
-        said = [*running(self.given.description).said]
-        if said and not np.all(np.isfinite(found)):
-            raise InputError(f"The FMU {self.given.description.name} refuses some of the data: {said[-1]}.")
-        return finite(found, state)
+        messages = [*running(self.given.description).messages]
+        if messages and not np.all(np.isfinite(values)):
+            raise InputError(f"The FMU {self.given.description.name} refuses some of the data: {messages[-1]}.")
+        return finite(values, state)
 
-    def rates(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state"]:
-        """Values of g at many points, NaN where the FMU refuses one."""
+    def rates(self, t: Times, x: States, u: Inputs) -> States:
+        """Return g at many points, NaN where the FMU refuses one."""
         points = flat(t, x, u)
-        found = np.zeros(points[1].shape)
-        known = self.given.dynamics
-        refs = [rate.ref for _, rate in known if rate is not None]
-        if len(refs) == len(known):
-            found[:, self._places] = self._read(*points, refs)
+        rates, dynamics = np.zeros(points[1].shape), self.given.dynamics
+        refs = [rate.ref for _, rate in dynamics if rate is not None]
+        if len(refs) == len(dynamics):
+            rates[:, self._places] = self._read(*points, refs)
         else:
-            states = [state.ref for state, _ in known]
-            found[:, self._places] = self._at(*points, len(states), lambda fmu: fmu.stepped(states))
-        return found.reshape(x.shape)
+            states = [state.ref for state, _ in dynamics]
+            rates[:, self._places] = self._at(*points, len(states), lambda fmu: fmu.stepped(states))
+        return rates.reshape(x.shape)
 
     def output(self, name: str, t: Any, x: Any, u: Any) -> Any:
-        """Values of an output at many points, zero if it is none of the FMU's."""
+        """Return an output at many points, zero if it is none of the FMU's."""
         if name not in self.given.outputs:
             return super().output(name, t, x, u)
         if isinstance(x, np.ndarray):
             return self.values_of(name, t, x, u)
         return jax.vmap(traced(Rates(self, name)))(t, x, u)
 
-    def values_of(
-        self,
-        name: str,
-        t: Float[np.ndarray, "*n"],
-        x: Float[np.ndarray, "*n n_state"],
-        u: Float[np.ndarray, "*n n_input"],
-    ) -> Float[np.ndarray, "*n"]:
-        """Values of an output at many points, NaN where the FMU refuses one."""
+    def values_of(self, name: str, t: Times, x: States, u: Inputs) -> Times:
+        """Return an output at many points, NaN where the FMU refuses one."""
         refs = [self.given.description.variables[self.given.outputs[name]].ref]
         return self._read(*flat(t, x, u), refs)[:, 0].reshape(t.shape)
 
-    def jacobian(
-        self, t: Float[np.ndarray, "*n"], x: Float[np.ndarray, "*n n_state"], u: Float[np.ndarray, "*n n_input"]
-    ) -> Float[np.ndarray, "*n n_state n_state"]:
-        """∂g/∂x at points along paths: the FMU's own where it gives them rightly, else central differences."""
+    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x at points along paths: the FMU's own where they are right, else central differences."""
         points = flat(t, x, u)
-        found = self.directional(*points) if self._own_derivatives(*points) else self._by_states(*points)
-        return found.reshape(*x.shape, x.shape[-1])
+        slopes = self.directional(*points) if self._own_derivatives(*points) else self._by_states(*points)
+        return slopes.reshape(*x.shape, x.shape[-1])
 
     def directional(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> Float[np.ndarray, "n n_state n_state"]:
-        """∂g/∂x by the FMU; a state that feeds an input as well acts by both."""
-        known, fed = self.given.state_columns, self.given.input_columns
+        """Return ∂g/∂x by the FMU; a state that feeds an input as well acts by both."""
+        variables = self.given.state_columns, self.given.input_columns
         rates = [rate.ref for _, rate in self.given.dynamics if rate is not None]
-        along = [[of[name].ref for of in (known, fed) if name in of] for name in self.states]
+        along = [[of[name].ref for of in variables if name in of] for name in self.states]
 
         def read(fmu: Any) -> list[float]:
             return [d for refs in along for d in (fmu.along(rates, refs) if refs else [0.0] * len(rates))]
 
-        own = self._at(t, x, u, len(along) * len(rates), read).reshape(-1, len(along), len(rates))
-        found = np.zeros((len(t), x.shape[-1], x.shape[-1]))
-        found[:, self._places] = own.swapaxes(1, 2)
-        return found
+        values = self._at(t, x, u, len(along) * len(rates), read).reshape(-1, len(along), len(rates))
+        slopes = np.zeros((len(t), x.shape[-1], x.shape[-1]))
+        slopes[:, self._places] = values.swapaxes(1, 2)
+        return slopes
 
     def differences(
         self, t: np.ndarray, x: np.ndarray, u: np.ndarray, by: slice = slice(None), output: str | None = None
     ) -> Float[np.ndarray, "n ... n_by"]:
-        """Derivatives of rates by t, x and u, in this order, by central differences.
-
-        Args:
-            t: Times.
-            x: States.
-            u: Inputs.
-            by: By which of them.
-            output: Of which output, in the place of rates.
-        """
+        """Differentiate rates, or an output, by t, x and u in this order, or some of them, by central differences."""
         whole, n = np.column_stack([t, x, u]), 1 + x.shape[-1]
 
-        def values(point: np.ndarray) -> np.ndarray:
-            given = point[:, 0], point[:, 1:n], point[:, n:]
-            return self.rates(*given) if output is None else self.values_of(output, *given)
+        def values(points: np.ndarray) -> np.ndarray:
+            parts = points[:, 0], points[:, 1:n], points[:, n:]
+            return self.rates(*parts) if output is None else self.values_of(output, *parts)
 
-        share = LONG if self.given.stepped else DIFFERENCE
+        share = STEPPED_DIFFERENCE_STEP if self.given.stepped else CENTRAL_DIFFERENCE_STEP
         steps = np.diag(share * _sizes(whole, self._nominals))[by]
-        both = [(values(whole + h) - values(whole - h)) / (2 * np.max(h)) for h in steps]
-        return np.stack(both, axis=-1)
+        return np.stack([(values(whole + h) - values(whole - h)) / (2 * np.max(h)) for h in steps], axis=-1)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """That the FMU declares derivatives which are not those of its rates."""
-        found = self.given.description
-        if running(found).right(self.given.parameters) is not False:
+        """A sentence if the FMU declares derivatives that are not those of its rates."""
+        description = self.given.description
+        if running(description).derivatives_right(self.given.parameters) is not False:
             return ()
         return (
-            f"The directional derivatives of the FMU {found.name} are not those of its rates: central differences are "
-            "used instead.",
+            f"The directional derivatives of the FMU {description.name} are not those of its rates: central "
+            "differences are used instead.",
         )
 
     def formula(self, name: str) -> sympy.Expr:
-        """The velocity of a position; else an undefined function g_name(t, x, u): code cannot be read."""
+        """Return the velocity of a position; else an undefined function g_name(t, x, u): code cannot be read."""
         if name not in self.equations:
             return sympy.S.Zero
         rate = self.rate_name(name)
-        if rate is not None:
-            return symbol(rate)
-        return sympy.Function(f"g_{name}", real=True)(*map(symbol, ("t", *self.states, *self.inputs)))
+        return undefined(self, name) if rate is None else symbol(rate)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """The velocity of a position; else none."""
+        """Return the velocity of a position; else none."""
         rate = self.rate_name(state)
         return [] if rate is None else [(Term(rate), 1.0)]
 
     def rate_name(self, state: str) -> str | None:
-        """The state that the FMU declares to be the rate of a state."""
-        own = self.given.state_columns
-        declared = self.given.description.rates.get(own[state].name) if state in own else None
+        """Return the state that the FMU declares to be the rate of a state."""
+        columns = self.given.state_columns
+        declared = self.given.description.rates.get(columns[state].name) if state in columns else None
         if declared is None:
             return None
-        return next((column for column, v in own.items() if v.ref == declared.ref), None)
+        return next((column for column, v in columns.items() if v.ref == declared.ref), None)
 
     @property
     def key(self) -> Hashable:
-        """Names, and the file with what was given with it; no trace that calls it is kept for later processes."""
+        """The facts; no trace that calls an FMU is kept for later processes."""
         return Rates(self)
 
     @property
@@ -198,43 +181,40 @@ class FMUSimulation(Simulation):
 
     @property
     def code(self) -> str:
-        """Which FMU it is."""
-        found = self.given.description
-        return f"the FMU {found.name} ({found.file.name}, GUID {found.guid})"
+        """Name, file and GUID of the FMU."""
+        description = self.given.description
+        return f"the FMU {description.name} ({description.file.name}, GUID {description.guid})"
 
     @property
     def _nominals(self) -> np.ndarray:
-        """Usual sizes of time, states and inputs."""
-        known = {**self.given.input_columns, **self.given.state_columns}
-        return np.array(
-            [1.0, *(known[name].nominal if name in known else 1.0 for name in (*self.states, *self.inputs))]
-        )
+        """Nominal sizes of time, states and inputs."""
+        variables = {**self.given.input_columns, **self.given.state_columns}
+        names = (*self.states, *self.inputs)
+        return np.array([1.0, *(variables[name].nominal if name in variables else 1.0 for name in names)])
 
     @property
     def _places(self) -> list[int]:
         return [self.states.index(name) for name in self.given.state_columns]
 
     def _own_derivatives(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> bool:
-        """Whether the FMU declares derivatives, and they are those of its rates; looked at once where it has some."""
+        """Return True if the FMU declares derivatives, and they are those of its rates; compared once where finite."""
         given, instance = self.given, running(self.given.description)
         if not (given.description.exchanged and given.description.interface.directional):
             return False
-        if instance.right(given.parameters) is None:
-            some = np.unique(np.linspace(0, len(t) - 1, VERIFIED).astype(int))
+        if instance.derivatives_right(given.parameters) is None:
+            some = np.unique(np.linspace(0, len(t) - 1, COMPARED_POINTS).astype(int))
             part = t[some], x[some], u[some]
             by_steps = self._by_states(*part)
-            asked = np.all(np.isfinite(by_steps), axis=(1, 2))
-            if not asked.any():
+            compared = np.all(np.isfinite(by_steps), axis=(1, 2))
+            if not compared.any():
                 return False
-            apart = np.abs(self.directional(*part) - by_steps)[asked].max(axis=0)
+            apart = np.abs(self.directional(*part) - by_steps)[compared].max(axis=0)
             # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
-            rates, size = (
-                np.abs(self.rates(*part))[asked].max(axis=0),
-                _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]]),
-            )
-            scale = np.maximum(np.abs(by_steps)[asked].max(axis=0), rates[:, None] / size)
-            instance.found_right(given.parameters, bool(np.all(apart <= AGREE * scale)))
-        return bool(instance.right(given.parameters))
+            rates = np.abs(self.rates(*part))[compared].max(axis=0)
+            size = _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]])
+            scale = np.maximum(np.abs(by_steps)[compared].max(axis=0), rates[:, None] / size)
+            instance.keep_derivatives_right(given.parameters, bool(np.all(apart <= DERIVATIVE_TOLERANCE * scale)))
+        return bool(instance.derivatives_right(given.parameters))
 
     def _by_states(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         return self.differences(t, x, u, slice(1, 1 + x.shape[-1]))
@@ -243,30 +223,30 @@ class FMUSimulation(Simulation):
         return self._at(t, x, u, len(refs), lambda fmu: fmu.real(refs))
 
     def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray, width: int, read: Any) -> np.ndarray:
-        given = self.given
-        columns = dict(zip((*self.states, *self.inputs), (*x.T, *u.T), strict=True))
+        given, columns = self.given, self.named(x.T, u.T)
         inputs = [*given.input_columns]
-        fed = [columns[name] for name in inputs]
-        points = np.asarray(t, float), x[:, self._places], np.array(fed).reshape(len(fed), len(t)).T
-        ports = given.ports([*given.state_columns], inputs)
-        return running(given.description).at_each(given.parameters, points, ports, width, read)
+        fed = np.array([columns[name] for name in inputs]).reshape(len(inputs), len(t)).T
+        reading = Reading(given.ports([*given.state_columns], inputs), width, read)
+        return running(given.description).at_each(
+            given.parameters, (np.asarray(t, float), x[:, self._places], fed), reading
+        )
 
 
 def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """RMS of columns, their nominal value where they are zero; a single point is not taken to say how small one is."""
+    """Return the RMS of columns, or their nominal value where they are zero or a single point says too little."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     if len(columns) == 1:
-        size = np.maximum(size, FLOOR * nominal)
+        size = np.maximum(size, NOMINAL_SHARE * nominal)
     return np.where(size > 0, size, nominal)
 
 
 def fmu_simulation(
     given: FMU, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Any, units: Mapping[str, str]
 ) -> FMUSimulation:
-    """The right-hand side of an FMU with the names of the data.
+    """Return the right-hand side of an FMU with the names of the data.
 
     Raises:
-        InputError: A state or an input of the FMU without a column; an output that the data lack; other units.
+        InputError: A state or an input of the FMU has no column, the data lack an output, or units differ.
     """
     name = given.description.name
     for column, variable in given.state_columns.items():
@@ -285,8 +265,6 @@ def fmu_simulation(
     for column in given.outputs:
         if column not in outputs:
             raise InputError(f"bg.FMU(outputs=...) names {column!r}, which is no output of the data.")
-    from .units import require_units
-
     variables = {column: given.description.variables[v] for column, v in given.outputs.items()}
     require_units(name, {**given.state_columns, **given.input_columns, **variables}, units)
     return FMUSimulation(states, inputs, given)

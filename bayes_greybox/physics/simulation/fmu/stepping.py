@@ -3,96 +3,73 @@
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from bayes_greybox.physics.simulation.fmu.description import Description
 from bayes_greybox.running.errors import InputError
 
-from .loaded import instantiated, left
-from .ports import Key, Ports
+from .description import Description
+from .loaded import Instance, Key, Ports, instantiated
 
-TIGHT = 1e-9
+SOLVER_TOLERANCE = 1e-9
 """Relative tolerance that its own solver is asked for."""
 
 NOTED = 16
-"""Points of which rates by whole steps and by half ones are kept."""
+"""Points whose rates by whole steps and by half ones are kept."""
 
-HELD = 1e-9
-"""Share of its size by which a state may differ from what it was set to."""
+START_TOLERANCE = 1e-9
+"""Share of its size by which a state may differ from its start."""
 
 
-class Stepping:
+class Stepping(Instance):
     """An instance for Co-Simulation.
 
-    Args:
-        description: The FMU's.
-        said: Where its words are kept.
-
     Attributes:
-        noted: Rates of the last points by whole steps, by half ones, and what of these may be rounding.
+        noted: Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
     """
 
-    def __init__(self, description: Description, said: deque[str]) -> None:
-        self._description, self._said = description, said
-        self._fmu: Any = None
+    def __init__(self, description: Description, messages: deque[str]) -> None:
+        super().__init__(description, messages)
         self._now, self._step = 0.0, 0.0
-        # Where it was started, until it has gone on from there.
+        # The point at which it was started, until it goes on from there.
         self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
         self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=NOTED)
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
-        """Start the instance at a point.
-
-        Args:
-            key: Parameters.
-            ports: What its inputs and states are called.
-            t: Time.
-            x: States.
-            u: Inputs.
+        """Start the instance at a point: parameters, time, states, inputs.
 
         Raises:
-            InputError: It does not start where it is told to.
+            InputError: It does not start at these states.
         """
-        found = self._description
         self._begin()
-        fmu, held = self._fmu, [float(each) for each in u]
+        fmu, inputs = self._fmu, [float(each) for each in u]
         for name, value in key:
-            fmu.setReal([found.variables[name].ref], [value])
+            fmu.setReal([self._description.variables[name].ref], [value])
         fmu.setReal(ports.starts, [float(each) for each in x])
         if ports.inputs:
-            fmu.setReal(ports.inputs, held)
-        fmu.setupExperiment(tolerance=TIGHT, startTime=t)
+            fmu.setReal(ports.inputs, inputs)
+        fmu.setupExperiment(tolerance=SOLVER_TOLERANCE, startTime=t)
         fmu.enterInitializationMode()
         if ports.inputs:
-            fmu.setReal(ports.inputs, held)
+            fmu.setReal(ports.inputs, inputs)
         fmu.exitInitializationMode()
         self._now, self._step, self._at = t, ports.step, (key, ports, t, x, u)
-        self._require_held(ports, x)
-
-    def real(self, refs: Sequence[int]) -> list[float]:
-        """Values of variables where it is."""
-        return self._fmu.getReal(refs)
+        self._require_start(ports, x)
 
     def advance(self, steps: int = 1) -> None:
-        """Take steps.
-
-        Args:
-            steps: How many.
-        """
+        """Take steps."""
         self._at = None
         for _ in range(steps):
             self._fmu.doStep(self._now, self._step)
             self._now += self._step
 
     def stepped(self, refs: Sequence[int]) -> list[float]:
-        """Rates of states where it was started, by steps of two lengths (Richardson); by one after it has gone on.
+        """Return rates of states where it was started, by steps of two lengths (Richardson); by one once it went on.
 
         x′ = 2 D(h/2) − D(h) with D of `differences`: an error in proportion to h cancels, such as that of one step of
-        Euler's method in each step that it is told to take. An FMU that takes steps of its own within these, of a
-        length d < h that h does not change, errs by the same in D(h) and in D(h/2): nothing cancels, nothing shows, and
-        by Euler's method −d/2 · x″ stays. There h ≤ d is to be asked for.
+        Euler's method in each communication step. An FMU that takes steps of its own within these, of a length d < h
+        that h does not change, errs by the same in D(h) and in D(h/2): nothing cancels, nothing shows, and by Euler's
+        method −d/2 · x″ stays. Such an FMU needs h ≤ d.
         """
         started = self._at
         whole = self.differences(refs)
@@ -105,7 +82,7 @@ class Stepping:
         return (2 * half - whole).tolist()
 
     def differences(self, refs: Sequence[int]) -> np.ndarray:
-        """Rates of states where it is, by three steps.
+        """Return rates of states at the present time, by three steps.
 
         D(h) = (−11 x(t) + 18 x(t + h) − 9 x(t + 2h) + 2 x(t + 3h)) / 6h = x′(t) + O(h³)
         """
@@ -117,38 +94,32 @@ class Stepping:
         return (-11 * a + 18 * b - 9 * c + 2 * d) / (6 * self._step)
 
     def failed(self, error: Exception) -> None:
-        """It failed at a point."""
-        self._fmu, fmu = None, self._fmu
-        left(fmu, error)
+        """Discard the instance after a failure at a point."""
+        self._discard(error)
 
     def _begin(self) -> None:
-        """A fresh instance: reset where it can be."""
-        if self._fmu is not None:
+        """Reset the instance, or make a new one where that fails."""
+        self._reset()
+        if self._fmu is None:
             try:
-                self._fmu.reset()
-                return
+                self._fmu = instantiated(self._description, self._messages)
             except Exception as error:
-                self.failed(error)
-        try:
-            self._fmu = instantiated(self._description, self._said)
-        except Exception as error:
-            words = "; ".join([*self._said][-2:]) or str(error)
-            raise InputError(f"The FMU {self._description.name} cannot be started ({words}).") from error
+                raise self._not_started(error) from error
 
-    def _require_held(self, ports: Ports, x: np.ndarray) -> None:
+    def _require_start(self, ports: Ports, x: np.ndarray) -> None:
         """Refuse an instance that starts elsewhere."""
-        has = np.array(self.real(ports.states))
-        away = np.flatnonzero(~np.isclose(has, x, rtol=HELD, atol=HELD * np.max(np.abs(x), initial=0.0)))
+        states, atol = np.array(self.real(ports.states)), START_TOLERANCE * np.max(np.abs(x), initial=0.0)
+        away = np.flatnonzero(~np.isclose(states, x, rtol=START_TOLERANCE, atol=atol))
         if len(away):
             every, ref = self._description.variables.values(), ports.states[away[0]]
             name = next(each.name for each in every if each.kind == "Real" and each.ref == ref)
             raise InputError(
-                f"{name!r} of the FMU {self._description.name} is {has[away[0]]:.6g} where its start was set to "
+                f"{name!r} of the FMU {self._description.name} is {states[away[0]]:.6g} where its start was set to "
                 f"{x[away[0]]:.6g}: say which parameter sets it, bg.FMU(..., starts={{'column': 'parameter'}}), or "
                 "export the FMU for Model Exchange."
             )
 
 
 def rounding(x: np.ndarray, step: float) -> np.ndarray:
-    """The most that rounding of states does to their rates by `Stepping.differences`: ε (11 + 18 + 9 + 2) |x| / 6h."""
+    """Return the largest effect of rounded states on rates by `Stepping.differences`: ε (11 + 18 + 9 + 2) |x| / 6h."""
     return 40 * np.finfo(float).eps * np.abs(x) / (6 * step)

@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 from bayes_greybox.discovery.grid.noise.gap_size import gap_size
 from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
-from bayes_greybox.physics.sensitivity import respond
+from bayes_greybox.physics.integration.sensitivity import respond
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])
 N, DT, NOISE, PERIOD = 600, 0.1, 1e-3, np.pi

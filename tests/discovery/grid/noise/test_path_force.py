@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
-from bayes_greybox.physics.sensitivity import respond
+from bayes_greybox.physics.integration.sensitivity import respond
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])
 N, DT, SUB, START, S = 40, 0.1, 4, np.array([2.0, 1.5]), 1.2

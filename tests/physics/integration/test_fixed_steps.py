@@ -6,8 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.physics.fixed_steps import follow, follow_with_slopes, intervals_of
-from bayes_greybox.physics.integrate import curvature_of
+from bayes_greybox.physics.integration.adaptive_steps import curvature_of
+from bayes_greybox.physics.integration.fixed_steps import follow, follow_with_slopes, intervals_of
 
 T = np.concatenate([0.2 * np.arange(30), 5.8 + 0.3 * np.arange(1, 20)])
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from integration import integrate
 
-from bayes_greybox.physics import systems
+from bayes_greybox.physics.experiments import systems
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.physics.units import check_units, coefficient_unit, derivative_unit
 from bayes_greybox.running.errors import InputError

@@ -1,10 +1,10 @@
-"""Paths of dx/dt = f(t, x, u, p) and their derivatives by starts and parameters, on steps that are given beforehand.
+"""Paths of dx/dt = f(t, x, u, p) and their derivatives by starts and parameters, on steps that are fixed beforehand.
 
     dx/dt = f(t, x, u, p),   dS/dt = ∂f/∂x S + ∂f/∂p,   S = ∂x/∂(p, x₀)
 
 are one system to the method of Tsitouras (2011), of order 5, so that S is the derivative of the path as it is computed.
-No step is rejected and no input is looked for: what is compiled is a plain loop over the intervals between samples with
-another over the steps in each, whose numbers are arguments. How far the path is off, its caller finds with more steps.
+No step is rejected and no input is searched for. The program is a plain loop over the intervals between samples with
+another over the steps in each, whose numbers are arguments. The caller finds the error of a path with more steps.
 """
 
 from collections.abc import Callable
@@ -25,8 +25,8 @@ class Intervals(NamedTuple):
     """Intervals between the samples of a segment; those of no length change nothing.
 
     Attributes:
-        start: When each begins.
-        length: How long it lasts.
+        start: Beginning of each.
+        length: Duration of each.
         inputs: Coefficients of 1, b, b², b³ of each input at the share b of an interval.
     """
 
@@ -42,14 +42,9 @@ def intervals_of(
     held: bool,
     n: int,
 ) -> Intervals:
-    """Intervals between samples.
+    """Return n intervals between samples of inputs, which are held if `held`, else follow splines of this curvature.
 
-    Args:
-        t: Increasing times.
-        values: Inputs at these times.
-        curvature: Second derivatives of the inputs' splines; zero for straight lines.
-        held: Whether inputs are held from each sample to the next instead.
-        n: Intervals in all; those after the last sample have no length.
+    Intervals after the last sample have no length; a curvature of zero is a straight line.
     """
     more = n + 1 - len(t)
     t, values, curvature = (np.pad(x, ((0, more), *((0, 0),) * (x.ndim - 1)), "edge") for x in (t, values, curvature))
@@ -65,30 +60,14 @@ def intervals_of(
 def follow(
     rate: Rate, start: Float[Array, " d"], parameters: Float[Array, " q"], intervals: Intervals, steps: Int[Array, " n"]
 ) -> Float[Array, "n_sample d"]:
-    """The path at the samples, the start first.
-
-    Args:
-        rate: f.
-        start: x₀.
-        parameters: p.
-        intervals: Between the samples.
-        steps: In each interval.
-    """
+    """Return the path at the samples, the start x₀ first, with `steps` in each interval."""
     return _loop(lambda t, x, u: rate(t, x[0], u, parameters)[None], start[None], intervals, steps)[:, 0]
 
 
 def follow_with_slopes(
     rate: Rate, start: Float[Array, " d"], parameters: Float[Array, " q"], intervals: Intervals, steps: Int[Array, " n"]
 ) -> tuple[Float[Array, "n_sample d"], Float[Array, "n_sample q_and_d d"]]:
-    """The path at the samples, and its derivatives by the parameters and then by the start.
-
-    Args:
-        rate: f.
-        start: x₀.
-        parameters: p.
-        intervals: Between the samples.
-        steps: In each interval.
-    """
+    """Return the path as `follow` does, and its derivatives by the parameters and then by the start."""
     q, d = len(parameters), len(start)
     by_parameters = jnp.eye(q + d)[:, :q]
 

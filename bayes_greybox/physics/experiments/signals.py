@@ -1,12 +1,12 @@
 """Input signals as functions of time, from which experiments are made.
 
-A family is a frozen dataclass with `value(t)` and `text`, listed in `SIGNALS`, with what is usual of it in `USUAL`;
-nothing else asks which one it holds. A signal of your own needs `value` and `text`.
+A family is a frozen dataclass with `value(t)` and `text`, listed in `SIGNALS`, with its usual members in
+`USUAL_SIGNALS`; no other module asks for the family. A signal of your own needs `value` and `text`.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +24,7 @@ class Signal(Protocol):
 
     @property
     def text(self) -> str:
-        """Return a few words with its numbers."""
+        """A few words with its numbers."""
         ...
 
 
@@ -36,7 +36,7 @@ class Usual:
         amplitude: Half its range, times a factor.
         offset: Middle of its range.
         low: Lowest frequency of which a run holds a few periods, cycles per unit of time.
-        high: Frequency below which the states' motion is, about.
+        high: Frequency below which most of the states' motion lies.
         duration: Duration of a run.
     """
 
@@ -47,60 +47,60 @@ class Usual:
     duration: float
 
 
+class _Family:
+    """Signal whose words are a template with the names of its fields."""
+
+    words: ClassVar[str]
+
+    @property
+    def text(self) -> str:
+        """The signal in a few words."""
+        offset = getattr(self, "offset", 0.0)
+        return self.words.format(**vars(self)) + (f" about {offset:.3g}" if offset else "")
+
+
 @dataclass(frozen=True)
-class Hold:
+class Hold(_Family):
     """A constant level."""
 
     level: float
+    words: ClassVar[str] = "held at {level:.3g}"
 
     def value(self, t: Time) -> Time:
         """Return the level."""
         return np.full(np.shape(t), self.level)
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        return f"held at {self.level:.3g}"
-
 
 @dataclass(frozen=True)
-class Step:
+class Step(_Family):
     """A step from one level to another."""
 
     before: float
     after: float
     at: float
+    words: ClassVar[str] = "step from {before:.3g} to {after:.3g} at {at:.3g}"
 
     def value(self, t: Time) -> Time:
         """Return one level, then the other."""
         return np.where(np.asarray(t) < self.at, self.before, self.after)
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        return f"step from {self.before:.3g} to {self.after:.3g} at {self.at:.3g}"
-
 
 @dataclass(frozen=True)
-class Sine:
+class Sine(_Family):
     """A sine of one frequency."""
 
     amplitude: float
     frequency: float
     offset: float = 0.0
+    words: ClassVar[str] = "sine of amplitude {amplitude:.3g} at {frequency:.3g}"
 
     def value(self, t: Time) -> Time:
         """Return o + a sin 2πft."""
         return self.offset + self.amplitude * np.sin(2 * np.pi * self.frequency * np.asarray(t))
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        return f"sine of amplitude {self.amplitude:.3g} at {self.frequency:.3g}{_about(self.offset)}"
-
 
 @dataclass(frozen=True)
-class Sweep:
+class Sweep(_Family):
     """A sine whose frequency rises evenly over the duration."""
 
     amplitude: float
@@ -108,6 +108,7 @@ class Sweep:
     high: float
     duration: float
     offset: float = 0.0
+    words: ClassVar[str] = "sweep of amplitude {amplitude:.3g} from {low:.3g} to {high:.3g}"
 
     def value(self, t: Time) -> Time:
         """Return o + a sin 2π(f₀ t + (f₁ − f₀) t²/2T)."""
@@ -115,14 +116,9 @@ class Sweep:
         phase = self.low * t + (self.high - self.low) * t**2 / (2 * self.duration)
         return self.offset + self.amplitude * np.sin(2 * np.pi * phase)
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        return f"sweep of amplitude {self.amplitude:.3g} from {self.low:.3g} to {self.high:.3g}{_about(self.offset)}"
-
 
 @dataclass(frozen=True)
-class Multisine:
+class Multisine(_Family):
     """A sum of sines of one size with phases from a seed; `amplitude` is the largest value that it has in a period."""
 
     amplitude: float
@@ -131,6 +127,9 @@ class Multisine:
     tones: int = 6
     seed: int = 0
     offset: float = 0.0
+    words: ClassVar[str] = (
+        "multisine of {tones} tones from {low:.3g} to {high:.3g}, seed {seed}, amplitude {amplitude:.3g}"
+    )
 
     def value(self, t: Time) -> Time:
         """Return o + a Σ sin(2πf_k t + φ_k) over its largest value."""
@@ -138,21 +137,16 @@ class Multisine:
         phase = np.random.default_rng(self.seed).uniform(0, 2 * np.pi, self.tones)
         return self.offset + self.amplitude * _of_unit_size(t, f, phase)
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        band = f"from {self.low:.3g} to {self.high:.3g}, seed {self.seed}"
-        return f"multisine of {self.tones} tones {band}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
-
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(_Family):
     """A random signal of 32 random frequencies and phases (Rice 1944); `amplitude` is its peak."""
 
     amplitude: float
     high: float
     seed: int = 0
     offset: float = 0.0
+    words: ClassVar[str] = "noise up to {high:.3g}, seed {seed}, amplitude {amplitude:.3g}"
 
     def value(self, t: Time) -> Time:
         """Return its values."""
@@ -160,16 +154,11 @@ class Noise:
         f, phase = rng.uniform(0, self.high, 32), rng.uniform(0, 2 * np.pi, 32)
         return self.offset + self.amplitude * _of_unit_size(t, f, phase)
 
-    @property
-    def text(self) -> str:
-        """Return a few words."""
-        return f"noise up to {self.high:.3g}, seed {self.seed}, amplitude {self.amplitude:.3g}{_about(self.offset)}"
-
 
 SIGNALS = {"hold": Hold, "step": Step, "sine": Sine, "sweep": Sweep, "multisine": Multisine, "noise": Noise}
 """Families by name."""
 
-USUAL: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
+USUAL_SIGNALS: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
     "hold": lambda u: (Hold(u.offset + u.amplitude), Hold(u.offset - u.amplitude)),
     # After a third of the run.
     "step": lambda u: tuple(Step(u.offset, u.offset + a, u.duration / 3) for a in (u.amplitude, -u.amplitude)),
@@ -182,12 +171,9 @@ USUAL: dict[str, Callable[[Usual], tuple[Signal, ...]]] = {
 
 
 def band(states: Mapping[str, Time], time: Time, duration: float) -> tuple[float, float]:
-    """Return two periods in a run, and the frequency of 95 % of the states' power; at least twice the first.
+    """Return the frequency of two periods in a run, and that below which 95 % of the states' power lies.
 
-    Args:
-        states: States of one run.
-        time: Its sampling times.
-        duration: Duration of a run to come.
+    The second is at least twice the first. `states` and `time` are of one run, `duration` is that of a run to come.
     """
     low, high = 2.0 / duration, 4.0 / duration
     even = np.linspace(time[0], time[-1], len(time))
@@ -206,7 +192,3 @@ def _of_unit_size(t: Time, f: np.ndarray, phase: np.ndarray) -> Time:
     near = np.linspace(0, 8 / slow, int(128 * max(1.0, np.max(f) / slow)))
     every, peak = (np.sum(np.sin(2 * np.pi * np.asarray(x)[..., None] * f + phase), axis=-1) for x in (t, near))
     return np.clip(every / np.max(np.abs(peak)), -1.0, 1.0)
-
-
-def _about(offset: float) -> str:
-    return f" about {offset:.3g}" if offset else ""

@@ -1,4 +1,4 @@
-"""Integration of dx/dt = rhs(t, x, u) in time, for free runs: a blow-up is a result, not an error."""
+"""Integration of dx/dt = rhs(t, x, u) with adaptive steps, for free runs: a blow-up is a result, not an error."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
@@ -8,19 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.running.errors import InputError
 
-from .formula.expressions import namespace
 from .solvers import diffrax, ordered_times
 
 INTERPOLATIONS = ("linear", "zoh", "cubic")
-"""What an input may do between its samples."""
+"""Interpolations of an input between its samples; "zoh" is a zero-order hold."""
 
 PIECE = 128
 """Rows that are integrated in one go."""
 
-MOST_STEPS = 32 * PIECE
-"""Steps that they may take: beyond so many the equations are stiff, as friction is that rises steeply at rest."""
+MOST_STEPS_OF_A_PIECE = 32 * PIECE
+"""Steps allowed for a piece: equations that need more are stiff, such as friction that rises steeply at rest."""
 
 # Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
 # all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
@@ -36,7 +36,7 @@ class Samples(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Where a run starts and ends, how long it lasts, sizes of its states, and beyond which of them it has failed."""
+    """Start, end and duration of a run, typical sizes of its states, and the size beyond which the run has failed."""
 
     x0: Float[Array | np.ndarray, "*draw d"]
     end: Float[Array, ""]
@@ -45,14 +45,29 @@ class Limits(NamedTuple):
     limit: Float[Array, ""]
 
 
-def check_interpolation(kind: str | Sequence[str]) -> None:
-    """Refuse what an input cannot do between its samples.
+class StepSettings(NamedTuple):
+    """Settings of the integrator.
 
-    Args:
-        kind: Of all inputs, or of each.
+    Attributes:
+        rtol: Relative tolerance.
+        atol: Absolute tolerance, as a share of the states' sizes.
+        max_steps: Steps allowed for a piece; the run has failed where it needs more.
+        solver: Diffrax solver; by default Dormand and Prince's method of order 8.
+        adjoint: Diffrax adjoint; by default derivatives are taken backwards.
+    """
+
+    rtol: Float[Array, ""] | float = 1e-8
+    atol: Float[Array, ""] | float = 1e-8
+    max_steps: int = MOST_STEPS_OF_A_PIECE
+    solver: Any = None
+    adjoint: Any = None
+
+
+def check_interpolation(kind: str | Sequence[str]) -> None:
+    """Refuse interpolations, of all inputs or of each, that are not among `INTERPOLATIONS`.
 
     Raises:
-        InputError: None of `INTERPOLATIONS`.
+        InputError: The name is unknown.
     """
     for unknown in {kind} if isinstance(kind, str) else {str(each) for each in kind}:
         if unknown not in INTERPOLATIONS:
@@ -69,16 +84,17 @@ def cut(
 
     Args:
         t: Increasing times.
-        inputs: At these times.
-        interpolation: Of the inputs between samples: "linear", "zoh" (held from each sample to the next) or "cubic"
-            (twice differentiable spline), for all or one for each; see `between_samples`.
-        curvature: Second derivatives of the inputs' splines, where these are of a longer record; found by default.
+        inputs: Inputs at these times.
+        interpolation: Interpolation between samples, for all inputs or one for each: "linear", "zoh" (held from each
+            sample to the next) or "cubic" (twice differentiable spline); see `between_samples`.
+        curvature: Second derivatives of the inputs' splines, where these belong to a longer record; by default computed
+            from the samples.
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
 
     Raises:
-        InputError: Shapes do not fit, or fewer than two times.
+        InputError: Shapes do not fit, or there are fewer than two times.
     """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
@@ -87,15 +103,16 @@ def cut(
     xp = namespace([t, inputs])
     values = xp.zeros((t.shape[0], 0)) if inputs is None else xp.asarray(inputs, dtype=float)
     if curvature is None:
-        kinds, bent = curvature_of(t, values, interpolation)
+        kinds, curvature = curvature_of(t, values, interpolation)
     else:
-        kinds, bent = _named(interpolation, values.shape[1]), curvature
+        kinds = _one_for_each(interpolation, values.shape[1])
     piece = min(PIECE, t.shape[0] - 1)
     n_piece = -(-(t.shape[0] - 1) // piece)
     beyond = t[-1] + (t[-1] - t[-2]) * np.arange(1, n_piece * piece + 2 - t.shape[0])
     rows = np.arange(n_piece)[:, None] * piece + np.arange(piece + 1)
-    known = np.minimum(rows, t.shape[0] - 1)
-    return Samples(xp.concatenate([t, beyond])[rows], values[known], xp.asarray(bent)[known]), kinds
+    measured_rows = np.minimum(rows, t.shape[0] - 1)
+    times = xp.concatenate([t, beyond])[rows]
+    return Samples(times, values[measured_rows], xp.asarray(curvature)[measured_rows]), kinds
 
 
 def limits_of(
@@ -104,14 +121,7 @@ def limits_of(
     scale: Float[Array | np.ndarray, " d"],
     blow_up: float = 1e12,
 ) -> Limits:
-    """Limits of a run.
-
-    Args:
-        t: Increasing times.
-        x0: States at t[0].
-        scale: Typical sizes of the states, for example their RMS in the data.
-        blow_up: The run has failed once a state exceeds this multiple of the largest scale.
-    """
+    """Return the limits of a run from x0 at t[0], which fails at `blow_up` times the largest size of a state."""
     xp = namespace([scale])
     sizes = xp.asarray(scale, dtype=float)
     return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * xp.max(sizes))
@@ -124,59 +134,76 @@ def follow_piece(
     limits: Limits,
     args: Any,
     kinds: tuple[str, ...],
-    *,
-    rtol: Float[Array, ""] | float = 1e-8,
-    atol: Float[Array, ""] | float = 1e-8,
-    max_steps: int = MOST_STEPS,
-    solver: Any = None,
-    adjoint: Any = None,
+    settings: StepSettings | None = None,
 ) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:
-    """Integrate over one piece: what is compiled, for runs of any length; works under jit and vmap.
+    """Integrate over one piece; a program compiled for it serves runs of any length, and works under jit and vmap.
 
-    The method is Dormand and Prince's of order 8 by default, with adaptive steps, which never step over a sample of the
-    inputs; it is explicit, so a stiff system spends its steps, and asks for an implicit method. The local error of
-    state i is kept below atol * scale_i + rtol * |x_i|.
+    Steps are adaptive and never step over a sample of the inputs. The default method is explicit, so a stiff system
+    spends its steps and needs an implicit one. The local error of state i is kept below
+    atol * scale_i + rtol * |x_i|.
 
     Args:
         rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
             dx/dt of shape (d,).
-        start: States at the start of the piece, and whether the run has come so far.
-        samples: One piece.
-        limits: Of the run.
-        args: Anything that `rhs` needs, for example a posterior draw of the coefficients.
+        start: States at the start of the piece, and whether the run has not failed before.
+        samples: The piece.
+        limits: Limits of the run.
+        args: Last argument of `rhs`, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        rtol: Relative tolerance.
-        atol: Absolute tolerance, as a share of the states' sizes.
-        max_steps: The run has failed where the piece takes more steps than this.
-        solver: Another method of Diffrax.
-        adjoint: How it is differentiated, by Diffrax; backwards by default.
+        settings: Settings of the integrator.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
-        it was for want of steps.
+        steps ran out.
     """
+    x0, settings = limits.x0, settings or StepSettings()
+    (_, alive), times = start, samples.times
+    solution = _solution(rhs, start, samples, limits, args, kinds, settings)
+    (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
+    results = diffrax().RESULTS
+    reached = solution.result == results.successful
+    good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
+    # Once a row is lost, all later ones are; a lost run stands still at its start.
+    good = jnp.cumprod(good.astype(int)).astype(bool)
+    last = (jnp.where(good[-1], states[-1], x0), good[-1])
+    failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
+    exhausted = alive & (solution.result == results.max_steps_reached)
+    return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at, exhausted)
+
+
+def _solution(
+    rhs: Callable[[Any, Any, Any, Any], Any],
+    start: tuple[Array, Array],
+    samples: Samples,
+    limits: Limits,
+    args: Any,
+    kinds: tuple[str, ...],
+    settings: StepSettings,
+) -> Any:
+    """Solve over one piece by Diffrax; arguments are those of `follow_piece`."""
     dfx = diffrax()
-    x0, end, span, sizes, limit = limits
     (x, alive), (times, values, _) = start, samples
 
     def field(time, x, given):
         alive, samples, params = given
-        u = _at(jnp.minimum(time, end), samples.times, samples.values, samples.curvature, kinds)
+        u = _input_at(jnp.minimum(time, limits.end), samples, kinds)
         return jnp.where(alive, jnp.asarray(rhs(time, x, u, params), dtype=float), 0.0)
 
     def exploded(time, x, given, **_):
-        return ~jnp.all(jnp.abs(x) < limit)
+        return ~jnp.all(jnp.abs(x) < limits.limit)
 
-    control = dfx.PIDController(rtol=cast(Any, rtol), atol=atol * sizes, dtmin=_SMALLEST_STEP * span)
+    control = dfx.PIDController(
+        rtol=cast(Any, settings.rtol), atol=settings.atol * limits.sizes, dtmin=_SMALLEST_STEP * limits.span
+    )
     if values.shape[1] and times.shape[0] > 2:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
         # rows has no inner sample, and the controller refuses an empty list.
         inner, held = times[1:-1], "zoh" in kinds
         control = dfx.ClipStepSizeController(control, step_ts=None if held else inner, jump_ts=inner if held else None)
     with ordered_times():
-        solution = dfx.diffeqsolve(
+        return dfx.diffeqsolve(
             dfx.ODETerm(field),
-            dfx.Dopri8() if solver is None else solver,
+            dfx.Dopri8() if settings.solver is None else settings.solver,
             t0=times[0],
             t1=times[-1],
             dt0=None,
@@ -185,19 +212,10 @@ def follow_piece(
             saveat=dfx.SaveAt(subs=(dfx.SubSaveAt(ts=times), dfx.SubSaveAt(t1=True))),
             stepsize_controller=control,
             event=dfx.Event(exploded),
-            max_steps=max_steps,
-            adjoint=dfx.RecursiveCheckpointAdjoint() if adjoint is None else adjoint,
+            max_steps=settings.max_steps,
+            adjoint=dfx.RecursiveCheckpointAdjoint() if settings.adjoint is None else settings.adjoint,
             throw=False,
         )
-    (states, _), (_, (stopped_at,)) = cast(Any, solution.ys), cast(Any, solution.ts)
-    reached = solution.result == dfx.RESULTS.successful
-    good = alive & (reached | (times <= stopped_at)) & jnp.all(jnp.isfinite(states), axis=-1)
-    # Once a row is lost, all later ones are; a lost run stands still at its start.
-    good = jnp.cumprod(good.astype(int)).astype(bool)
-    last = (jnp.where(good[-1], states[-1], x0), good[-1])
-    failed_at = jnp.where(reached | ~alive, jnp.nan, stopped_at)
-    exhausted = alive & (solution.result == dfx.RESULTS.max_steps_reached)
-    return last, (jnp.where(good[1:, None], states[1:], jnp.nan), failed_at, exhausted)
 
 
 def joined(
@@ -206,7 +224,7 @@ def joined(
     states: Float[Array | np.ndarray, "*draw piece rows d"],
     failed_at: Float[Array | np.ndarray, "*draw piece"],
 ) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:
-    """One run from its pieces: states at the times t, and the time of its first failure or NaN."""
+    """Join the pieces of one run: return its states at the times t, and the time of its first failure or NaN."""
     xp = namespace([x0, t, states, failed_at])
     rows = states.reshape(*x0.shape[:-1], -1, x0.shape[-1])
     whole = xp.concatenate([x0[..., None, :], rows], axis=-2)[..., : t.shape[0], :]
@@ -219,7 +237,7 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
     Straight lines take five per cent of the amplitude of a sine that is sampled eight times a period; splines
     overshoot at steps. The cubic through the four neighbours wins where most of the signal lies below a third of
-    the sampling rate. An input that is held between samples cannot be told from its samples: name "zoh".
+    the sampling rate. Samples cannot show that an input is held between them: name "zoh".
 
     Args:
         t: Increasing times.
@@ -248,36 +266,27 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 def between_samples_of_runs(
     runs: Sequence[tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n p"]]],
 ) -> tuple[str, ...]:
-    """`between_samples` of several runs: for each column "cubic" where all say so, as a step in one run is a step.
-
-    Args:
-        runs: Times and values of each.
-    """
+    """Choose as `between_samples` for several runs of times and values: "cubic" where every run says so."""
     each = [between_samples(t, values) for t, values in runs]
+    # A step in one run is a step.
     return tuple("cubic" if set(kinds) == {"cubic"} else "linear" for kinds in zip(*each, strict=True))
 
 
 def curvature_of(
     t: Float[Array | np.ndarray, " n"], values: Float[Array | np.ndarray, "n p"], kind: str | Sequence[str]
 ) -> tuple[tuple[str, ...], Float[Array | np.ndarray, "n p"]]:
-    """Interpolation of each column, and second derivatives at the samples: zero but for splines.
-
-    Args:
-        t: Increasing times.
-        values: Samples at these times.
-        kind: Interpolation, for all or one for each.
+    """Return the interpolation of each column, and second derivatives at the samples: zero but for splines.
 
     Raises:
-        InputError: See `cut`.
+        InputError: An interpolation is unknown, or there are fewer than four samples for a spline.
     """
-    kinds = _named(kind, values.shape[1])
+    kinds = _one_for_each(kind, values.shape[1])
     if "cubic" not in kinds:
         return kinds, namespace([values]).zeros_like(values)
     return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(jnp.asarray(t), jnp.asarray(values)), 0.0)
 
 
-def _named(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
-    """Interpolation of each of n columns, checked."""
+def _one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
     check_interpolation(kind)
     kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
     if len(kinds) != n:
@@ -285,13 +294,8 @@ def _named(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
     return kinds
 
 
-def _at(
-    time: Any,
-    t: Float[Array, " n"],
-    values: Float[Array, "n p"],
-    curvature: Float[Array, "n p"],
-    kinds: tuple[str, ...],
-) -> Float[Array, " p"]:
+def _input_at(time: Any, samples: Samples, kinds: tuple[str, ...]) -> Float[Array, " p"]:
+    t, values, curvature = samples
     last = t.shape[0] - 1
     i = jnp.searchsorted(t, time, side="right") - 1
     held = values[jnp.clip(i, 0, last)]
@@ -305,7 +309,7 @@ def _at(
 
 
 def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Float[Array, "n p"]:
-    """Second derivatives at the samples of the cubic spline with not-a-knot ends."""
+    """Return second derivatives at the samples of the cubic spline with not-a-knot ends."""
     if t.shape[0] < 4:
         raise InputError(f"Cubic interpolation needs four samples, not {t.shape[0]}; use interpolation='linear'.")
     h = jnp.diff(t)

@@ -1,4 +1,4 @@
-"""A simulated system with known truth, and the excitation that drives it."""
+"""Simulated systems with known truth, and the excitation that drives them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -28,7 +28,7 @@ class Drive:
         band: Lowest and highest frequency, in cycles per unit of time.
         amplitude: Largest deviation from the offset.
         offset: Mean level.
-        seed: Of the phases.
+        seed: Seed of the phases.
     """
 
     band: tuple[float, float]
@@ -70,18 +70,11 @@ class System:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """States, then inputs: what formulas may use."""
+        """States, then inputs: the names that formulas may use."""
         return (*self.states, *self.inputs)
 
     def rate(self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]) -> Float[Array, "*rows n_state"]:
-        """Time derivative of the states.
-
-        Args:
-            columns: States and inputs by name.
-
-        Returns:
-            dx/dt, states along the last axis.
-        """
+        """Return dx/dt, states along the last axis, from columns of states and inputs by name."""
         expressions = [parse_expression(self.rates[state], self.names) for state in self.states]
         return jnp.stack([evaluate(expr, columns) for expr in expressions], axis=-1)
 
@@ -106,13 +99,13 @@ class System:
             inputs: Samples at `t` by input name; a list of arrays has one for each run.
             noise: SD of the added noise, as a share of the SD of each signal.
             noise_on: "derivatives", "states" or "both". Derivatives are always those of the true states.
-            seed: Of the noise.
+            seed: Seed of the noise.
 
         Returns:
             The runs, with units.
 
         Raises:
-            InputError: Shapes or names that do not fit, or a run that leaves every bound.
+            InputError: Shapes or names do not fit, or a run leaves every bound.
         """
         if noise_on not in ("derivatives", "states", "both"):
             raise InputError(f"noise_on is {noise_on!r}; use 'derivatives', 'states' or 'both'.")
@@ -220,7 +213,7 @@ class System:
 def multisine(
     t: Float[np.ndarray, " n"], band: tuple[float, float], amplitude: float, seed: int
 ) -> Float[np.ndarray, " n"]:
-    """Sum of sines of equal size and random phase that fills a frequency band.
+    """Return a sum of sines of equal size and random phase that fills a frequency band.
 
     The frequencies are whole multiples of one cycle in the record, sum_k sin(2 pi k t / T + phase_k), so that
     an evenly sampled record repeats without a jump.
@@ -229,13 +222,10 @@ def multisine(
         t: Sampling times.
         band: Lowest and highest frequency, in cycles per unit of t.
         amplitude: Largest absolute value of the result.
-        seed: Of the phases.
-
-    Returns:
-        The signal at the times t.
+        seed: Seed of the phases.
 
     Raises:
-        InputError: No frequency of the record lies in the band, or the sampling cannot show the band.
+        InputError: No frequency of the record lies in the band, or the sampling is too slow for the band.
     """
     low, high = band
     step = (t[-1] - t[0]) / (len(t) - 1)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -37,13 +38,9 @@ def oscillator(c: float = 0.2, k: float = 1.0) -> System:
         The system, starting at rest from y = 1 m.
     """
     _check("oscillator", c=c, k=k)
-    truth = {"ydot": {"y**3": -float(k), "ydot**3": -float(c)}}
-    return System(
-        name="oscillator",
-        states=("y", "ydot"),
-        inputs=(),
-        rates={"y": "ydot", "ydot": _sum(truth["ydot"])},
-        truth=truth,
+    return _of_second_order(
+        "oscillator",
+        {"y**3": -float(k), "ydot**3": -float(c)},
         units={"t": "s", "y": "m", "ydot": "m/s"},
         t=np.linspace(0.0, 100.0, 1001),
         x0=(1.0, 0.0),
@@ -63,13 +60,9 @@ def duffing(m: float = 1.0, c: float = 0.5, k: float = 10.0, k3: float = 40.0) -
         The system, at rest and driven by a multisine force of at most 8 N between 0.1 and 1.5 Hz.
     """
     _check("duffing", positive=("m",), m=m, c=c, k=k, k3=k3)
-    truth = {"ydot": {"F": 1.0 / m, "ydot": -c / m, "y": -k / m, "y**3": -k3 / m}}
-    return System(
-        name="duffing",
-        states=("y", "ydot"),
-        inputs=("F",),
-        rates={"y": "ydot", "ydot": _sum(truth["ydot"])},
-        truth=truth,
+    return _of_second_order(
+        "duffing",
+        {"F": 1.0 / m, "ydot": -c / m, "y": -k / m, "y**3": -k3 / m},
         units={"t": "s", "y": "m", "ydot": "m/s", "F": "N"},
         t=np.linspace(0.0, 60.0, 1201),
         x0=(0.0, 0.0),
@@ -87,13 +80,9 @@ def van_der_pol(mu: float = 1.5) -> System:
         The system, spiralling out to its limit cycle; all quantities are plain numbers.
     """
     _check("van_der_pol", mu=mu)
-    truth = {"ydot": {"y": -1.0, "ydot": float(mu), "y**2*ydot": -float(mu)}}
-    return System(
-        name="van_der_pol",
-        states=("y", "ydot"),
-        inputs=(),
-        rates={"y": "ydot", "ydot": _sum(truth["ydot"])},
-        truth=truth,
+    return _of_second_order(
+        "van_der_pol",
+        {"y": -1.0, "ydot": float(mu), "y**2*ydot": -float(mu)},
         units={"t": "1", "y": "1", "ydot": "1"},
         t=np.linspace(0.0, 30.0, 601),
         x0=(0.1, 0.0),
@@ -112,13 +101,9 @@ def pendulum(length: float = 1.0, b: float = 0.2, g: float = 9.81) -> System:
         The system, released at rest from 2.5 rad.
     """
     _check("pendulum", positive=("length",), length=length, b=b, g=g)
-    truth = {"omega": {"sin(theta)": -g / length, "omega": -float(b)}}
-    return System(
-        name="pendulum",
-        states=("theta", "omega"),
-        inputs=(),
-        rates={"theta": "omega", "omega": _sum(truth["omega"])},
-        truth=truth,
+    return _of_second_order(
+        "pendulum",
+        {"sin(theta)": -g / length, "omega": -float(b)},
         units={"t": "s", "theta": "rad", "omega": "rad/s"},
         t=np.linspace(0.0, 20.0, 801),
         x0=(2.5, 0.0),
@@ -186,8 +171,15 @@ def two_tanks(gain: float = 0.05, c1: float = 0.1, c2: float = 0.1, c3: float = 
     )
 
 
+def _of_second_order(name: str, terms: Mapping[str, float], units: Mapping[str, str], **settings: Any) -> System:
+    """Return a system of a position and its velocity, whose equation is learned; `units` name t, these and inputs."""
+    _, position, velocity, *inputs = units
+    rates, truth = {position: velocity, velocity: _sum(terms)}, {velocity: terms}
+    return System(name, (position, velocity), tuple(inputs), rates, truth, units, **settings)
+
+
 def _sum(terms: Mapping[str, float]) -> str:
-    """The right-hand side as text; every number is written so that it reads back to the last bit."""
+    """Write the right-hand side as text, in which every number reads back to the last bit."""
     text = " ".join(f"{'-' if value < 0 else '+'} {abs(value)!r}*{term}" for term, value in terms.items())
     return text.removeprefix("+ ") if text.startswith("+") else text.replace("- ", "-", 1)
 

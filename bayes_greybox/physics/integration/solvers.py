@@ -1,4 +1,4 @@
-"""Diffrax, and what of it our integrations need: its import takes half a second that not every command waits for."""
+"""Diffrax and what our integrations need of it: its import takes half a second that not every command waits for."""
 
 import threading
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ _one_at_a_time = threading.RLock()
 
 
 def diffrax() -> Any:
-    """The module."""
+    """Import Diffrax."""
     # Numbers that its modules make when they are first read are those of no program that is being traced just then.
     with jax.ensure_compile_time_eval():
         import diffrax as module
@@ -20,7 +20,7 @@ def diffrax() -> Any:
 
 @contextmanager
 def ordered_times() -> Iterator[None]:
-    """Times of a path are known to be in order while it is traced: Diffrax need not put its test into the program.
+    """Keep Diffrax's test that times are in order out of a program, where they are known to be.
 
     The test would call Python from the program, and a program that does is compiled anew in every process. It is the
     only one that Diffrax makes of a solution that may fail (`throw=False`) with steps as they come (`dt0=None`).

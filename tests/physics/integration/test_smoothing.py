@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayes_greybox.physics.sensitivity import Grid, forces, hermite, respond, triples
-from bayes_greybox.physics.smoothing import Observed, filtered, log_likelihoods, smooth, steps_along
+from bayes_greybox.physics.integration.sensitivity import Grid, forces, hermite, respond, triples
+from bayes_greybox.physics.integration.smoothing import Observed, filtered, log_likelihoods, smooth, steps_along
 
 FORCED = np.array([[0.0], [1.0]])
 """The unknown force acts on the second state's rate."""

@@ -1,4 +1,4 @@
-"""One experiment that could be done: what drives it, from where, for how long, and what is measured of it."""
+"""Candidates for the next experiment: input signals, start, duration and what is measured."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,8 +18,8 @@ class Candidate:
     Attributes:
         inputs: Signal of each input.
         start: State at the start, by name.
-        duration: How long it runs.
-        rows: Samples, evenly spread over it.
+        duration: Duration of the run.
+        rows: Number of samples, evenly spread over it.
         sensors: Noise standard deviation by channel: states, or, where a study was given rates, states with a rate.
         name: Name in tables; made of the rest by default.
     """
@@ -32,7 +32,7 @@ class Candidate:
     name: str = field(default="")
 
     def __post_init__(self) -> None:
-        """Refuse what nobody can do, and fill in the name."""
+        """Refuse impossible values, and fill in the name."""
         if not (np.isfinite(self.duration) and self.duration > 0 and self.rows >= 2):
             what = f"{self.duration} and {self.rows}"
             raise InputError(f"An experiment needs a duration above 0 and two rows, not {what}.")
@@ -49,5 +49,5 @@ class Candidate:
 
     @property
     def times(self) -> Float[np.ndarray, " n_row"]:
-        """Return sampling times, from 0."""
+        """Sampling times, from 0."""
         return np.linspace(0.0, self.duration, self.rows)

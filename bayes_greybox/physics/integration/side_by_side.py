@@ -1,8 +1,8 @@
 """Many runs of dx/dt = f(t, x, u) at once on fixed steps: candidates of an experiment under draws of a model.
 
 The method is the classical one of Runge and Kutta, of order four (Kutta 1901). All runs take the same steps, so that
-one evaluation of the rate serves thousands of them and nothing is compiled; how many steps are enough, the caller finds
-by doubling them.
+one evaluation of the rate serves thousands of them and nothing is compiled. The caller doubles the steps until they
+are enough.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,12 +21,7 @@ Rate = Callable[[Float[np.ndarray, "n_run n_draw d"], Float[np.ndarray, "n_run 1
 
 
 def stage_times(times: Float[np.ndarray, " n"], steps: int) -> Float[np.ndarray, " n_stage"]:
-    """Times at which inputs are needed: the start, middle and end of each step.
-
-    Args:
-        times: Of the samples.
-        steps: Between two of them.
-    """
+    """Return the times at which inputs are needed: start, middle and end of each of the steps between two samples."""
     share = np.arange(2 * steps) / (2 * steps)
     inside = times[:-1, None] + np.diff(times)[:, None] * share
     return np.append(inside.ravel(), times[-1])
@@ -39,18 +34,13 @@ def side_by_side(
     inputs: Float[np.ndarray, "n_run n_stage p"],
     limit: Float[np.ndarray, " d"],
 ) -> Float[np.ndarray, "n_run n_draw n d"]:
-    """States at the samples; NaN from where a run has left its limits, which is a result and no error.
+    """Integrate all runs at once; states are NaN from where a run has left its limits, which is a result and no error.
 
-    Args:
-        rate: Of all runs at once.
-        starts: States at the first sample.
-        times: Of the samples.
-        inputs: At the `stage_times`.
-        limit: A run has failed once a state is larger.
+    `rate` is of all runs at once, `inputs` are those at the `stage_times`.
     """
     steps = (inputs.shape[1] - 1) // (2 * (len(times) - 1))
-    found = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
-    found[:, :, 0] = x = np.array(starts, float)
+    states = np.full((*starts.shape[:2], len(times), starts.shape[2]), np.nan)
+    states[:, :, 0] = x = np.array(starts, float)
     place = 0
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for i, (begin, length) in enumerate(zip(times[:-1], np.diff(times), strict=True)):
@@ -65,27 +55,25 @@ def side_by_side(
                 x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
                 place += 2
             x = np.where(np.all(np.abs(x) < limit, axis=-1, keepdims=True), x, np.nan)
-            found[:, :, i + 1] = x
-    return found
+            states[:, :, i + 1] = x
+    return states
 
 
-SAME_PATH, MOST_STEPS = 1e-2, 32
+SAME_PATH, MOST_STEPS_BETWEEN_SAMPLES = 1e-2, 32
 """Share of a state's range that twice as many steps may change, and most steps between two samples."""
 
 
 def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, " d"]) -> tuple[int, list[bool]]:
-    """Return steps between samples that follow paths, by doubling them, and which runs they follow.
+    """Double the steps between samples until paths stay as they are; return the steps, and which runs they follow.
 
-    Args:
-        paths: States [n_run, ..., d] by as many steps.
-        range_: Range of each state.
+    `paths` returns states [n_run, ..., d] for a number of steps; `range_` is the range of each state.
     """
     steps, before = 4, paths(2)
     while True:
         now = paths(steps)
         near = (np.abs(now - before) <= SAME_PATH * range_) | (np.isnan(now) & np.isnan(before))
         same = np.all(near.reshape(len(near), -1), axis=1)
-        if np.all(same) or steps >= MOST_STEPS:
+        if np.all(same) or steps >= MOST_STEPS_BETWEEN_SAMPLES:
             return steps, same.tolist()
         before, steps = now, 2 * steps
 
@@ -94,7 +82,7 @@ class Added(NamedTuple):
     """Terms beside a simulation, which make another system of it.
 
     Attributes:
-        terms: The terms, without jumps, each with the number of the state whose rate it is in.
+        terms: Terms without jumps, each with the index of the state to whose rate it adds.
         theta: Their coefficients by draw.
     """
 
@@ -106,40 +94,40 @@ def run_with(
     simulation: Simulation, systems: Sequence[Added], starts: Sequence[np.ndarray], times: Float[np.ndarray, " n"],
     inputs: Float[np.ndarray, "n_run n_stage p"], limit: Float[np.ndarray, " d"],
 ) -> list[np.ndarray]:  # fmt: skip
-    """Return the states of a simulation with terms added to its rates, and with the hidden states of these.
+    """Integrate a simulation with terms added to its rates, and with the hidden states of these terms.
 
     Args:
-        simulation: The simulation, without jumps: an integrator cannot stay on them.
-        systems: What is added to it, by system.
+        simulation: Simulation without jumps: an integrator cannot stay on them.
+        systems: Terms added to it, by system.
         starts: States at the first sample [n_run, n_draw, d], by system; hidden states start as they say.
         times: Sampling times.
         inputs: Inputs at the `stage_times`.
-        limit: Size of a state beyond which a run has failed.
+        limit: Size of each state beyond which a run has failed.
 
     Returns:
         Paths [n_run, n_draw, n, d] by system.
     """
-    found: dict[int, np.ndarray] = {}
+    paths: dict[int, np.ndarray] = {}
     hidden = [tuple(dict.fromkeys(s for _, term in system.terms for s in term.states)) for system in systems]
     for states in dict.fromkeys(hidden):
         # A step costs as much for one run as for hundreds: all with the same hidden states go together.
-        own = [k for k, each in enumerate(hidden) if each == states]
-        ends = np.cumsum([0, *(starts[k].shape[1] for k in own)])
+        alike = [k for k, each in enumerate(hidden) if each == states]
+        ends = np.cumsum([0, *(starts[k].shape[1] for k in alike)])
         every: dict[tuple, tuple[int, Term, np.ndarray]] = {}
-        for k, begin, end in zip(own, ends[:-1], ends[1:], strict=True):
+        for k, begin, end in zip(alike, ends[:-1], ends[1:], strict=True):
             for (i, term), values in zip(systems[k].terms, systems[k].theta, strict=True):
                 every.setdefault((i, term.text, term.states), (i, term, np.zeros(ends[-1])))[2][begin:end] += values
-        first = np.concatenate([starts[k] for k in own], axis=1)
-        paths = _together(simulation, list(every.values()), first, (times, inputs, limit), states)
-        found |= dict(zip(own, np.split(paths, ends[1:-1], axis=1), strict=True))
-    return [found[k] for k in range(len(systems))]
+        first = np.concatenate([starts[k] for k in alike], axis=1)
+        together = _together(simulation, list(every.values()), first, (times, inputs, limit), states)
+        paths |= dict(zip(alike, np.split(together, ends[1:-1], axis=1), strict=True))
+    return [paths[k] for k in range(len(systems))]
 
 
 def _together(
     simulation: Simulation, added: Sequence[tuple[int, Term, np.ndarray]], starts: np.ndarray,
     when: tuple[np.ndarray, np.ndarray, np.ndarray], hidden: Sequence[HiddenState],
 ) -> np.ndarray:  # fmt: skip
-    """Return paths of all draws; a term counts for nothing where its coefficient is zero."""
+    """Return paths of all draws; a term adds nothing where its coefficient is zero."""
     names, d, (times, inputs, limit) = simulation.states, starts.shape[-1], when
     rates = [parse_expression(state.rate) for state in hidden]
 
@@ -147,13 +135,13 @@ def _together(
         u = np.broadcast_to(u, (*x.shape[:2], u.shape[-1]))
         columns = {name: x[..., i] for i, name in enumerate((*names, *(state.name for state in hidden)))}
         columns |= {name: u[..., i] for i, name in enumerate(simulation.inputs)}
-        found = np.zeros_like(x)
-        found[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
+        slopes = np.zeros_like(x)
+        slopes[..., :d] = simulation.rates(np.full(x.shape[:2], t), x[..., :d], u)
         for i, term, value in added:
-            found[..., i] += np.where(value != 0, value * term.evaluate(columns), 0.0)
+            slopes[..., i] += np.where(value != 0, value * term.evaluate(columns), 0.0)
         for j, expression in enumerate(rates, d):
-            found[..., j] = evaluate(expression, columns)
-        return found
+            slopes[..., j] = evaluate(expression, columns)
+        return slopes
 
     begin = [starts[..., names.index(s.start)] if s.start in names else 0 * starts[..., 0] for s in hidden]
     every = np.concatenate([starts, *(each[..., None] for each in begin)], axis=-1)

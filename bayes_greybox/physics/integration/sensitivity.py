@@ -1,11 +1,11 @@
-"""How a path of dx/dt = rhs(t, x, u) answers a small force: the linear equation along it, on a grid of steps.
+"""Response of a path of dx/dt = rhs(t, x, u) to a small force: the linear equation along it, on a grid of steps.
 
 Along a path x̄ with the Jacobian A(t) = ∂rhs/∂x, forces φ(t) on the states' rates move the path by δ,
 
     dδ/dt = A(t) δ + φ(t),
 
 linear in φ and in δ(t₀). It is integrated by the classical method of Runge and Kutta of order four, whose stages sit on
-the ends and the middles of steps. What a force is within a step counts by its integral, so one with a kink or a jump is
+the ends and the middles of steps. A force within a step counts by its integral, so one with a kink or a jump is
 replaced by the parabola nearest to it.
 """
 
@@ -17,21 +17,21 @@ import numpy as np
 from jaxtyping import Float
 
 ROUGH = 0.1
-"""A force that departs this much from a straight line within a step, over its own size, is looked at closely."""
+"""Departure from a straight line within a step, over its own size, beyond which a force is rough."""
 
-WITHIN = (8, 64)
-"""Points within a step at which it is: the first look, and the second one where the first saw something else."""
+POINTS_WITHIN_A_STEP = (8, 64)
+"""Points within a step at which a rough force is evaluated first, and again where these show something else."""
 
-LEAST = 8
-"""Steps of a smoother, at least: programs are compiled for their powers of two."""
+FEWEST_SMOOTHER_STEPS = 8
+"""Least number of steps of a smoother: programs are compiled for powers of two."""
 
 
 class Grid(NamedTuple):
     """Segments of equally many steps; those of a shorter segment end in steps of no length.
 
     Attributes:
-        time: Ends and middles of steps.
-        inputs: At these.
+        time: Times of the ends and middles of steps.
+        inputs: Inputs at these times.
     """
 
     time: Float[np.ndarray, "n_segment n_node"]
@@ -43,7 +43,7 @@ class Response(NamedTuple):
 
     Attributes:
         M: Transition matrices.
-        b: Response to forces at these three, each on the rate of each state.
+        b: Response to forces at these three points, each on the rate of each state.
     """
 
     M: Float[np.ndarray, "n_segment n_step n_state n_state"]
@@ -52,19 +52,14 @@ class Response(NamedTuple):
     def jumps(
         self, force: Float[np.ndarray, "n_segment n_step 3 n_state"]
     ) -> Float[np.ndarray, "n_segment n_step n_state"]:
-        """What forces on all states add to δ after each step."""
+        """Return what forces on all states add to δ after each step."""
         return np.einsum("snitj,sntj->sni", self.b, force, optimize=True)
 
 
 def respond(
     time: Float[np.ndarray, "n_segment n_node"], A: Float[np.ndarray, "n_segment n_node n_state n_state"]
 ) -> Response:
-    """Steps of the linear equation along a path.
-
-    Args:
-        time: Ends and middles of steps.
-        A: Jacobian at these.
-    """
+    """Return the steps of the linear equation along a path with the Jacobian A at the ends and middles of steps."""
     h = (time[:, 2::2] - time[:, :-2:2])[..., None, None]
     A0, A1, A2 = A[:, :-2:2], A[:, 1::2], A[:, 2::2]
     eye = np.broadcast_to(np.eye(A.shape[-1]), A0.shape)
@@ -83,13 +78,7 @@ def carried(
     M: Float[np.ndarray, "n_segment n_step n_state n_state"], start: Float[np.ndarray, "n_segment n_state k"],
     jump: Float[np.ndarray, "n_segment n_step n_state k"],
 ) -> Float[np.ndarray, "n_segment n_end n_state k"]:  # fmt: skip
-    """δ at the ends of all steps, the start first: δ₊ = M δ + jump, each of k columns on its own.
-
-    Args:
-        M: Transition matrices.
-        start: δ at the first node.
-        jump: What is added after each step.
-    """
+    """Return δ at the ends of all steps, the start first: δ₊ = M δ + jump, each of k columns on its own."""
     n_segment, n_step, n_state, k = jump.shape
     whole = np.empty((n_segment, n_step + 1, n_state, k))
     whole[:, 0] = start
@@ -101,7 +90,7 @@ def carried(
     M, jump = (x.reshape(n_segment, n_block, block, n_state, x.shape[-1]) for x in (M, jump))
     moved, carry = np.empty_like(jump), np.empty_like(M)
     delta, product = np.zeros(jump[:, :, 0].shape), np.broadcast_to(np.eye(n_state), M[:, :, 0].shape)
-    # What is not finite is for the caller to judge.
+    # The caller judges values that are not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         for t in range(block if n_step else 0):
             delta, product = M[:, :, t] @ delta + jump[:, :, t], M[:, :, t] @ product
@@ -115,12 +104,12 @@ def carried(
 
 
 def power_of_two(n: int) -> int:
-    """The power of two that is not below a number, nor below `LEAST`."""
-    return max(LEAST, 1 << (n - 1).bit_length())
+    """Return the power of two that is not below a number, nor below `FEWEST_SMOOTHER_STEPS`."""
+    return max(FEWEST_SMOOTHER_STEPS, 1 << (n - 1).bit_length())
 
 
 def triples(x: Float[np.ndarray, "n_segment n_node *k"]) -> Float[np.ndarray, "n_segment n_step 3 *k"]:
-    """Start, middle and end of each step."""
+    """Take start, middle and end of each step."""
     return np.stack([x[:, :-2:2], x[:, 1::2], x[:, 2::2]], axis=2)
 
 
@@ -129,19 +118,19 @@ def forces(
     nodes: Float[np.ndarray, "n_segment n_node c"],
     least: Float[np.ndarray, " k"] | float = 0.0,
 ) -> Float[np.ndarray, "n_segment n_step 3 k"]:
-    """Forces on the start, the middle and the end of steps; where one is rough, the parabola nearest to it.
+    """Evaluate forces at the start, the middle and the end of steps; a rough one is replaced by the nearest parabola.
 
     Args:
-        evaluate: From c columns at any points to k forces.
-        nodes: The columns at ends and middles of steps, parabolas within these.
-        least: Sizes of forces below which roughness is not looked at.
+        evaluate: Function from c columns at any points to k forces.
+        nodes: Columns at the ends and middles of steps; within steps they are parabolas.
+        least: Sizes of forces below which roughness is ignored.
     """
     values = np.asarray(evaluate(nodes.reshape(-1, nodes.shape[-1]))).reshape(*nodes.shape[:2], -1)
-    found = triples(values)
+    in_steps = triples(values)
     size = np.maximum(np.sqrt(np.mean(values**2, axis=(0, 1))), least)
-    bent = np.abs(found[:, :, 0] - 2 * found[:, :, 1] + found[:, :, 2])
-    rough = np.any(bent > ROUGH * size, axis=-1)
-    for n_point in WITHIN:
+    departure = np.abs(in_steps[:, :, 0] - 2 * in_steps[:, :, 1] + in_steps[:, :, 2])
+    rough = np.any(departure > ROUGH * size, axis=-1)
+    for n_point in POINTS_WITHIN_A_STEP:
         if not np.any(rough):
             break
         within = (np.arange(n_point) + 0.5) / n_point
@@ -150,24 +139,18 @@ def forces(
         )
         points = parabolas @ triples(nodes)[rough]
         close = np.asarray(evaluate(points.reshape(-1, points.shape[-1]))).reshape(*points.shape[:2], -1)
-        nearest, before = np.linalg.pinv(parabolas) @ close, found[rough]
-        found[rough] = nearest
-        # What is merely curved is well enough known by now; a kink or a jump is not, and is looked at once more.
+        nearest, before = np.linalg.pinv(parabolas) @ close, in_steps[rough]
+        in_steps[rough] = nearest
+        # A mere curve is well enough known by now; a kink or a jump is not, and is looked at once more.
         rough[rough] = np.any(np.abs(nearest - before) > ROUGH * size, axis=(-2, -1))
-    return found
+    return in_steps
 
 
 def hermite(
     time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
     rates: Float[np.ndarray, "n_segment n_end n_state"],
 ) -> tuple[Float[np.ndarray, "n_segment n_node n_state"], Float[np.ndarray, "n_segment n_node n_state"]]:  # fmt: skip
-    """A path and its slope at ends and middles of steps: the cubics through the ends with the rates there.
-
-    Args:
-        time: Ends and middles of steps.
-        ends: States at the ends.
-        rates: Slopes at the ends.
-    """
+    """Return a path and its slope at ends and middles of steps: cubics through states and rates at the ends."""
     h = np.diff(time[:, ::2], axis=1)[..., None]
     path, slope = (np.empty((*time.shape, ends.shape[-1])) for _ in range(2))
     path[:, ::2], slope[:, ::2] = ends, rates

@@ -1,8 +1,8 @@
-"""The path of a system through noisy samples of some of its states, where something may be missing in its equations.
+"""Smoothed path of a system from noisy samples of some of its states, where its equations may lack something.
 
     dx = rhs(t, x, u) dt + E q dW,    y = H x + noise of relative variances r
 
-is smoothed by Kalman filters that are linearised along the path so far (Bell 1994, SIAM J. Optim. 4:626: Gauss and
+is smoothed by Kalman filters that are linearised along the latest path (Bell 1994, SIAM J. Optim. 4:626: Gauss and
 Newton's method on the posterior of the path). The ratio λ = q²/σ² is chosen by the likelihood of the innovations, in
 which σ² is profiled out; λ → 0 is a path that the equations allow. E has a column for each unknown force: where it
 acts, and how large it is beside the others.
@@ -19,18 +19,18 @@ from jaxtyping import Array, Float
 
 from .sensitivity import Grid, Response, power_of_two, triples
 
-PARTS = (1.0, 0.5, 0.25, 0.1, 0.0)
-"""Of a change of the path, what is tried so that the equations stay defined: the largest that does."""
+TRIED_SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
+"""Shares of a change of the path, of which the largest is taken that keeps the equations defined."""
 
 
 class Observed(NamedTuple):
     """Samples at the ends of steps.
 
     Attributes:
-        values: NaN where there is none.
-        variances: Of their noise, over σ².
+        values: Samples, NaN where there is none.
+        variances: Noise variance of each output, over σ².
         mean: Expected state at the first node.
-        sd: Its standard deviation.
+        sd: Standard deviation of that state.
     """
 
     values: Float[Any, "n_segment n_end n_output"]
@@ -46,7 +46,7 @@ class Steps(NamedTuple):
         M: Transition matrices.
         c: Constants.
         B: Response to each unit force held over the step.
-        length: Of each step; those of no length do nothing.
+        length: Length of each step; those of no length do nothing.
     """
 
     M: Float[Any, "n_segment n_step n_state n_state"]
@@ -56,11 +56,11 @@ class Steps(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """A path, and what it says of the noise.
+    """A path, and the likelihood of λ with it.
 
     Attributes:
         ends: States at the ends of steps.
-        log_likelihood: Of λ, σ² profiled out.
+        log_likelihood: Log likelihood of λ, σ² profiled out.
     """
 
     ends: Float[np.ndarray, "n_segment n_end n_state"]
@@ -72,12 +72,12 @@ def steps_along(
     response: Response, departure: Float[np.ndarray, "n_segment n_step 3 n_state"],
     E: Float[np.ndarray, "n_state n_force"],
 ) -> Steps:  # fmt: skip
-    """Steps near a path.
+    """Linearise along a path.
 
     Args:
-        time: Ends and middles of steps.
+        time: Times of the ends and middles of steps.
         ends: The path at the ends.
-        response: Of the linear equation along it.
+        response: Response of the linear equation along it.
         departure: Rate of the equations less the path's slope, at the start, the middle and the end of each step.
         E: Rates of the states by each unknown force.
     """
@@ -89,13 +89,9 @@ def steps_along(
 
 
 def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:
-    """Posterior mean of the path of linear steps, and the likelihood of λ.
+    """Return the posterior mean of the path of linear steps and the likelihood of the ratio λ.
 
-    Args:
-        steps: Of the path.
-        observed: Samples.
-        outputs: Indices of the states that are sampled.
-        ratio: λ.
+    `outputs` are the indices of the states that are sampled.
     """
     ends, log_likelihood = _smooth(*_padded(steps, observed), outputs, ratio)
     return Smoothed(np.asarray(ends)[:, : steps.M.shape[1] + 1], float(log_likelihood))
@@ -104,14 +100,7 @@ def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: fl
 def log_likelihoods(
     steps: Steps, observed: Observed, outputs: tuple[int, ...], ratios: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Those of several λ, in one run of their filters.
-
-    Args:
-        steps: Of the path.
-        observed: Samples.
-        outputs: Indices of the states that are sampled.
-        ratios: λ.
-    """
+    """Return the log likelihoods of several ratios λ, in one run of their filters."""
     return np.asarray(_log_likelihoods(*_padded(steps, observed), outputs, ratios))
 
 
@@ -119,7 +108,7 @@ def filtered(
     rate: Callable[..., Array], grid: Grid, observed: Observed, outputs: tuple[int, ...],
     E: Float[np.ndarray, "n_state n_force"], ratio: float, args: object,
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:  # fmt: skip
-    """Path of the extended Kalman filter, linearised where it is: a first path that needs none before it.
+    """Return the path of the extended Kalman filter, which needs no path before it to be linearised along.
 
     Where a sample would take it out of the domain of the equations, it goes only part of the way, or stays.
 
@@ -130,11 +119,11 @@ def filtered(
         outputs: Indices of the states that are sampled.
         E: Rates of the states by each unknown force.
         ratio: λ.
-        args: What else the rate needs.
+        args: Last argument of the rate.
     """
     n_step = grid.time.shape[1] // 2
     more = power_of_two(n_step) - n_step
-    # Steps of no length behind the others: how many there are changes with the time scales of what is tried.
+    # Steps of no length are appended, because the number of steps changes with the time scales of each trial.
     time, inputs = (np.pad(x, ((0, 0), (0, 2 * more), *((0, 0),) * (x.ndim - 2)), mode="edge") for x in grid)
     values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
     pieces, observed = (triples(time), triples(inputs)), observed._replace(values=values)
@@ -142,7 +131,7 @@ def filtered(
 
 
 def _padded(steps: Steps, observed: Observed) -> tuple[Steps, Observed]:
-    """With steps of no length behind them, up to a power of two."""
+    """Append steps of no length, up to a power of two."""
     n_step, n_state = steps.M.shape[1:3]
     more = power_of_two(n_step) - n_step
     still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
@@ -164,9 +153,9 @@ def _filtered(
 
     def update(before: Array, P: Array, time: Array, u: Array, y: Array) -> tuple[Array, Array]:
         x, after, *_ = _update(H, observed.variances, before, P, y)
-        tried = before + jnp.array(PARTS)[:, None] * (x - before)
+        tried = before + jnp.array(TRIED_SHARES)[:, None] * (x - before)
         inside = jax.vmap(defined, in_axes=(None, 0, None))(time, tried, u)
-        # Of what was not taken in full nothing is known better than before.
+        # A sample that was not taken in full makes nothing better known than before.
         return jnp.where(jnp.any(inside), tried[jnp.argmax(inside)], x), jnp.where(inside[0], after, P)
 
     def one(time: Array, inputs: Array, values: Array, mean: Array, P: Array) -> Array:
@@ -187,7 +176,7 @@ def _filtered(
 
         return jax.lax.scan(forward, (mean, P), (time, inputs, values))[1]
 
-    # One for each segment, as all that is carried: what is not would have the loop traced once more.
+    # One for each segment: an array that is not batched would have the loop traced once more.
     P = jnp.tile(jnp.diag(observed.sd**2), (len(observed.mean), 1, 1))
     return jax.vmap(one)(*pieces, observed.values, observed.mean, P)
 
@@ -203,10 +192,10 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
         def forward(carry: tuple[Array, Array], piece: tuple[Steps, Array]) -> tuple[tuple[Array, Array], tuple]:
             (x, P), ((M, c, B, h), y) = carry, piece
             intensity = jnp.where(h > 0, ratio / jnp.where(h > 0, h, 1.0), 0.0)
-            x, P, terms, *found = update(M @ x + c, M @ P @ M.T + intensity * (B @ B.T), y)
-            return (x, P), (terms, *found)
+            x, P, terms, *sums = update(M @ x + c, M @ P @ M.T + intensity * (B @ B.T), y)
+            return (x, P), (terms, *sums)
 
-        _, (terms, *found) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
+        _, (terms, *sums) = jax.lax.scan(forward, (x, P), (steps, values[1:]))
 
         def backward(adjoint: Array, piece: tuple) -> tuple[Array, Array]:
             terms, M = piece
@@ -215,7 +204,7 @@ def _smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: A
 
         adjoint, ends = jax.lax.scan(backward, jnp.zeros_like(mean), (terms, steps.M), reverse=True)
         whole = jnp.concatenate([_smoothed(first, adjoint)[0][None], ends])
-        square, log_det, count = (a + jnp.sum(each) for a, each in zip(start, found, strict=True))
+        square, log_det, count = (a + jnp.sum(each) for a, each in zip(start, sums, strict=True))
         return whole, square, log_det, count
 
     ends, squares, log_dets, counts = jax.vmap(one)(steps, observed.values, observed.mean)
@@ -233,7 +222,7 @@ def _log_likelihoods(steps: Steps, observed: Observed, outputs: tuple[int, ...],
 def _step(
     rate: Callable[..., Array], time: Array, inputs: Array, x: Array, E: Array, args: object
 ) -> tuple[Array, Array, Array]:
-    """Where a step of Runge and Kutta's leads, and its derivatives by the state and by the unknown forces."""
+    """Take a step of Runge and Kutta's; return the state and its derivatives by the state and by the unknown forces."""
     h = time[2] - time[0]
 
     def move(x: Array, force: Array) -> Array:
@@ -252,9 +241,9 @@ def _step(
 
 
 def _update(H: Array, variances: Array, x: Array, P: Array, y: Array) -> tuple:
-    """Filtered state and covariance, what the smoother needs of it, Σ v²/S, Σ log S and the number of samples.
+    """Filter one sample: return state, covariance, terms for the smoother, Σ v²/S, Σ log S and the number of values.
 
-    One output after the other, so that a missing one is passed over.
+    One output is taken after the other, so that a missing one is passed over.
     """
     terms, square, log_det, count = [], jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     for h, r, sample in zip(H, variances, y, strict=True):
@@ -270,7 +259,7 @@ def _update(H: Array, variances: Array, x: Array, P: Array, y: Array) -> tuple:
 
 
 def _smoothed(terms: list, adjoint: Array) -> tuple[Array, Array]:
-    """Smoothed state before the updates of one sample, and the adjoint there (de Jong 1989, JASA 84:1085)."""
+    """Return the smoothed state before the updates of one sample and the adjoint there (de Jong 1989, JASA 84:1085)."""
     for _, _, gained, L in reversed(terms):
         adjoint = gained + L.T @ adjoint
     x, P, _, _ = terms[0]

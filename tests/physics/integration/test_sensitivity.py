@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from bayes_greybox.physics.sensitivity import Response, carried, forces, hermite, respond, triples
+from bayes_greybox.physics.integration.sensitivity import Response, carried, forces, hermite, respond, triples
 
 
 def plain(t, x, push=0.0, k=-0.4):

@@ -7,18 +7,18 @@ import pytest
 from integration import integrate
 from scipy.interpolate import CubicSpline
 
-from bayes_greybox.physics.integrate import (
+from bayes_greybox.physics.integration.adaptive_steps import (
     PIECE,
     Limits,
     Samples,
-    _at,
+    _input_at,
     between_samples,
     curvature_of,
     cut,
     follow_piece,
     joined,
 )
-from bayes_greybox.physics.solvers import ordered_times
+from bayes_greybox.physics.integration.solvers import ordered_times
 from bayes_greybox.running.errors import InputError
 
 
@@ -26,7 +26,7 @@ def interpolant(t, values, kind="linear"):
     """The input between samples as the integrator sees it."""
     t, values = jnp.asarray(t), jnp.asarray(values)
     kinds, curvature = curvature_of(t, values, kind)
-    return lambda time: _at(time, t, values, curvature, kinds)
+    return lambda time: _input_at(time, Samples(t, values, curvature), kinds)
 
 
 def _harmonic(t, x, u, args):

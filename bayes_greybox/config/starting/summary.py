@@ -1,4 +1,4 @@
-"""What is said of a first configuration: what each column was taken for, what was found of the table, what is next."""
+"""Summary of a first configuration for its user: roles of columns, findings about the table, and next steps."""
 
 from pathlib import Path
 
@@ -7,24 +7,17 @@ from bayes_greybox.data.reading.table import Layout
 from .plan import Plan
 
 
-def told(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...]:
-    """Lines for whoever asked for a first configuration.
-
-    Args:
-        plan: What columns are, and what is learned.
-        layout: How the table was read.
-        data: The table.
-        config: The configuration.
-    """
+def summary_of(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...]:
+    """Return the lines of the summary."""
     columns = _columns(plan)
     width = max(len(name) for name, _ in columns)
-    found = _found(plan, layout)
+    findings = _findings(plan, layout)
     marked = "" if plan.measured else ", once its # are gone"
     open_ = " and ".join(f'{name} = "..."' for name in plan.equations)
     return (
         f"What the columns of {data.name} were taken for:",
-        *(f"  {name:<{width}}  {said}" for name, said in columns),
-        *([f"Found: {'; '.join(found)}."] if found else []),
+        *(f"  {name:<{width}}  {role}" for name, role in columns),
+        *([f"Found: {'; '.join(findings)}."] if findings else []),
         *(_samples(plan) if plan.sampled else []),
         f"The configuration is {config}: check what was guessed, and write",
         f"  {open_}  in its section [simulation]. Then",
@@ -35,48 +28,48 @@ def told(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[str, ...
 
 def _columns(plan: Plan) -> list[tuple[str, str]]:
     guess = plan.guess
-    said: list[tuple[str, str]] = []
+    roles: list[tuple[str, str]] = []
     if guess.time is not None:
-        said.append((guess.time, "time, dates that become seconds" if guess.dated else "time" + _in(plan, guess.time)))
+        roles.append((guess.time, "time, dates that become seconds" if guess.dated else "time" + _in(plan, guess.time)))
     if guess.run is not None:
-        said.append((guess.run, "tells the runs apart"))
+        roles.append((guess.run, "tells the runs apart"))
     for state in guess.states:
         what = "state" + _in(plan, state)
         if state in plan.second:
             what += f", a position: its rate {plan.second[state]} is a state too"
         elif state in plan.chained:
             what += f", whose rate is {plan.chained[state]}"
-        said.append((state, what))
-    said += [(rate, f"measured rate of {state}") for state, rate in plan.measured.items()]
-    said += [(name, "input" + _in(plan, name)) for name in guess.inputs]
-    return [*said, *((name, f"left out: it {why}") for name, why in guess.left_out.items())]
+        roles.append((state, what))
+    roles += [(rate, f"measured rate of {state}") for state, rate in plan.measured.items()]
+    roles += [(name, "input" + _in(plan, name)) for name in guess.inputs]
+    return [*roles, *((name, f"left out: it {why}") for name, why in guess.left_out.items())]
 
 
 def _in(plan: Plan, column: str) -> str:
     return f" in {plan.unit(column)}" if plan.unit(column) else ""
 
 
-def _found(plan: Plan, layout: Layout) -> list[str]:
-    """What of the table was found that a file says otherwise."""
-    found = []
+def _findings(plan: Plan, layout: Layout) -> list[str]:
+    """List findings about the table that a file states otherwise."""
+    findings = []
     if isinstance(layout.skiprows, int) and layout.skiprows:
         lines = "1 line" if layout.skiprows == 1 else f"{layout.skiprows} lines"
-        found.append(f"{lines} above the names")
+        findings.append(f"{lines} above the names")
     if layout.decimal == ",":
-        found.append("decimal commas")
+        findings.append("decimal commas")
     if layout.encoding not in ("utf-8-sig", "utf-8"):
-        found.append(f"text in {layout.encoding}")
+        findings.append(f"text in {layout.encoding}")
     if any("read as units" in remark for remark in plan.table.remarks):
-        found.append("a row of units")
+        findings.append("a row of units")
     if plan.guess.shuffled:
-        found.append("time that goes back every few rows, which have to be sorted by it first")
+        findings.append("time that goes back every few rows, which have to be sorted by it first")
     elif plan.guess.restart:
         clock = ", or a clock was set back" if plan.guess.set_back else ""
-        found.append(f"time that goes back, where a new run begins{clock}")
+        findings.append(f"time that goes back, where a new run begins{clock}")
     if plan.guess.missing:
         rows = "1 row" if plan.guess.missing == 1 else f"{plan.guess.missing} rows"
-        found.append(f"{rows} with empty cells, which are left out")
-    return found
+        findings.append(f"{rows} with empty cells, which are left out")
+    return findings
 
 
 def _samples(plan: Plan) -> list[str]:

@@ -1,0 +1,1 @@
+"""Experiments: input signals, candidates for the next experiment, and simulated systems with known truth."""
