@@ -194,7 +194,7 @@ def by_group(
     groups: dict[tuple[Any, ...], list[Record]] = {}
     for record in records:
         groups.setdefault(tuple(record[name] for name in names), []).append(record)
-    rows = {key if len(key) > 1 else key[0]: scores(group) for key, group in groups.items()}
+    rows = {key[0] if len(names) == 1 else key: scores(group) for key, group in groups.items()}
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis(list(names.values()))
 
 

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -33,14 +33,18 @@ class Generated:
 
     n: int
     a_part: ClassVar[int] = PART_ROWS
-    where: ClassVar[str] = "a generator"
+
+    @property
+    def where(self) -> str:
+        """Place of the data."""
+        return "a generator"
 
     @property
     def n_part(self) -> int:
         """Number of parts."""
         return -(-self.n // self.a_part)
 
-    def whole_runs(self) -> "Generated":
+    def whole_runs(self) -> Self:
         """Return the same: rows of rates have no runs, and runs are whole."""
         return self
 
