@@ -1,4 +1,4 @@
-"""Predictions of a study's explanations for data to come: their terms, and the posterior of the coefficients."""
+"""Predictions of a study's hypotheses for data to come: their terms, and the posterior of the coefficients."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,23 +8,24 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from bayes_greybox.discovery.decision.probabilities import UNKNOWN
+from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.physics.terms import Term
 
+from .coefficients import factor_of
 from .equation_study import EquationStudy
 
-LEAST = 0.01
+LEAST_EXPLAINED = 0.01
 """Probability from which on an explanation is kept."""
 
 JOINED = 32
-"""Explanations of several equations together that are told apart at most."""
+"""Largest number of joint explanations of several equations."""
 
 COMPONENTS = 3
-"""Hypotheses that stand for an explanation at most: values of nonlinear parameters, corrections beside it."""
+"""Largest number of hypotheses of one explanation: values of nonlinear parameters, corrections beside it."""
 
-PREDICTING = ("no gap", "recalibrate")
-"""Explanations without an effect whose columns say what a run would show: an error of these sensors says nothing."""
+PREDICTING = (NO_GAP, RECALIBRATE)
+"""Explanations without an effect whose columns predict a run: an error of these sensors predicts nothing."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class Component:
 
     Attributes:
         weight: Share of its explanation.
-        equations: The state whose rate each term is in.
+        equations: State whose rate each term is in.
         terms: Terms; those of effects at values of their nonlinear parameters.
-        mean: Means of their coefficients, user's units; in files of older versions weights of features follow.
+        mean: Means of the coefficients, user's units; in files of older versions weights of features follow.
         root: W with WᵀW their covariance.
-        features: Features of what has no name, by state, in files of older versions; they are not used.
+        features: Features of a discrepancy, by state, in files of older versions; they are not used.
     """
 
     weight: float
@@ -55,8 +56,8 @@ class Explained:
     Attributes:
         name: Name in the study's table of hypotheses; of several equations each with its own.
         probability: Probability of the explanation.
-        slugs: Effects that it has.
-        components: Its likeliest hypotheses; none where it does not predict anything.
+        slugs: Effects of the explanation.
+        components: Likeliest hypotheses of the explanation; empty if it predicts nothing.
         sigma: Noise standard deviation of the rows by equation, user's units.
     """
 
@@ -68,14 +69,14 @@ class Explained:
 
 
 def explained(found: EquationStudy) -> tuple[Explained, ...]:
-    """Return explanations of one equation from the probability `LEAST` on, likeliest first."""
+    """Return the explanations of one equation from the probability `LEAST_EXPLAINED` on, likeliest first."""
     table, p, kept = found.hypotheses(), found.probabilities, []
     names = table.index.get_level_values("hypothesis")
     for name, probability in zip(names, table["probability"].to_numpy(float), strict=True):
-        if probability < LEAST:
+        if probability < LEAST_EXPLAINED:
             continue
         own = [h for h in found.near.weighed.hypotheses if found.called(h) == name]
-        # What has no name predicts nothing.
+        # A discrepancy without a name predicts nothing.
         named = [h for h in own if name != UNKNOWN and (p.effects(h) or p.says(h) in PREDICTING)]
         effects = [found.near.column(i).effect for h in named[:1] for i in h.members]
         slugs = tuple(effect.slug for effect in effects if effect is not None)
@@ -86,7 +87,7 @@ def explained(found: EquationStudy) -> tuple[Explained, ...]:
 def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     """Return the likeliest explanations of all equations together, which are independent given the data.
 
-    What has no name predicts nothing, whatever a file of an older version holds of it.
+    The unknown predicts nothing, whatever a file of an older version holds of it.
     """
     found = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
     for equation, group in each.items():
@@ -101,7 +102,7 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
         ]  # fmt: skip
         # The likeliest of all are likely in every part.
         found = sorted(both, key=lambda e: -e.probability)[:JOINED]
-    return tuple(e for e in found if e.probability >= LEAST * found[0].probability)
+    return tuple(e for e in found if e.probability >= LEAST_EXPLAINED * found[0].probability)
 
 
 def _components(found: EquationStudy, own: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
@@ -112,9 +113,8 @@ def _components(found: EquationStudy, own: Sequence[Hypothesis]) -> tuple[tuple[
     for weight, h in zip(weights / np.sum(weights), own, strict=True):
         terms = [k for k, i in enumerate(h.members) if columns[i].term is not None]
         unit = np.array([scale / columns[h.members[k]].scale for k in terms])
-        values, vectors = np.linalg.eigh(h.covariance[np.ix_(terms, terms)])
-        root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * unit
-        # As text: what a file gives back is then the same.
+        root = factor_of(h.covariance[np.ix_(terms, terms)]) * unit
+        # As text, which a file gives back the same.
         plain = tuple(replace(f, expression=f.text) for f in (columns[h.members[k]].formula.plain for k in terms))
         components.append(Component(float(weight), (found.equation,) * len(terms), plain, unit * h.mean[terms], root))
     noise = float(weights @ [h.noise for h in own] / np.sum(weights)) * scale if own else 0.0
