@@ -25,7 +25,7 @@ def usual_candidates(
     Args:
         data: Training data.
         sensors: Noise by channel.
-        signals: Families, keys of `SIGNALS`; all by default.
+        signals: Families of signals, keys of `SIGNALS`; all by default.
         amplitudes: Amplitudes over half the range that the input had in the data: above 1 is beyond what was seen.
         starts: States at the start; by default where the first runs of the data began, and where no input moves
             corners of the states' range, `amplitudes` times as far from its middle.
