@@ -1,1 +1,1 @@
-"""The next experiment: candidates, simulated under the surviving hypotheses, ranked by their information about these."""
+"""The next experiment: candidates, simulated under the surviving hypotheses, ranked by their information."""

@@ -164,11 +164,15 @@ class Predictor:
         responses = [[self._response(h, candidate, own) for h, own in enumerate(each)] for each in along]
         bands = {name: np.full((len(paths), 3, candidate.rows), np.nan) for name in candidate.sensors}
         drawn = np.stack([path[-self.outcomes :] for path in paths])
+        quantiles = (INTERVAL_ENDS[0], 0.5, INTERVAL_ENDS[1])
         for h, own in enumerate(drawn):
             shown = self._shown(h, self._latents(h)[-self.outcomes :], candidate, own)
             for name, values in zip(bands, shown, strict=True):
                 # A run that failed shows nothing from there on.
-                whole, ends = np.mean(np.isfinite(values), axis=0) >= INTERVAL, (INTERVAL_ENDS[0], 0.5, INTERVAL_ENDS[1])
+                whole, ends = (
+                    np.mean(np.isfinite(values), axis=0) >= INTERVAL,
+                    (INTERVAL_ENDS[0], 0.5, INTERVAL_ENDS[1]),
+                )
                 bands[name][h][:, whole] = np.nanquantile(values[:, whole], ends, axis=0)
         fails = float(np.max(np.mean(~np.all(np.isfinite(drawn), axis=(2, 3)), axis=1)))
         every, u = np.concatenate(drawn), {name: s.value(candidate.times)[None] for name, s in candidate.inputs.items()}
