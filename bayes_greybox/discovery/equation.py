@@ -69,12 +69,7 @@ class Question:
 
 
 def study_equation(question: Question, say: Callable[[str], None]) -> EquationStudy:
-    """Return the study of one equation.
-
-    Args:
-        question: Data, model and settings.
-        say: Called with each stage, in words.
-    """
+    """Return the study of one equation."""
     train, criteria = question.train, question.criteria
     source, near = _settled(question, say)
     verdict = decide(Probabilities(near.weighed, criteria), _rate_size(near), bool(source.late))

@@ -53,12 +53,6 @@ def amended_system(
     An effect has the mean of its inner parameter, and that of its coefficient over all values of it, as tables have
     them. One with hidden states has the one value that they were found with. The simulation's own coefficients are
     corrected as in the commonest pattern of the draws.
-
-    Args:
-        base: The model before.
-        data: Training data.
-        amendments: Amendments by equation.
-        probabilities: Probabilities of effects by equation and slug, and of corrections by equation and term.
     """
     for amendment in amendments.values():
         base = amendment.model(base) if amendment.hidden else base

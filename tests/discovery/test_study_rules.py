@@ -108,8 +108,8 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 
 def finding(code, n_place=0, against=()):
     """A verdict with so many effects, and what speaks against it."""
-    places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), (), 0.9, "", Share()),) * n_place
-    return Verdict(code, places, None, (), 0.0, 0.0, 0.0, reasons=against, probabilities=None)
+    places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), ()),) * n_place
+    return Verdict(code, places, None, (), 0.0, 0.0, reasons=against, probabilities=None)
 
 
 def blank(kind, equation):

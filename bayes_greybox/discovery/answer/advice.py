@@ -25,18 +25,12 @@ REACHES = (1.25, 1.5, 2.0, 3.0, 5.0)
 CURVE_POINTS = 41
 """Points at which curves are compared."""
 
-APART = 4
+DIFFERING = 4
 """Noise standard deviations by which curves have to differ."""
 
 
 def how_to_tell_apart(tied: Sequence[tuple[Term, float]], sigma: float, data: Trajectories) -> str:
-    """Return the smallest range beyond the data where tied effects differ, in words.
-
-    Args:
-        tied: Terms with their coefficients.
-        sigma: Noise standard deviation, user's units.
-        data: Training data.
-    """
+    """Return the smallest range beyond the data where tied effects differ, in words."""
     if any(term.states for term, _ in tied):
         # No curve over the states tells effects with memory from those without.
         return OTHER_MOTIONS
@@ -48,7 +42,7 @@ def how_to_tell_apart(tied: Sequence[tuple[Term, float]], sigma: float, data: Tr
             at[name] = np.linspace(-reach * top if low < 0 else low, reach * top, CURVE_POINTS)
             first, *others = [mean * np.asarray(term.evaluate(at)) for term, mean in tied]
             apart = max(float(np.max(np.abs(first - other))) for other in others)
-            if np.isfinite(apart) and apart > APART * sigma:
+            if np.isfinite(apart) and apart > DIFFERING * sigma:
                 unit = f" {unit_text(data.unit(name))}" if unit_text(data.unit(name)) else ""
                 options.append((reach, f"measure up to |{name}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
                 break

@@ -50,13 +50,7 @@ class Remainder:
 
     @classmethod
     def of(cls, near: Near, hypothesis: Hypothesis, coefficients: Coefficients) -> "Remainder":
-        """Return the f beside the columns of a hypothesis, at its likeliest noise point with a law.
-
-        Args:
-            near: Hypotheses.
-            hypothesis: The answer's hypothesis.
-            coefficients: Draws of its coefficients.
-        """
+        """Return the f beside the columns of a hypothesis, at its likeliest noise point with a law."""
         weighed, regressors = near.weighed, near.regressors
         table, columns = weighed.table, regressors.columns
         laws = [k for k, point in enumerate(weighed.grid.points) if point.kind == LAW]

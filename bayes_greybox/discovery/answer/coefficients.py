@@ -42,12 +42,6 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
 
     Values of nonlinear parameters, patterns of corrections and noise points are drawn by their posterior. Beside a
     recalibration some coefficient is off; where nothing is missing, none is.
-
-    Args:
-        near: Hypotheses.
-        verdict: The answer.
-        n_draw: Number of draws.
-        seed: Seed of the draws.
     """
     rng, regressors, grid = np.random.default_rng(seed), near.regressors, near.weighed.grid
     names = [column.called for column in regressors.columns]

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
-from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, UNKNOWN, Probabilities, Share
+from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, UNKNOWN_KIND, Probabilities, Share
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.discovery.grid.noise_grid import LAW, MEMORY, TIME
 from bayes_greybox.discovery.linearise.near import Near
@@ -246,7 +246,7 @@ class EquationStudy:
         kind = self.probabilities.says(hypothesis)
         if kind == EFFECTS:
             return " + ".join(sorted(self._slugs(hypothesis)))
-        return kind if self.probabilities.remains(hypothesis) <= self.criteria.missing else UNKNOWN
+        return kind if self.probabilities.remains(hypothesis) <= self.criteria.missing else UNKNOWN_KIND
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Return tied effects and the experiment that would tell them apart."""

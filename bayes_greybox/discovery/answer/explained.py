@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN
+from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.physics.terms import Term
 
@@ -68,19 +68,18 @@ class Explained:
     sigma: Mapping[str, float] = field(default_factory=dict)
 
 
-def explained(found: EquationStudy) -> tuple[Explained, ...]:
+def explained(study: EquationStudy) -> tuple[Explained, ...]:
     """Return the explanations of one equation from the probability `LEAST_EXPLAINED` on, likeliest first."""
-    table, p, kept = found.hypotheses(), found.probabilities, []
-    names = table.index.get_level_values("hypothesis")
-    for name, probability in zip(names, table["probability"].to_numpy(float), strict=True):
+    table, p, kept = study.hypotheses(), study.probabilities, []
+    for (_, name), probability in table["probability"].items():
         if probability < LEAST_EXPLAINED:
             continue
-        own = [h for h in found.near.weighed.hypotheses if found.called(h) == name]
+        of_name = [h for h in study.near.weighed.hypotheses if study.called(h) == name]
         # A discrepancy without a name predicts nothing.
-        named = [h for h in own if name != UNKNOWN and (p.effects(h) or p.says(h) in PREDICTING)]
-        effects = [found.near.column(i).effect for h in named[:1] for i in h.members]
+        able = [h for h in of_name if name != UNKNOWN_KIND and (p.effects(h) or p.says(h) in PREDICTING)]
+        effects = [study.near.column(i).effect for h in able[:1] for i in h.members]
         slugs = tuple(effect.slug for effect in effects if effect is not None)
-        kept.append(Explained(str(name), float(probability), slugs, *_components(found, named)))
+        kept.append(Explained(str(name), float(probability), slugs, *_components(study, able)))
     return tuple(kept)
 
 
@@ -94,44 +93,53 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
         label = f"{equation}: " if len(each) > 1 else ""
         both = [
             Explained(
-                "; ".join(filter(None, (before.name, label + e.name))), before.probability * e.probability,
-                before.slugs + e.slugs,
-                () if e.name == UNKNOWN else _together(before.components, e.components), {**before.sigma, **e.sigma},
+                name="; ".join(filter(None, (before.name, label + own.name))),
+                probability=before.probability * own.probability,
+                slugs=before.slugs + own.slugs,
+                components=() if own.name == UNKNOWN_KIND else _together(before.components, own.components),
+                sigma={**before.sigma, **own.sigma},
             )
-            for before in found for e in group
-        ]  # fmt: skip
+            for before in found
+            for own in group
+        ]
         # The likeliest of all are likely in every part.
         found = sorted(both, key=lambda e: -e.probability)[:JOINED]
     return tuple(e for e in found if e.probability >= LEAST_EXPLAINED * found[0].probability)
 
 
-def _components(found: EquationStudy, own: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
+def _components(
+    study: EquationStudy, hypotheses: Sequence[Hypothesis]
+) -> tuple[tuple[Component, ...], dict[str, float]]:
     """Return the likeliest hypotheses of one name, each at its likeliest noise point, and the noise there."""
-    columns, scale, components = found.regressors.columns, found.regressors.target_scale, []
-    own = sorted(own, key=lambda h: -h.log_weight)[:COMPONENTS]
-    weights = np.exp([h.log_weight - own[0].log_weight for h in own])
-    for weight, h in zip(weights / np.sum(weights), own, strict=True):
+    columns, scale, components = study.regressors.columns, study.regressors.target_scale, []
+    likeliest = sorted(hypotheses, key=lambda h: -h.log_weight)[:COMPONENTS]
+    if not likeliest:
+        return (), {}
+    weights = np.exp([h.log_weight - likeliest[0].log_weight for h in likeliest])
+    weights = weights / np.sum(weights)
+    for weight, h in zip(weights, likeliest, strict=True):
         terms = [k for k, i in enumerate(h.members) if columns[i].term is not None]
         unit = np.array([scale / columns[h.members[k]].scale for k in terms])
         root = factor_of(h.covariance[np.ix_(terms, terms)]) * unit
         # As text, which a file gives back the same.
         plain = tuple(replace(f, expression=f.text) for f in (columns[h.members[k]].formula.plain for k in terms))
-        components.append(Component(float(weight), (found.equation,) * len(terms), plain, unit * h.mean[terms], root))
-    noise = float(weights @ [h.noise for h in own] / np.sum(weights)) * scale if own else 0.0
-    return tuple(components), {found.equation: noise} if own else {}
+        components.append(Component(float(weight), (study.equation,) * len(terms), plain, unit * h.mean[terms], root))
+    return tuple(components), {study.equation: float(weights @ [h.noise for h in likeliest]) * scale}
 
 
 def _together(parts: Sequence[Component], others: Sequence[Component]) -> tuple[Component, ...]:
-    """Return the likeliest pairs of hypotheses of two equations; none where one of these predicts nothing."""
+    """Return the likeliest pairs of hypotheses of two equations; none if one of these predicts nothing."""
     pairs = sorted(((a, b) for a in parts for b in others), key=lambda pair: -pair[0].weight * pair[1].weight)
     pairs = pairs[:COMPONENTS]
     total = sum(a.weight * b.weight for a, b in pairs)
     return tuple(
         Component(
-            a.weight * b.weight / total, a.equations + b.equations, a.terms + b.terms,
+            weight=a.weight * b.weight / total,
+            equations=a.equations + b.equations,
+            terms=a.terms + b.terms,
             # Weights of features come after those of terms, and go.
-            np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
-            np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
+            mean=np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
+            root=np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
         )
         for a, b in pairs
-    )  # fmt: skip
+    )

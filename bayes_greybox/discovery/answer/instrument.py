@@ -47,13 +47,6 @@ def instrument_table(
     """Return the suspected errors of the measurement, by probability.
 
     A delay is positive if its channel is late, and stated in time units and in samples; a gain is relative.
-
-    Args:
-        source: Source of the rows, with the errors that were removed from them.
-        near: Hypotheses.
-        verdict: The answer.
-        coefficients: Draws of the sizes of sensor errors that are in the answer.
-        data: Measurements, for units.
     """
     rows = [*_sensor_rows(near, verdict, coefficients, data), *_noise_rows(near, verdict, data)]
     for name, late in source.late.items():

@@ -116,17 +116,7 @@ def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray
 def gap_map(
     data: Trajectories, along: Along, before: Gap, after: Gap, variables: tuple[str, ...], threshold: float, unit: str
 ) -> GapMap:  # fmt: skip
-    """Return the gap averaged over cells of one or two variables, with the weights of a normal density.
-
-    Args:
-        data: Training data, for units.
-        along: Samples.
-        before: Gap before.
-        after: Gap after.
-        variables: One or two variables.
-        threshold: One noise standard deviation.
-        unit: Unit of the gap.
-    """
+    """Return the gap averaged over cells of one or two variables, with the weights of a normal density."""
     (thin, first), (_, last) = along.thinned(before), along.thinned(after)
     x = np.column_stack([thin.columns[v] for v in variables])
     axes = tuple(np.linspace(column.min(), column.max(), MAP_POINTS) for column in x.T)
@@ -160,12 +150,6 @@ def where_table(data: Trajectories, along: Along, variables: Sequence[str], trac
 
     A region is a rule on one variable, or on two, that gathers as many rows of high probability and as few of low as
     any other: it maximises Σ (p − ½) over its rows.
-
-    Args:
-        data: Training data.
-        along: Samples.
-        variables: Variables of f.
-        trace: The gap along time.
 
     Returns:
         Columns equation, kind, description, probability (mean over the rows), gap_share (of the gap's square),

@@ -8,9 +8,9 @@ import numpy as np
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.discovery.grid.regressors import EFFECT, SENSOR
 
-from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN, Probabilities, Share
+from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
 
-VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN)
+VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
 
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
@@ -30,18 +30,12 @@ class Place:
         share: Probability of the effect on these columns, with agreement.
         tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
             label, and sensor errors by their keys.
-        together: Probability of the effect or one of its rivals.
-        family: Family of the effect.
-        of_family: Probability of the family, with agreement.
     """
 
     label: str
     slug: str
     share: Share
     tied: tuple[str, ...]
-    together: float
-    family: str
-    of_family: Share
 
 
 @dataclass(frozen=True)
@@ -54,7 +48,6 @@ class Verdict:
         hypothesis: Likeliest hypothesis behind the verdict.
         sensors: Sensor errors of the answer, by name.
         remains: Probability of a discrepancy beside the answer.
-        share_left: Share of the gap's square that this discrepancy carries.
         left: RMS of this discrepancy, scaled.
         negligible: True if a discrepancy remains that is too small to matter in practice.
         reasons: Reasons against the verdict, in words.
@@ -66,7 +59,6 @@ class Verdict:
     hypothesis: Hypothesis
     sensors: tuple[str, ...]
     remains: float
-    share_left: float
     left: float
     negligible: bool = False
     reasons: tuple[str, ...] = ()
@@ -75,7 +67,7 @@ class Verdict:
     @property
     def open_ended(self) -> bool:
         """Return whether a discrepancy without a name belongs to the answer."""
-        return self.code in ("partly named", UNKNOWN) or (self.code == "one of" and bool(self.reasons))
+        return self.code in ("partly named", UNKNOWN_KIND) or (self.code == "one of" and bool(self.reasons))
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -105,14 +97,14 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
         late: True if a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
-    if by_kind[EFFECTS] + by_kind[UNKNOWN] <= criteria.missing:
+    if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
         return _without_effects(probabilities, INSTRUMENT if late and code == NO_GAP else code, _without_discrepancy)
-    if by_kind[EFFECTS] > by_kind[UNKNOWN]:
+    if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
-        if verdict.code != UNKNOWN:
+        if verdict.code != UNKNOWN_KIND:
             return verdict
-    unknown = _without_effects(probabilities, UNKNOWN, Probabilities.remains)
+    unknown = _without_effects(probabilities, UNKNOWN_KIND, Probabilities.remains)
     if unknown.left < criteria.negligible * rate_size and _nothing_stands_out(probabilities):
         corrected = max((share.probability for share in probabilities.by_correction.values()), default=0.0)
         code = RECALIBRATE if corrected > criteria.missing else NO_GAP
@@ -129,7 +121,7 @@ def _nothing_stands_out(probabilities: Probabilities) -> bool:
     p, criteria = probabilities, probabilities.criteria
     nameless = sum(h.probability * p.remains(h) for h in p.weighed.hypotheses if not p.effects(h))
     likeliest_effect = max((share.probability for share in p.by_effect.values()), default=0.0)
-    return nameless > criteria.nameless * p.by_kind[UNKNOWN] and likeliest_effect <= criteria.missing
+    return nameless > criteria.nameless * p.by_kind[UNKNOWN_KIND] and likeliest_effect <= criteria.missing
 
 
 def _answering_set(probabilities: Probabilities) -> tuple[str, ...]:
@@ -174,16 +166,16 @@ def _without_effects(
     """
 
     def log_weight(h: Hypothesis) -> float:
-        if code not in (UNKNOWN, probabilities.says(h)):
+        if code not in (UNKNOWN_KIND, probabilities.says(h)):
             return -np.inf
         return h.log_weight + float(np.log(max(part(probabilities, h), 1e-300)))
 
     every = probabilities.weighed.hypotheses
     best = max([h for h in every if not probabilities.effects(h)] or every, key=log_weight)
-    unknown = code == UNKNOWN
+    unknown = code == UNKNOWN_KIND
     sensors = _likely_sensors(probabilities, best) if unknown else tuple(_sensor_names(probabilities, best))
-    remains = probabilities.by_kind[UNKNOWN]
-    return Verdict(code, (), best, sensors, remains, float(unknown), best.left, probabilities=probabilities)
+    remains = probabilities.by_kind[UNKNOWN_KIND]
+    return Verdict(code, (), best, sensors, remains, best.left, probabilities=probabilities)
 
 
 def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verdict:
@@ -199,15 +191,15 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     more = remains >= criteria.missing and share_left >= criteria.remainder
     stacked = _all_stacked(probabilities, best)
     if more and max(place.share.probability for place in places) <= criteria.missing:
-        code = UNKNOWN
+        code = UNKNOWN_KIND
     elif more or stacked:
         code = "partly named"
     else:
         code = "named" if all(min(place.share) >= criteria.named for place in places) else "one of"
     reasons = ((AND_MORE if more else ONE_LAW),) if stacked else ()
+    sensors = _likely_sensors(probabilities, best)
     return Verdict(
-        code, tuple(places), best, _likely_sensors(probabilities, best), remains, share_left, best.left,
-        reasons=reasons, probabilities=probabilities,
+        code, tuple(places), best, sensors, remains, best.left, reasons=reasons, probabilities=probabilities
     )  # fmt: skip
 
 
@@ -243,6 +235,4 @@ def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ..
     least = probabilities.criteria.tied * rivals.get(effect.name, 0.0)
     ordered = sorted(rivals, key=lambda name: -round(rivals[name], 6))
     tied = tuple(name for name in ordered if name != effect.name and rivals[name] >= least)
-    share = probabilities.by_place[label]
-    together = min(1.0, share.probability + sum(rivals[name] for name in tied))
-    return Place(label, effect.name, share, tied, together, effect.family, probabilities.by_family[effect.family])
+    return Place(label, effect.name, probabilities.by_place[label], tied)

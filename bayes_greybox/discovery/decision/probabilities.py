@@ -16,10 +16,10 @@ from bayes_greybox.discovery.grid.regressors import CORRECTION, EFFECT, SENSOR, 
 
 from .criteria import Criteria
 
-NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN, EFFECTS = "no gap", "recalibrate", "instrument", "unknown", "effects"
+NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND, EFFECTS = "no gap", "recalibrate", "instrument", "unknown", "effects"
 """Kinds of hypotheses, by the cause of the gap."""
 
-STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN)
+STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND)
 """Kinds that name no effect."""
 
 
@@ -95,7 +95,7 @@ class Probabilities:
             effects = self.members(h, EFFECT)
             real = max((trust for _, trust in effects), default=1 - self.remains(h))
             found[self.says(h)] += real * h.probability
-            found[UNKNOWN] += (1 - real) * h.probability
+            found[UNKNOWN_KIND] += (1 - real) * h.probability
         return found
 
     def _by(self, kind: str, key: Callable[[Regressor], str], stacking: bool = True) -> dict[str, Share]:
@@ -118,11 +118,6 @@ class Probabilities:
     def by_place(self) -> dict[str, Share]:
         """Return the shares of effects by label: each on its own columns."""
         return self._by(EFFECT, lambda each: each.group)
-
-    @cached_property
-    def by_family(self) -> dict[str, Share]:
-        """Return the shares of families of effects."""
-        return self._by(EFFECT, lambda each: each.family)
 
     @cached_property
     def by_quantity(self) -> dict[str, Share]:

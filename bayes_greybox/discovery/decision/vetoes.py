@@ -89,10 +89,6 @@ def left_over(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> dict[str, flo
     """Return the misfit of held-out samples, for each equation that explains the training samples alone.
 
     A right model explains both; one that bends to the training data does not. Rates have no misfit.
-
-    Args:
-        gap: Gap table.
-        criteria: Numbers that decide.
     """
     train, test = misfits(gap, "train"), misfits(gap, "test")
     return {name: left for name, left in test.items() if left > criteria.misfit * max(1.0, train.get(name, 1.0))}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from bayes_greybox.discovery.decision.criteria import CRITERIA
-from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN
+from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
 from bayes_greybox.discovery.suspects.channels import is_fault
 from bayes_greybox.physics.units import same_unit
@@ -28,7 +28,7 @@ LARGEST_RATIO = 1.25
 FAILED = "failed"
 """Verdict on an asset that could not be studied."""
 
-LACKING = ("named", "one of", "partly named", UNKNOWN)
+LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""
 
 ONE_CAUSE = 0.9
@@ -183,12 +183,7 @@ class Fleet:
 
 
 def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]) -> Fleet:
-    """Put studies together.
-
-    Args:
-        records: Records of studies, as in summary.json, by asset.
-        failed: Reasons why assets were not studied.
-    """
+    """Put studies together."""
     found = [_study(name, record) for name, record in records.items()]
     found += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
     found.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
@@ -221,7 +216,7 @@ class _Lack(NamedTuple):
 
 def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
     """Return whether an asset lacks an effect for sure, and not only in its likeliest model."""
-    named = effect["status"] == ADDED and record["verdict"] in LACKING and record["verdict"] != UNKNOWN
+    named = effect["status"] == ADDED and record["verdict"] in LACKING and record["verdict"] != UNKNOWN_KIND
     # Beside it something else may be one of several.
     return named and _number(effect["probability"]) >= CRITERIA.named
 

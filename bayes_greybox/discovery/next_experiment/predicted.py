@@ -169,11 +169,8 @@ class Predictor:
             shown = self._shown(h, self._latents(h)[-self.outcomes :], candidate, own)
             for name, values in zip(bands, shown, strict=True):
                 # A run that failed shows nothing from there on.
-                whole, ends = (
-                    np.mean(np.isfinite(values), axis=0) >= INTERVAL,
-                    (INTERVAL_ENDS[0], 0.5, INTERVAL_ENDS[1]),
-                )
-                bands[name][h][:, whole] = np.nanquantile(values[:, whole], ends, axis=0)
+                whole = np.mean(np.isfinite(values), axis=0) >= INTERVAL
+                bands[name][h][:, whole] = np.nanquantile(values[:, whole], quantiles, axis=0)
         fails = float(np.max(np.mean(~np.all(np.isfinite(drawn), axis=(2, 3)), axis=1)))
         every, u = np.concatenate(drawn), {name: s.value(candidate.times)[None] for name, s in candidate.inputs.items()}
         reach = {name: _reach(self.data.states[name], every[..., i]) for i, name in enumerate(self.simulation.states)}

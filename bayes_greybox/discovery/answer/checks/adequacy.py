@@ -54,14 +54,7 @@ class Check:
 def check_hypothesis(
     near: Near, hypothesis: Hypothesis, unit: str = "", criteria: Criteria = CRITERIA
 ) -> list[Check]:  # fmt: skip
-    """Return whiteness and LOO-PIT of a hypothesis at its likeliest noise point.
-
-    Args:
-        near: Hypotheses.
-        hypothesis: Hypothesis of the answer.
-        unit: Unit of time, for the words.
-        criteria: Numbers that decide.
-    """
+    """Return whiteness and LOO-PIT of a hypothesis at its likeliest noise point."""
     z = near.weighed.standardised(hypothesis)
     if len(z) < criteria.checked_rows:
         return []

@@ -23,11 +23,6 @@ def at_ends(regressors: Regressors, coefficients: Coefficients, criteria: Criter
     """Return a sentence for each nonlinear parameter of the answer that is at an end of its range.
 
     The range cuts off the interval of such a parameter, and the interval of its coefficient is too short.
-
-    Args:
-        regressors: Regressors of the equation.
-        coefficients: Draws of the model after.
-        criteria: Numbers that decide.
     """
     sentences = []
     for drawn in coefficients.inner.T:
@@ -49,13 +44,7 @@ def at_ends(regressors: Regressors, coefficients: Coefficients, criteria: Criter
 
 
 def rounded_off(regressors: Regressors, effects: Sequence[int], criteria: Criteria) -> list[str]:
-    """Return a sentence if effects jump or bend within the time that a filtered sample stands for.
-
-    Args:
-        regressors: Regressors of the equation.
-        effects: Columns of the answer's effects.
-        criteria: Numbers that decide.
-    """
+    """Return a sentence if effects jump or bend within the time that a filtered sample stands for."""
     rows, spread, names = regressors.rows, regressors.rows.spread, []
     if spread is None:
         return []

@@ -18,11 +18,6 @@ def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collec
 
     It is not known beside a latent force, beside errors of inputs, which act along the path, and for effects with
     memory that the path was found without.
-
-    Args:
-        amendment: Amendment without f, with draws of its coefficients and of the sensors' errors.
-        regressors: Regressors of the equation.
-        inputs: Names of the inputs.
     """
     after, rows = amendment.after, regressors.rows
     sensors = [regressors.columns[i].suspect for i in after.suspects]

@@ -19,9 +19,6 @@ def other_sizes(regressors: Regressors) -> list[str]:
 
     It is found by least squares of all of them. Their prior believes the simulation, so that a table in mm beside
     equations in m would be explained by whatever effects look like it.
-
-    Args:
-        regressors: Regressors of the equation.
     """
     free, corrections = regressors.of_kind("free"), regressors.of_kind("correction")
     if not corrections or regressors.rows.n_white < ROWS_EACH * len([*free, *corrections]):
