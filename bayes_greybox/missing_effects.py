@@ -125,12 +125,12 @@ class Study(StudyResult):
             InputError: See `Fit.export`.
         """
         system = studied_system(self)
-        f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
+        open_ended = [name for name, each in system.learned.items() if each.discrepancy and each.discrepancy.left]
         remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
-        left = dict.fromkeys(f, "what is left that has no name")
-        known = self.model.states(self.train)
+        left = dict.fromkeys(open_ended, "what is left that has no name")
+        states = self.model.states(self.train)
         starts = {} if self.fit is None else estimated_starts(self.fit)
-        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known, starts))
+        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, states, starts))
 
     def to_json(self) -> str:
         """Return the amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""

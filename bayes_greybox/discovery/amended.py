@@ -24,7 +24,7 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
     dictionary: dict[str, list[Term]] = {}
     for name, study in findings.items():
         regressors, indices = study.regressors, study.coefficients.indices
-        own = [regressors.columns[i].formula for i in (*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION))]
+        plain = [regressors.columns[i].formula for i in (*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION))]
         base = indices[len(indices) - len(study.verdict.labels) :]
         added = [_formula(regressors.columns, i, study.amendment.hidden) for i in base]
         fixed: list[Term] = []
@@ -33,9 +33,9 @@ def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], tr
             fixed = [term for term, _ in parts.fixed]
             # The study's own terms are without their stated priors, which a copy of the dictionary should have.
             by_name = {term.name: term for term in parts.all.terms}
-            own = [by_name.get(term.name, term) for term in own]
+            plain = [by_name.get(term.name, term) for term in plain]
         # A dictionary needs a term; an offset is the least that can be asked for.
-        terms = [*fixed, *([*own, *added] or [Term("1")])]
+        terms = [*fixed, *([*plain, *added] or [Term("1")])]
         # A term of the dictionary is a plain formula: its hidden states are the simulation's.
         dictionary[name] = [replace(term, states=()) for term in terms]
         model = model if study.amendment.rows is None else replace(model, rows=study.amendment.rows)

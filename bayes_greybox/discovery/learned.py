@@ -37,9 +37,9 @@ RULE = (
 def studied_system(study: StudyResult) -> LearnedSystem:
     """Return the equations of the amended model, with the coefficients of the study's tables."""
     rows = study.effects.to_dict("records")
-    known = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
-    known |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
-    return amended_system(study.base, study.train, study.amendments, known)
+    probabilities = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
+    probabilities |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
+    return amended_system(study.base, study.train, study.amendments, probabilities)
 
 
 def amended_system(
@@ -93,13 +93,13 @@ def _equation(
         draws = draws + means.get(column.formula.name, 0.0) * (column.kind == FREE)
         (terms if there else left_out).append(learned(column.formula.name, column.formula, draws))
     for k in range(after.inner.shape[1]):
-        own = [statistics.columns[i] for i in after.inner[alike, k]]
-        effect, formula = own[0].effect, own[0].formula
+        values_of = [statistics.columns[i] for i in after.inner[alike, k]]
+        effect, formula = values_of[0].effect, values_of[0].formula
         assert effect is not None
-        values = {key: Value.of(np.array([column.inner[key] for column in own])) for key in own[0].inner}
+        values = {key: Value.of(np.array([column.inner[key] for column in values_of])) for key in values_of[0].inner}
         # Draws that one model can have share its hidden states, and with them the inner parameter.
         term = formula if formula.states or not values else effect.term({k: v.mean for k, v in values.items()})
-        draws = after.draws[alike, n_own + k] * (scale / np.array([column.scale for column in own]))
+        draws = after.draws[alike, n_own + k] * (scale / np.array([column.scale for column in values_of]))
         terms.append(learned(effect.slug, term, draws))
         inner += [_inner(effect, key, value, data) for key, value in values.items()]
     corrected = any(column.kind == CORRECTION for column in columns)

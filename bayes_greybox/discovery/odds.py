@@ -62,8 +62,8 @@ class Odds:
             equations: Number of studied equations.
         """
         no_gap = self.no_gap ** (1 / equations)
-        rest = (1 - no_gap) / (1 - self.no_gap)
+        factor = (1 - no_gap) / (1 - self.no_gap)
         return replace(
-            self, no_gap=no_gap, recalibrate=rest * self.recalibrate, unknown=rest * self.unknown,
-            effects=rest * self.effects,
+            self, no_gap=no_gap, recalibrate=factor * self.recalibrate, unknown=factor * self.unknown,
+            effects=factor * self.effects,
         )  # fmt: skip

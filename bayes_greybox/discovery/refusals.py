@@ -63,24 +63,24 @@ def check_data(
             f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
             f"{LEAST_ROWS}."
         )
-    known = (*model.states(train), *train.output_names)
-    stranger = next((name for name in equations if name not in known), None)
+    learnable = (*model.states(train), *train.output_names)
+    stranger = next((name for name in equations if name not in learnable), None)
     if stranger is not None:
         raise InputError(
             f"There is no state {stranger!r} whose equation could be learned, and the dictionary has terms for it: "
-            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(known))}"
+            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(learnable))}"
         )
     simulation = model.simulator(train)
     # Outputs have no free run, and no part in that of states.
-    whole = not all(train.is_output(name) for name in equations)
-    whole = whole and set(train.state_names) <= {*simulation.equations, *equations}
+    integrable = not all(train.is_output(name) for name in equations)
+    integrable = integrable and set(train.state_names) <= {*simulation.equations, *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
         missing = [name for name in train.columns if name not in data.columns]
         missing += [name for name in train.output_names if name not in data.output_names]
         if missing:
             raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
         short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
-        if free_runs and whole and short:
+        if free_runs and integrable and short:
             raise InputError(
                 f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
                 "the free runs with free_runs=False."
@@ -90,7 +90,7 @@ def check_data(
     if isinstance(model.noise, Noise):
         for name in equations:
             check_asked(model.noise, model.equation_rows(train, name))
-    if free_runs and whole:
+    if free_runs and integrable:
         require_traceable(simulation, ", or leave the free runs out with free_runs=False")
 
 

@@ -231,8 +231,8 @@ def investigate(
         "seconds": seconds,
     }
     warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
-    found = _result(subject, findings, gap, lost)
-    return replace(found, paths=paths, left_out=left_out, settings=about, warnings=warnings)
+    result = _result(subject, findings, gap, lost)
+    return replace(result, paths=paths, left_out=left_out, settings=about, warnings=warnings)
 
 
 def _say(line: Stage, text: str) -> None:

@@ -141,25 +141,25 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
         return model.equations
     simulation = model.simulator(data)
     if not model.rows.rates_measured:
-        found = tuple(name for name in simulation.equations if not simulation.kinematic(name))
-        if len(found) != 1:
+        equations = tuple(name for name in simulation.equations if not simulation.kinematic(name))
+        if len(equations) != 1:
             raise InputError(
-                f"A study of samples looks at one equation, and the simulation has {len(found) or 'none'} that could "
-                "lack something: name the one in question with an empty list of terms, "
-                f"GreyBox(dictionary={{{(found or ('ydot',))[0]!r}: []}}, ...), or give rates: derivatives=..., or "
+                f"A study of samples looks at one equation, and the simulation has {len(equations) or 'none'} that "
+                "could lack something: name the one in question with an empty list of terms, "
+                f"GreyBox(dictionary={{{(equations or ('ydot',))[0]!r}: []}}, ...), or give rates: derivatives=..., or "
                 "data.differentiate()."
             )
-        return found
+        return equations
     names = (*data.derivative_names, *data.output_names)
-    found = tuple(name for name in names if not simulation.kinematic(name))
+    equations = tuple(name for name in names if not simulation.kinematic(name))
     # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
-    left = tuple(name for name in found if not model.equation_rows(data, name).nothing_left)
-    if found and not left:
-        what = "output" if all(data.is_output(name) for name in found) else "derivative"
+    missed = tuple(name for name in equations if not model.equation_rows(data, name).nothing_left)
+    if equations and not missed:
+        what = "output" if all(data.is_output(name) for name in equations) else "derivative"
         raise InputError(f"The simulation equals every measured {what} exactly: there is nothing to look for.")
-    if not found:
+    if not equations:
         raise InputError(
             "There is no equation to study: the data have no measured derivative of a state whose equation is more "
             "than another state; give derivatives=..., or compute them with data.differentiate()."
         )
-    return left
+    return missed

@@ -56,15 +56,15 @@ class Remainder:
         laws = [k for k, point in enumerate(weighed.grid.points) if point.kind == LAW]
         number = max(laws, key=lambda k: (hypothesis.points[k], -k))
         point = weighed.grid.points[number]
-        found = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
-        v, mean = float(found.v[0]), found.mean[0]
+        mode = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
+        v, mean = float(mode.v[0]), mode.mean[0]
         n_own = len(coefficients.indices) - coefficients.inner.shape[1]
         inside = np.flatnonzero(coefficients.draws.any(axis=0))
         likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
         every = (*coefficients.indices[:n_own], *likeliest)
         indices = [every[k] for k in inside]
-        own = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
-        errors = table.columns[:, [hypothesis.members[k] for k in own]] @ mean[own]
+        of_sensors = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
+        errors = table.columns[:, [hypothesis.members[k] for k in of_sensors]] @ mean[of_sensors]
         force = weighed.forces[point.shape]
         rows = np.column_stack([table.target - errors, table.columns[:, indices], table.law.rows])
         white = force.whiten(rows, 1.0, np.zeros(1))[0][:, 0]
@@ -86,11 +86,11 @@ class Remainder:
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> Float[np.ndarray, "n_draw n_row"]:
         """Return posterior draws of f at any rows, scaled."""
-        weights, known = self.weights(n_draw), self.statistics
+        weights, statistics = self.weights(n_draw), self.statistics
         parts = []
         for start in range(0, len(next(iter(columns.values()))), FEATURE_ROWS):
             part = {name: np.asarray(column)[start : start + FEATURE_ROWS] for name, column in columns.items()}
-            psi = known.evaluate_features(part) - known.evaluate(self.indices, part) @ self.projection
+            psi = statistics.evaluate_features(part) - statistics.evaluate(self.indices, part) @ self.projection
             parts.append(weights @ psi.T)
         return np.concatenate(parts, axis=1)
 
@@ -163,8 +163,8 @@ class Amendment:
     def jumping(self) -> tuple[int, ...]:
         """Columns, before or after, that may jump."""
         inner = np.unique(self.after.inner).tolist()
-        own = {*self.after.indices, *inner, *self.statistics.of_kind("free")}
-        return tuple(int(i) for i in sorted(own) if self.statistics.columns[int(i)].formula.jumps)
+        used = {*self.after.indices, *inner, *self.statistics.of_kind("free")}
+        return tuple(int(i) for i in sorted(used) if self.statistics.columns[int(i)].formula.jumps)
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rates added at rows: before [n_row], and draws of after, with f [n_draw, n_row]."""
@@ -218,9 +218,9 @@ class Amendment:
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Return the features of f before projection, for an integrator; beyond their domain they are constant."""
-        known = self.statistics
-        position = scaled_position(columns, known.variables, known.centre, known.half_width)
-        return held_features(known.basis, position)
+        statistics = self.statistics
+        position = scaled_position(columns, statistics.variables, statistics.centre, statistics.half_width)
+        return held_features(statistics.basis, position)
 
     def orthogonal_features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Return the features of f less their projection on the columns, ψ − φ P; without f the features."""

@@ -45,10 +45,10 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
     """
     rng, regressors, grid = np.random.default_rng(seed), near.regressors, near.weighed.grid
     names = [column.called for column in regressors.columns]
-    own = [*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION)]
+    plain = [*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION)]
     sensors = [i for i in regressors.of_kind(SENSOR) if names[i] in verdict.sensors]
-    place = {index: k for k, index in enumerate(own)}
-    draws = np.zeros((n_draw, len(own) + len(verdict.labels)))
+    place = {index: k for k, index in enumerate(plain)}
+    draws = np.zeros((n_draw, len(plain) + len(verdict.labels)))
     inner = np.zeros((n_draw, len(verdict.labels)), int)
     sigma, errors = np.zeros(n_draw), np.zeros((n_draw, len(sensors)))
     chosen = answering(near, verdict)
@@ -59,8 +59,8 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
         points = rng.choice(len(grid.points), size=len(rows), p=hypothesis.points / hypothesis.points.sum())
         distinct = np.unique(points)
         sets = [hypothesis.members] * len(distinct)
-        found = modes(grid, near.weighed.precision, sets, distinct, near.weighed.floor)
-        for v, mean, covariance, point in zip(found.v, found.mean, found.covariance, distinct, strict=True):
+        at_points = modes(grid, near.weighed.precision, sets, distinct, near.weighed.floor)
+        for v, mean, covariance, point in zip(at_points.v, at_points.mean, at_points.covariance, distinct, strict=True):
             here = rows[points == point]
             theta = mean + rng.standard_normal((len(here), len(mean))) @ factor_of(covariance)
             # v given the data is inverse gamma with n/2 degrees, up to the few coefficients.
@@ -72,9 +72,9 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
                     errors[here, sensors.index(i)] = theta[:, j]
                 else:
                     effect = verdict.labels.index(names[i])
-                    draws[here, len(own) + effect], inner[here, effect] = theta[:, j], i
+                    draws[here, len(plain) + effect], inner[here, effect] = theta[:, j], i
     base = [next(i for i in verdict.hypothesis.members if names[i] == label) for label in verdict.labels]
-    return Coefficients((*own, *base), draws, inner, sigma, tuple(sensors), errors)
+    return Coefficients((*plain, *base), draws, inner, sigma, tuple(sensors), errors)
 
 
 def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
@@ -82,18 +82,18 @@ def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
     columns = near.regressors.columns
 
     def answers(hypothesis: Hypothesis) -> bool:
-        own = [columns[i] for i in hypothesis.members]
-        corrected = any(column.kind == CORRECTION for column in own)
+        members = [columns[i] for i in hypothesis.members]
+        corrected = any(column.kind == CORRECTION for column in members)
         return (
-            {c.called for c in own if c.effect is not None} == set(verdict.labels)
-            and {c.called for c in own if c.suspect is not None} == set(verdict.sensors)
+            {c.called for c in members if c.effect is not None} == set(verdict.labels)
+            and {c.called for c in members if c.suspect is not None} == set(verdict.sensors)
             and (corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE))
         )
 
-    found = [h for h in near.weighed.hypotheses if answers(h)]
-    if not found:
+    kept = [h for h in near.weighed.hypotheses if answers(h)]
+    if not kept:
         return [without_sensors(near, verdict)]
-    return [h for h in found if h.log_weight > found[0].log_weight + np.log(LEAST_DRAWN)]
+    return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(LEAST_DRAWN)]
 
 
 def without_sensors(near: Near, verdict: Verdict) -> Hypothesis:

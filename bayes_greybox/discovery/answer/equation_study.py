@@ -180,9 +180,9 @@ class EquationStudy:
     def memory(self) -> pd.DataFrame:
         """Return the probabilities of the kinds of discrepancy, then of the laws that remember."""
         p = self.probabilities
-        found = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
-        found |= {name: value for name, value in p.by_memory.items() if value > 0}
-        return pd.DataFrame({"probability": list(found.values())}, self._index("memory", found), dtype=float)
+        shares = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
+        shares |= {name: value for name, value in p.by_memory.items() if value > 0}
+        return pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return the suspected errors of the measurement."""
@@ -206,12 +206,12 @@ class EquationStudy:
 
     def _correction(self, index: int) -> tuple[float, float]:
         """Return the scaled mean and standard deviation of a correction over the hypotheses that have it."""
-        own = [(h, h.members.index(index)) for h in self.near.weighed.hypotheses if index in h.members]
-        if not own:
+        places = [(h, h.members.index(index)) for h in self.near.weighed.hypotheses if index in h.members]
+        if not places:
             return 0.0, 0.0
-        weight = np.array([h.probability for h, _ in own])
-        weight = weight / weight.sum() if weight.sum() > 0 else np.full(len(own), 1 / len(own))
-        means, sds = (np.array(x) for x in zip(*((h.mean[k], h.sd[k]) for h, k in own), strict=True))
+        weight = np.array([h.probability for h, _ in places])
+        weight = weight / weight.sum() if weight.sum() > 0 else np.full(len(places), 1 / len(places))
+        means, sds = (np.array(x) for x in zip(*((h.mean[k], h.sd[k]) for h, k in places), strict=True))
         mean = float(weight @ means)
         return mean, float(np.sqrt(weight @ (sds**2 + (means - mean) ** 2)))
 
@@ -243,14 +243,14 @@ class EquationStudy:
 
     def called(self, hypothesis: Hypothesis) -> str:
         """Return a hypothesis's name in the tables."""
-        kind = self.probabilities.says(hypothesis)
+        kind = self.probabilities.kind_of(hypothesis)
         if kind == EFFECTS:
             return " + ".join(sorted(self._slugs(hypothesis)))
         return kind if self.probabilities.remains(hypothesis) <= self.criteria.missing else UNKNOWN_KIND
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Return tied effects and the experiment that would tell them apart."""
-        found = []
+        ties = []
         for place in self.verdict.places:
             rivals = [each for name in place.tied if (each := self._likeliest(name)) is not None]
             if rivals or any(map(is_fault, place.tied)):
@@ -258,8 +258,8 @@ class EquationStudy:
                 if rivals and own is not None:
                     curves = [(column.formula, mean) for column, mean, _ in (own, *rivals)]
                     advice = how_to_tell_apart(curves, self.amendment.sigma, data)
-                found.append({"equation": self.equation, "slugs": (place.slug, *place.tied), "advice": advice})
-        return found
+                ties.append({"equation": self.equation, "slugs": (place.slug, *place.tied), "advice": advice})
+        return ties
 
     def _slugs(self, hypothesis: Hypothesis) -> list[str]:
         columns = [self.near.column(i) for i in hypothesis.members]
@@ -271,17 +271,19 @@ class EquationStudy:
         An effect that is in no hypothesis has its first column, and its coefficient alone.
         """
         columns = self.regressors.columns
-        own = [i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)]
+        of_effect = [
+            i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)
+        ]
         for h in self.near.weighed.hypotheses:
             for k, i in enumerate(h.members):
-                if i in own:
+                if i in of_effect:
                     return columns[i], float(h.mean[k]) * self._in_units(i), float(h.sd[k]) * abs(self._in_units(i))
-        if not own:
+        if not of_effect:
             return None
         table = self.near.weighed.table
-        x, y = table.columns[:, own[0]], table.target
+        x, y = table.columns[:, of_effect[0]], table.target
         mean, sd = float(x @ y / (x @ x)), float(np.std(y) / np.sqrt(x @ x))
-        return columns[own[0]], mean * self._in_units(own[0]), sd * abs(self._in_units(own[0]))
+        return columns[of_effect[0]], mean * self._in_units(of_effect[0]), sd * abs(self._in_units(of_effect[0]))
 
     def _share_left(self, hypothesis: Hypothesis) -> float:
         return min(hypothesis.left**2 / self.near.weighed.gap_square, 1.0)

@@ -71,12 +71,13 @@ class Explained:
 def explained(study: EquationStudy) -> tuple[Explained, ...]:
     """Return the explanations of one equation from the probability `LEAST_EXPLAINED` on, likeliest first."""
     table, p, kept = study.hypotheses(), study.probabilities, []
-    for (_, name), probability in table["probability"].items():
+    names = table.index.get_level_values("hypothesis")
+    for name, probability in zip(names, table["probability"].to_numpy(float), strict=True):
         if probability < LEAST_EXPLAINED:
             continue
         of_name = [h for h in study.near.weighed.hypotheses if study.called(h) == name]
         # A discrepancy without a name predicts nothing.
-        able = [h for h in of_name if name != UNKNOWN_KIND and (p.effects(h) or p.says(h) in PREDICTING)]
+        able = [h for h in of_name if name != UNKNOWN_KIND and (p.effects(h) or p.kind_of(h) in PREDICTING)]
         effects = [study.near.column(i).effect for h in able[:1] for i in h.members]
         slugs = tuple(effect.slug for effect in effects if effect is not None)
         kept.append(Explained(str(name), float(probability), slugs, *_components(study, able)))
@@ -88,23 +89,23 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
 
     The unknown predicts nothing, whatever a file of an older version holds of it.
     """
-    found = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
+    likeliest = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
     for equation, group in each.items():
         label = f"{equation}: " if len(each) > 1 else ""
         both = [
             Explained(
-                name="; ".join(filter(None, (before.name, label + own.name))),
-                probability=before.probability * own.probability,
-                slugs=before.slugs + own.slugs,
-                components=() if own.name == UNKNOWN_KIND else _together(before.components, own.components),
-                sigma={**before.sigma, **own.sigma},
+                name="; ".join(filter(None, (before.name, label + one.name))),
+                probability=before.probability * one.probability,
+                slugs=before.slugs + one.slugs,
+                components=() if one.name == UNKNOWN_KIND else _together(before.components, one.components),
+                sigma={**before.sigma, **one.sigma},
             )
-            for before in found
-            for own in group
+            for before in likeliest
+            for one in group
         ]
         # The likeliest of all are likely in every part.
-        found = sorted(both, key=lambda e: -e.probability)[:JOINED]
-    return tuple(e for e in found if e.probability >= LEAST_EXPLAINED * found[0].probability)
+        likeliest = sorted(both, key=lambda e: -e.probability)[:JOINED]
+    return tuple(e for e in likeliest if e.probability >= LEAST_EXPLAINED * likeliest[0].probability)
 
 
 def _components(

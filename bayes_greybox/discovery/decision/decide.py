@@ -166,7 +166,7 @@ def _without_effects(
     """
 
     def log_weight(h: Hypothesis) -> float:
-        if code not in (UNKNOWN_KIND, probabilities.says(h)):
+        if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):
             return -np.inf
         return h.log_weight + float(np.log(max(part(probabilities, h), 1e-300)))
 

@@ -61,22 +61,22 @@ class Probabilities:
         """
         regressors = self.weighed.table.regressors
         sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
-        found = [
+        discounted = [
             (regressors[i], 1.0 if kind == CORRECTION else trusted(size, left, against))
             for i, size, left, against in sizes
             if regressors[i].kind == kind
         ]
         if kind != EFFECT or not stacking:
-            return found
-        effects, discount = [each for each, _ in found], 1 - self.criteria.stacked
-        return [(each, trust * (discount if _is_stacked(each, effects) else 1.0)) for each, trust in found]
+            return discounted
+        effects, discount = [each for each, _ in discounted], 1 - self.criteria.stacked
+        return [(each, trust * (discount if _is_stacked(each, effects) else 1.0)) for each, trust in discounted]
 
     def effects(self, hypothesis: Hypothesis) -> tuple[str, ...]:
         """Return the labels of a hypothesis's effects, sorted."""
         regressors = self.weighed.table.regressors
         return tuple(sorted(regressors[i].group for i in hypothesis.members if regressors[i].kind == EFFECT))
 
-    def says(self, hypothesis: Hypothesis) -> str:
+    def kind_of(self, hypothesis: Hypothesis) -> str:
         """Return the kind of a hypothesis without a discrepancy beside it."""
         kinds = {self.weighed.table.regressors[i].kind for i in hypothesis.members}
         if EFFECT in kinds:
@@ -90,24 +90,24 @@ class Probabilities:
     @cached_property
     def by_kind(self) -> dict[str, float]:
         """Return the probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
-        found: dict[str, float] = dict.fromkeys((*STOPS, EFFECTS), 0.0)
+        shares: dict[str, float] = dict.fromkeys((*STOPS, EFFECTS), 0.0)
         for h in self.weighed.hypotheses:
             effects = self.members(h, EFFECT)
             real = max((trust for _, trust in effects), default=1 - self.remains(h))
-            found[self.says(h)] += real * h.probability
-            found[UNKNOWN_KIND] += (1 - real) * h.probability
-        return found
+            shares[self.kind_of(h)] += real * h.probability
+            shares[UNKNOWN_KIND] += (1 - real) * h.probability
+        return shares
 
     def _by(self, kind: str, key: Callable[[Regressor], str], stacking: bool = True) -> dict[str, Share]:
         """Return the shares of regressors of one kind by a key; of several in one hypothesis the surest counts."""
-        found = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
+        shares = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
         for h in self.weighed.hypotheses:
             surest: dict[str, float] = {}
             for each, trust in self.members(h, kind, stacking):
                 surest[key(each)] = max(surest.get(key(each), 0.0), trust)
             for name, trust in surest.items():
-                found[name] = found[name].plus(h, trust)
-        return likeliest_first(found)
+                shares[name] = shares[name].plus(h, trust)
+        return likeliest_first(shares)
 
     @cached_property
     def by_effect(self) -> dict[str, Share]:
@@ -137,13 +137,13 @@ class Probabilities:
     @cached_property
     def by_set(self) -> dict[tuple[str, ...], Share]:
         """Return the shares of sets of effects, each discounted as its surest effect, likeliest first."""
-        found: dict[tuple[str, ...], Share] = {}
+        shares: dict[tuple[str, ...], Share] = {}
         for h in self.weighed.hypotheses:
             effects = self.members(h, EFFECT)
             if effects:
                 key = self.effects(h)
-                found[key] = found.get(key, Share()).plus(h, max(trust for _, trust in effects))
-        return likeliest_first(found)
+                shares[key] = shares.get(key, Share()).plus(h, max(trust for _, trust in effects))
+        return likeliest_first(shares)
 
     @cached_property
     def by_discrepancy(self) -> dict[str, float]:
@@ -154,20 +154,20 @@ class Probabilities:
     @cached_property
     def by_memory(self) -> dict[str, float]:
         """Return the probabilities of discrepancies with memory, by the memory, largest first."""
-        found = {
+        shares = {
             memory: sum(h.probability * h.memories.get(memory, 0.0) for h in self.weighed.hypotheses)
             for memory in self.weighed.table.memories
         }
-        return dict(sorted(found.items(), key=lambda item: -round(item[1], 6)))
+        return dict(sorted(shares.items(), key=lambda item: -round(item[1], 6)))
 
     @cached_property
     def by_shape(self) -> dict[int, float]:
         """Return the probabilities of the noise shapes, by number; 0 is white and normal."""
-        found: dict[int, float] = {}
+        shares: dict[int, float] = {}
         for h in self.weighed.hypotheses:
             for share, point in zip(h.points, self.weighed.grid.points, strict=True):
-                found[point.shape] = found.get(point.shape, 0.0) + h.probability * float(share)
-        return found
+                shares[point.shape] = shares.get(point.shape, 0.0) + h.probability * float(share)
+        return shares
 
 
 def _is_stacked(effect: Regressor, effects: Iterable[Regressor]) -> bool:

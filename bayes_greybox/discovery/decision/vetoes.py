@@ -70,7 +70,7 @@ def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[st
         if key[1] == FAILURE or (key[1] == FREE_RUN and not np.isnan(row["before"]))
     ]  # fmt: skip
     rows = [each for each in rows if each[0][0] == "test"] or rows
-    found = []
+    keys = []
     for key, row in rows:
         if key[1] == FREE_RUN:
             worse = row["after"] > row["before"] + max(criteria.worse * row["before"], criteria.integrator)
@@ -81,8 +81,8 @@ def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[st
             )
             worse = after < (1 - criteria.worse) * before and (upper < before or not np.isfinite(before))
         if worse:
-            found.append(key)
-    return tuple(found)
+            keys.append(key)
+    return tuple(keys)
 
 
 def left_over(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> dict[str, float]:

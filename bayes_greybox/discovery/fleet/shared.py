@@ -184,10 +184,10 @@ class Fleet:
 
 def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]) -> Fleet:
     """Put studies together."""
-    found = [_study(name, record) for name, record in records.items()]
-    found += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
-    found.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
-    return Fleet(tuple(found), tuple(_shared(records)))
+    assets = [_study(name, record) for name, record in records.items()]
+    assets += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
+    assets.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
+    return Fleet(tuple(assets), tuple(_shared(records)))
 
 
 def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
@@ -234,13 +234,13 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
             if effect["status"] not in (ADDED, POSSIBLE) and effect["slug"] not in tied[effect["equation"]]:
                 continue
             alike = groups[effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0]]
-            own = next((group for group in alike if _one_formula(group[0].effect, effect)), None)
-            if own is None:
-                alike.append(own := [])
-            own.append(_Lack(name, effect, _sure(record, effect)))
+            group = next((group for group in alike if _one_formula(group[0].effect, effect)), None)
+            if group is None:
+                alike.append(group := [])
+            group.append(_Lack(name, effect, _sure(record, effect)))
     every = [group for alike in groups.values() for group in alike]
-    found = [_of_effect(group) for group in every if any(each.added for each in group)]
-    return sorted(found, key=lambda each: (-len(each.assets), -len(each.likely), each.equation, each.slug))
+    effects = [_of_effect(group) for group in every if any(each.added for each in group)]
+    return sorted(effects, key=lambda each: (-len(each.assets), -len(each.likely), each.equation, each.slug))
 
 
 def _formula(effect: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:

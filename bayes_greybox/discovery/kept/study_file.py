@@ -106,6 +106,6 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
-    found = StudyResult(**{**values, **models, "fit": fit})
-    require_kinds(found)
-    return found
+    study = StudyResult(**{**values, **models, "fit": fit})
+    require_kinds(study)
+    return study

@@ -69,8 +69,8 @@ def usual_candidates(
 def _corners(data: Trajectories, amplitudes: Sequence[float]) -> list[dict[str, float]]:
     """Return each state at either end of its range with the others in the middle, and all of them at the same end."""
     middle = {name: 0.5 * float(np.min(x) + np.max(x)) for name, x in data.states.items()}
-    found = []
+    starts = []
     for factor in (sign * amplitude for amplitude in amplitudes for sign in (1.0, -1.0)):
         moved = {name: middle[name] + factor * 0.5 * float(np.ptp(x)) for name, x in data.states.items()}
-        found += [{**middle, name: moved[name]} for name in middle] + ([moved] if len(middle) > 1 else [])
-    return found
+        starts += [{**middle, name: moved[name]} for name in middle] + ([moved] if len(middle) > 1 else [])
+    return starts

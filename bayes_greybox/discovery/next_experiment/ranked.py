@@ -59,7 +59,7 @@ class NextExperiment:
 
 
 def usual_sensors(study: StudyResult) -> dict[str, float]:
-    """Return the noise of the sensors as a study found it: of rates by equation, or of the sampled states.
+    """Return the noise of the sensors in a study: of rates by equation, or of the sampled states.
 
     Raises:
         InputError: Samples that show no noise.
@@ -68,11 +68,11 @@ def usual_sensors(study: StudyResult) -> dict[str, float]:
         return next((dict(e.sigma) for e in joined(study.explanations) if e.components), {})
     samples = study.train.samples or study.train
     noise = sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)
-    found = {name: float(sd) for name, sd in zip(samples.state_names, noise, strict=True)}
-    if unseen := [name for name, sd in found.items() if not sd > 0]:
+    sensors = {name: float(sd) for name, sd in zip(samples.state_names, noise, strict=True)}
+    if unseen := [name for name, sd in sensors.items() if not sd > 0]:
         say = f"state its standard deviation, next_experiment(sensors={{{unseen[0]!r}: ...}})."
         raise InputError(f"The samples of {unseen[0]!r} show no noise of their own: {say}")
-    return found
+    return sensors
 
 
 def rank(
@@ -95,7 +95,7 @@ def rank(
     about = pd.DataFrame(rows, columns=["name", "probability", "predicts"])
     if len(predicting) < 2:
         return NextExperiment(pd.DataFrame(), (), Information(0.0), 0.0, about, _alone(every))
-    # As the study weighed it: coefficients are what is left beside means that are stated.
+    # As the study weighed it: coefficients are differences from stated means.
     simulation = study.base.centred().simulator(study.train).rounded(study.train.columns)
     check_runs(simulation, study.train, study.explanations)
     if candidates is None:
@@ -105,20 +105,24 @@ def rank(
     for each in candidates:
         check_candidate(each, simulation)
     predictor = Predictor(predicting, simulation, study.train, study.base.rows.rates_measured, outcomes, seed)
-    found, finer = predictor.predict(candidates), replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1)
+    responses, finer = (
+        predictor.predict(candidates),
+        replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1),
+    )
     while True:
-        able = [i for i, each in enumerate(found) if each.fails <= FAILS]
-        picked = _picked(found, able, batch, predictor.probability)
-        # What few runs do not show: one in fifty that fails.
+        able = [i for i, each in enumerate(responses) if each.fails <= FAILS]
+        picked = _picked(responses, able, batch, predictor.probability)
+        # Few runs do not show that one in fifty fails.
         for i, each in zip(picked, finer.predict([candidates[i] for i in picked]), strict=True):
-            found[i] = each
-        if all(found[i].fails <= FAILS for i in picked):
+            responses[i] = each
+        if all(responses[i].fails <= FAILS for i in picked):
             break
-    p, remarks = predictor.probability, [_remarks(each) for each in found]
-    bits, alone = _bits_of([found[i] for i in picked], p), [_bits_of([each], p) for each in found]
+    p, remarks = predictor.probability, [_remarks(each) for each in responses]
+    bits, alone = _bits_of([responses[i] for i in picked], p), [_bits_of([each], p) for each in responses]
     table = pd.DataFrame({
         "candidate": [each.name for each in candidates], "information": alone, "error": 0.0,
-        "reach": [max(each.reach.values()) for each in found], "fails": [each.fails for each in found], "said": remarks,
+        "reach": [max(each.reach.values()) for each in responses], "fails": [each.fails for each in responses],
+        "said": remarks,
     })  # fmt: skip
     table = table.sort_values("information", ascending=False, kind="stable", ignore_index=True)
     chosen = tuple(candidates[i] for i in picked) if bits >= max(threshold, ROUNDING_BITS) else ()
@@ -129,7 +133,7 @@ def rank(
     left = ", ".join(f"{e.name} (probability {e.probability:.2f})" for e in every if not e.components)
     text += f" Mind: {mind}." if mind else ""
     text += f" Nothing is predicted under {left}, which is left out." if left else ""
-    return NextExperiment(table, chosen, Information(bits), total, about, text, tuple(found[i] for i in picked))
+    return NextExperiment(table, chosen, Information(bits), total, about, text, tuple(responses[i] for i in picked))
 
 
 def _bits_of(each: Sequence[Responses], p: np.ndarray) -> float:
@@ -138,11 +142,11 @@ def _bits_of(each: Sequence[Responses], p: np.ndarray) -> float:
     return information([list(map(together, zip(*own, strict=True))) for own in by_path], p) if each else 0.0
 
 
-def _picked(found: Sequence[Responses], able: Sequence[int], batch: int, p: np.ndarray) -> list[int]:
+def _picked(responses: Sequence[Responses], able: Sequence[int], batch: int, p: np.ndarray) -> list[int]:
     """Return experiments chosen one after another, each the best beside those before it."""
     picked: list[int] = []
     while len(picked) < min(batch, len(able)):
-        beside = {i: _bits_of([found[k] for k in (*picked, i)], p) for i in able if i not in picked}
+        beside = {i: _bits_of([responses[k] for k in (*picked, i)], p) for i in able if i not in picked}
         picked.append(max(beside, key=lambda i, bits=beside: bits[i]))
     return picked
 

@@ -37,6 +37,10 @@ def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collec
         return np.broadcast_to(rate, np.shape(next(iter(columns.values()))))[:, None]
 
     scale = regressors.target_scale
-    found = linearity_of_paths(rows, added, scale * after.sigma[pick], scale * errors)
-    text = "" if found.ok else f"{found.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
-    return [Check("linearity", math.nan, text, found.khat)]
+    linearity = linearity_of_paths(rows, added, scale * after.sigma[pick], scale * errors)
+    text = (
+        ""
+        if linearity.ok
+        else f"{linearity.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
+    )
+    return [Check("linearity", math.nan, text, linearity.khat)]

@@ -128,7 +128,7 @@ class FreeRuns:
         holds = band_holds(INTERVAL, sources)
         paths, errors = _compared(data, measured_after, states, n_before, holds)
         rows = [(part, *row) for row in (*errors, *_failures(data, failed_at, n_before))]
-        # Hidden states of an effect are its own: nobody looks for them in the model before.
+        # Hidden states of an effect are no part of the model before, and are not shown.
         shown = {name: path for name, path in paths.items() if name not in self.hidden}
         return shown, [row for row in rows if row[2] not in self.hidden]
 
