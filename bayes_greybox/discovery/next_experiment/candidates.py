@@ -61,8 +61,7 @@ def usual_candidates(
     begun = [{name: float(x[i]) for name, x in data.states.items()} for i in firsts]
     if starts is None:
         starts = begun if driven else _corners(data, amplitudes)
-    full = [{**begun[0], **start} for start in starts]
-    pairs = product(driven or [still], full)
+    pairs = product(driven or [still], [{**begun[0], **start} for start in starts])
     return tuple(Candidate(inputs, start, duration, rows, sensors) for inputs, start in pairs)
 
 

@@ -56,5 +56,5 @@ def distance(one: Response, other: Response) -> float:
 
 def information(responses: Sequence[Sequence[Response]], p: Float[np.ndarray, " n"]) -> float:
     """Return the information in bits, of predictions of all hypotheses along the path of each, by probabilities p."""
-    overlaps = [[np.exp(-distance(own[i], other)) for other in own] for i, own in enumerate(responses)]
+    overlaps = [[np.exp(-distance(each[i], other)) for other in each] for i, each in enumerate(responses)]
     return float(-p @ np.log2(np.array(overlaps) @ p))

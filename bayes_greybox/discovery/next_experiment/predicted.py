@@ -18,14 +18,11 @@ from bayes_greybox.physics.units import derivative_unit
 
 from .information import Response
 
-SMALL_STEP = 0.1
-"""Standard deviations over which derivatives are taken."""
+SMALL_STEP, UNSEEN_START = 0.1, 0.05
+"""Standard deviations over which derivatives are taken; deviation of an unseen start, over its range in the data."""
 
-FAILED_SIZE, UNSEEN_START = 1e3, 0.05
-"""Size of a state that has failed, over its largest in the data; deviation of an unseen start, over its range there."""
-
-SIDE_BY_SIDE = 4_000_000
-"""Largest number of samples of paths that are simulated side by side: memory."""
+FAILED_SIZE, SIDE_BY_SIDE = 1e3, 4_000_000
+"""Size of a state that has failed, over its largest in the data; most samples simulated side by side: memory."""
 
 
 @dataclass(frozen=True)
@@ -172,14 +169,14 @@ class Predictor:
                 whole = np.mean(np.isfinite(values), axis=0) >= INTERVAL
                 bands[name][h][:, whole] = np.nanquantile(values[:, whole], quantiles, axis=0)
         fails = float(np.max(np.mean(~np.all(np.isfinite(drawn), axis=(2, 3)), axis=1)))
-        every, u = np.concatenate(drawn), {name: s.value(candidate.times)[None] for name, s in candidate.inputs.items()}
-        reach = {name: _reach(self.data.states[name], every[..., i]) for i, name in enumerate(self.simulation.states)}
-        reach |= {name: _reach(self.data.inputs[name], value) for name, value in u.items()}
+        runs = dict(zip(self.simulation.states, np.moveaxis(np.concatenate(drawn), -1, 0), strict=True))
+        runs |= {name: signal.value(candidate.times)[None] for name, signal in candidate.inputs.items()}
+        reach = {name: _reach(self.data.column(name), values) for name, values in runs.items()}
         units = {name: self.data.units.get(name, "") for name in ("t", *bands)}
         units |= {name: derivative_unit(name, self.data.units) for name in bands if self.rates}
         labels = {name: derivative_label(name) if self.rates else name for name in bands}
-        about = candidate, tuple(e.name for e in self.explanations), self.probability, bands, labels, units
-        return Responses(*about, responses, fails, reach, resolved)
+        names, p = tuple(e.name for e in self.explanations), self.probability
+        return Responses(candidate, names, p, bands, labels, units, responses, fails, reach, resolved)
 
 
 def _reach(measured: np.ndarray, values: np.ndarray) -> float:

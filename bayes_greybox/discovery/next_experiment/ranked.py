@@ -27,8 +27,6 @@ ALONE, BEYOND = 0.99, 1.1
 FAILS, MORE_OUTCOMES = 0.01, 4
 """Share of failing runs that rules a candidate out, and factor on the runs in which it is counted of the chosen."""
 
-STOPPED = "Under every candidate some runs fail: give smaller amplitudes or other starts."
-
 
 @dataclass(frozen=True)
 class NextExperiment:
@@ -54,7 +52,6 @@ class NextExperiment:
     responses: tuple[Responses, ...] = field(default=(), repr=False)
 
     def __repr__(self) -> str:
-        """Return the answer in words."""
         return f"NextExperiment: {self.sentence}"
 
 
@@ -70,8 +67,10 @@ def usual_sensors(study: StudyResult) -> dict[str, float]:
     noise = sample_noise(samples.time, samples.matrix(samples.state_names), samples.run_lengths)
     sensors = {name: float(sd) for name, sd in zip(samples.state_names, noise, strict=True)}
     if unseen := [name for name, sd in sensors.items() if not sd > 0]:
-        say = f"state its standard deviation, next_experiment(sensors={{{unseen[0]!r}: ...}})."
-        raise InputError(f"The samples of {unseen[0]!r} show no noise of their own: {say}")
+        raise InputError(
+            f"The samples of {unseen[0]!r} show no noise of their own: state its standard deviation, "
+            f"next_experiment(sensors={{{unseen[0]!r}: ...}})."
+        )
     return sensors
 
 
@@ -105,10 +104,8 @@ def rank(
     for each in candidates:
         check_candidate(each, simulation)
     predictor = Predictor(predicting, simulation, study.train, study.base.rows.rates_measured, outcomes, seed)
-    responses, finer = (
-        predictor.predict(candidates),
-        replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1),
-    )
+    responses = predictor.predict(candidates)
+    finer = replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1)
     while True:
         able = [i for i, each in enumerate(responses) if each.fails <= FAILS]
         picked = _picked(responses, able, batch, predictor.probability)
@@ -121,14 +118,15 @@ def rank(
     bits, alone = _bits_of([responses[i] for i in picked], p), [_bits_of([each], p) for each in responses]
     table = pd.DataFrame({
         "candidate": [each.name for each in candidates], "information": alone, "error": 0.0,
-        "reach": [max(each.reach.values()) for each in responses], "fails": [each.fails for each in responses],
-        "said": remarks,
+        "reach": [max(r.reach.values()) for r in responses], "fails": [r.fails for r in responses], "said": remarks,
     })  # fmt: skip
     table = table.sort_values("information", ascending=False, kind="stable", ignore_index=True)
     chosen = tuple(candidates[i] for i in picked) if bits >= max(threshold, ROUNDING_BITS) else ()
     total = float(-p @ np.log2(p))
     names, worth = ", ".join(e.name for e in predicting), f"{bits:.2f} of {total:.2f} bits"
-    text = _sentence(chosen, names, bits, worth, threshold) if able else STOPPED
+    text = "Under every candidate some runs fail: give smaller amplitudes or other starts."
+    if able:
+        text = _sentence(chosen, names, bits, worth, threshold)
     mind = "; ".join(dict.fromkeys(remarks[i] for i in picked if remarks[i] and chosen))
     left = ", ".join(f"{e.name} (probability {e.probability:.2f})" for e in every if not e.components)
     text += f" Mind: {mind}." if mind else ""
