@@ -284,7 +284,7 @@ def find_missing_effects(
         if test is not None:
             test = with_filter_of(test, train)
         if held is not None:
-            # Before the weighing, which takes longer than to be told that the draws are of something else.
+            # Compared before the weighing, which takes long.
             held.require("study", run_facts(model, train, sampling, test=data_facts(test), **settings.weighing))
         found = investigate(model, train, test, settings, progress)
         study = _amended(model, found, train)
@@ -309,7 +309,7 @@ def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
 
 def _sampled(study: Study, sampling: Sampling, checkpoint: Checkpoint | None, progress: bool) -> Study:
     """Return a study with the posterior of its amended model, or with the reason why there is none."""
-    # The answer is there; what follows gives its coefficients their posterior.
+    # The answer stands; sampling gives its coefficients their posterior.
     announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
     start = time.perf_counter()
     try:

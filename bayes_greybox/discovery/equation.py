@@ -111,7 +111,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     say("following the path with inputs that are held")
     held, near = replace(model, rows=model.rows.held()), as_given[1]
     point = near.point_of(near.likeliest)
-    # A delay is what lines between samples of held inputs look like.
+    # Lines between samples of held inputs look like a delay.
     start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
     # That inputs are held has the prior odds of any error of a channel.
     least = near.log_evidence - math.log(odds.suspect) + math.log1p(-odds.suspect)

@@ -203,7 +203,7 @@ def investigate(
         progress: If true, show progress.
 
     Raises:
-        InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
+        InputError: Data, model or catalogue that cannot be used; the message names the remedy.
     """
     started, settings = time.perf_counter(), settings or StudySettings()
     subject = Subject.of(model, train, test, settings.free_runs)

@@ -20,13 +20,13 @@ def usual_candidates(
     """Return experiments like those of the data, with other signals, amplitudes and starts.
 
     One input is driven at a time; the others are held in the middle of their range, and so is one that never moved in
-    the data. Frequencies lie between a few periods a run and what the states move at.
+    the data. Frequencies lie between a few periods a run and the band of the states.
 
     Args:
         data: Training data.
         sensors: Noise by channel.
         signals: Families of signals, keys of `SIGNALS`; all by default.
-        amplitudes: Amplitudes over half the range that the input had in the data: above 1 is beyond what was seen.
+        amplitudes: Amplitudes over half the range that the input had in the data: above 1 is beyond the data.
         starts: States at the start; by default where the first runs of the data began, and where no input moves
             corners of the states' range, `amplitudes` times as far from its middle.
         duration: Duration of each; that of the longest run by default.

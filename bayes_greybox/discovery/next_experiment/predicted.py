@@ -156,7 +156,7 @@ class Predictor:
 
     def _predicted(self, candidate: Candidate, paths: Sequence[np.ndarray], resolved: bool) -> Responses:
         """Return the predictions of all hypotheses for one candidate."""
-        # Given the path, rates are linear in the coefficients; what the path itself tells is not counted.
+        # Given the path, rates are linear in the coefficients; the information of the path itself is not counted.
         along = [[path] * len(paths) for path in paths] if self.rates else [paths] * len(paths)
         responses = [[self._response(h, candidate, own) for h, own in enumerate(each)] for each in along]
         bands = {name: np.full((len(paths), 3, candidate.rows), np.nan) for name in candidate.sensors}

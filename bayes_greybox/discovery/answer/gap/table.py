@@ -104,7 +104,7 @@ def _figures(
 
     figures = compared(metrics, draws)
     if amendment.discrepancy is not None and names_matter:
-        # f takes up whatever is left: the names' worth is theirs alone.
+        # f takes up any gap that is left: names are judged without it.
         figures |= compared({NAMES_ALONE: sizes.share}, _draws(rows, replace(amendment, discrepancy=None)))
     return figures
 
