@@ -1,4 +1,4 @@
-"""What a simulation is missing: find_missing_effects, and Study, its result, in users' hands."""
+"""The missing effects of a simulation: find_missing_effects, and Study, its result, in users' hands."""
 
 import json
 import os
@@ -17,9 +17,9 @@ from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
-from bayes_greybox.discovery.next_experiment.ranked import THRESHOLD, NextExperiment, rank
+from bayes_greybox.discovery.next_experiment.ranked import WORTH_DOING, NextExperiment, rank
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.study import StudyResult, investigate
+from bayes_greybox.discovery.study import StudyResult, StudySettings, investigate
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
@@ -45,7 +45,7 @@ from .greybox import Fit, GreyBox, fit_of, greybox_of
 
 @dataclass(frozen=True, repr=False)
 class Study(StudyResult):
-    """What is missing from a simulation, with the evidence; see `StudyResult` for its tables.
+    """The effects that a simulation lacks, with the evidence; see `StudyResult` for its tables.
 
     `fit` is None under settle=False: nothing was sampled. Tables are those of the noise grid either way;
     `study.model.fit(study.train)` samples the amended model.
@@ -61,15 +61,15 @@ class Study(StudyResult):
         return sentence(self)
 
     def record(self) -> dict[str, Any]:
-        """Verdict, its sentence, tables and settings as plain values, ready for JSON."""
+        """Return verdict, sentence, tables and settings as plain values, ready for JSON."""
         return {"verdict": self.verdict, "sentence": self.sentence, **super().record()}
 
     def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
-        """Free runs of the model before and after over other data, by state.
+        """Return free runs of the model before and after over other data, by state.
 
         Args:
             data: Times, starts and inputs to follow; samples alone start where the path through them does.
-            interpolation: Of the inputs between samples, as in `find_missing_effects`.
+            interpolation: Interpolation of the inputs between samples, as in `find_missing_effects`.
 
         Raises:
             InputError: A state has no equation to integrate; only outputs were studied.
@@ -89,26 +89,26 @@ class Study(StudyResult):
         return paths
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Right-hand sides of the amended model by state or output; as `Fit.to_sympy`.
+        """Return right-hand sides of the amended model by state or output; as `Fit.to_sympy`.
 
         Coefficients are those of the study's tables, as free runs and figures have them; those of NUTS are
-        `study.fit.to_sympy()`. f is in an equation where something is left that has no name.
+        `study.fit.to_sympy()`. f is in an equation if a discrepancy without a name remains in it.
         """
         return studied_system(self).to_sympy()
 
     def to_latex(self) -> str:
-        """The amended model in LaTeX; as `Fit.to_latex`."""
+        """Return the amended model in LaTeX; as `Fit.to_latex`."""
         return equations_latex(studied_system(self))
 
     def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """The right-hand side of the amended model as a function `rates(t, x, u)`; as `Fit.to_callable`.
+        """Return the right-hand side of the amended model as a function `rates(t, x, u)`; as `Fit.to_callable`.
 
         Each of the draws has inner parameters of its own.
 
         Args:
             backend: "numpy" or "jax".
             draws: Posterior draws along a first axis; None: the equation that `print(study)` shows.
-            discrepancy: Whether what is left without a name is added, where there is something.
+            discrepancy: If true, add the discrepancy without a name, if there is one.
 
         Raises:
             InputError: An unknown backend; more draws than there are.
@@ -118,22 +118,22 @@ class Study(StudyResult):
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the amended model as a program; as `Fit.export`.
 
-        Hidden states of effects with memory are states of it. What was found of the sensors is said in the header, and
-        is no part of the equations.
+        Hidden states of effects with memory are states of it. Errors of the sensors stand in its header and are no part
+        of the equations.
 
         Raises:
-            InputError: As of `Fit.export`.
+            InputError: See `Fit.export`.
         """
         system = studied_system(self)
-        f = [name for name, each in system.learned.items() if each.discrepancy is not None and each.discrepancy.left]
+        open_ended = [name for name, each in system.learned.items() if each.discrepancy and each.discrepancy.left]
         remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
-        left = dict.fromkeys(f, "what is left that has no name")
-        known = self.model.states(self.train)
+        left = dict.fromkeys(open_ended, "what is left that has no name")
+        states = self.model.states(self.train)
         starts = {} if self.fit is None else estimated_starts(self.fit)
-        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, known, starts))
+        export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, states, starts))
 
     def to_json(self) -> str:
-        """The amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
+        """Return the amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
         return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def next_experiment(
@@ -142,18 +142,18 @@ class Study(StudyResult):
         *,
         sensors: Mapping[str, float] | None = None,
         batch: int = 1,
-        threshold: float = THRESHOLD,
+        threshold: float = WORTH_DOING,
         outcomes: int = 64,
         seed: int = 0,
         **usual: Any,
     ) -> NextExperiment:
-        """What to measure next, by the information that it is expected to give about the explanation.
+        """Return the experiment to do next, by the information that it is expected to give about the explanation.
 
         Args:
-            candidates: What could be done; by default `usual_candidates` of the training data.
+            candidates: Experiments to choose from; by default `usual_candidates` of the training data.
             sensors: Noise by channel of the default candidates; by default as in the data.
             batch: Experiments to do together, chosen one after another.
-            threshold: Bits below which none is worth it.
+            threshold: Bits below which no experiment is worth doing.
             outcomes: Runs simulated for each explanation, for bands and for failures; the information is a closed form.
             seed: Seed of these runs.
             **usual: Signals, amplitudes, starts, duration and rows of `usual_candidates`.
@@ -184,12 +184,12 @@ class Study(StudyResult):
         study_html(self, path)
 
     def __repr__(self) -> str:
-        """The verdict in words, and the equations of the amended model."""
+        """Return the verdict in words, and the equations of the amended model."""
         return f"Study: {self.verdict}\n{self.sentence}\n{equations_text(studied_system(self))}"
 
 
 def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Any:
-    """Read what `Fit.save` or `Study.save` wrote.
+    """Read a file of `Fit.save` or `Study.save`.
 
     Args:
         path: The netCDF file.
@@ -199,16 +199,19 @@ def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None)
         A `Fit`, or a `Study` with its tables and its fit. A study's file of version 0.1.0 holds the fit alone.
 
     Raises:
-        InputError: No such file, or nothing saved by this package; a function is needed.
+        InputError: No such file, or no file of this package; a function is needed.
     """
     tree = netcdf.read(path)
     with made_of(path):
         if not holds_study(tree):
             return fit_of(checked_of(tree, simulation))
         found = study_of(tree, simulation)
-    parts = {field.name: getattr(found, field.name) for field in fields(found)}
     fit = None if found.fit is None else fit_of(found.fit)
-    return Study(**{**parts, "base": greybox_of(found.base), "model": greybox_of(found.model), "fit": fit})
+    return _study(found, base=greybox_of(found.base), model=greybox_of(found.model), fit=fit)
+
+
+def _study(found: StudyResult, **changed: Any) -> Study:
+    return Study(**{field.name: getattr(found, field.name) for field in fields(found)} | changed)
 
 
 def find_missing_effects(
@@ -233,95 +236,94 @@ def find_missing_effects(
     resume: bool = False,
     checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> Study:
-    """Find what a simulation lacks: where it disagrees with the data, which effect is missing, and the gap after.
+    """Find the effects that a simulation lacks: where it disagrees with the data, which effect, and the gap after.
 
-    The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
-    model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
-    evidence (see `discovery.grid`), all beside an unknown force in time and a law of the states.
+    The simulation is believed: the coefficients of its additive terms change only if the data say so. Terms of the
+    model's dictionary are free: their coefficients are learned in every hypothesis. Hypotheses are weighed by their
+    evidence (see `discovery.grid`), all beside a latent force in time and a law of the states.
 
     Args:
-        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` says what f
-            depends on.
+        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` has the
+            variables of f.
         train: Measurements with the rates of the equations in question, or with the outputs.
-        test: Measurements that no explanation is weighed on: they show what became of the gap, and may only speak
-            against the answer. Where the training data were differentiated and these are not, they are, by the same
-            filter.
+        test: Measurements that no hypothesis is weighed on: they show the gap after, and may only speak against the
+            answer. If the training data were differentiated and these are not, they are, by the same filter.
         catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
             these; [] weighs no effect, but the sensors, the simulation's coefficients and a gap without a name.
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
-        negligible: RMS of what remains without a name, over that of the modelled rate, below which simulation and
+        negligible: RMS of a discrepancy without a name, over that of the modelled rate, below which simulation and
             measurement agree in practice.
-        odds: Prior probabilities of the explanations.
-        settle: Whether to sample the amended model by NUTS. With False `study.fit` is None; tables, figures and page
-            need no sampling.
-        free_runs: Whether to integrate simulation and amended model over the data.
-        interpolation: Of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for all or one
-            for each. By default each input's own, linear or cubic, whichever predicts its samples better.
+        odds: Prior probabilities of the hypotheses.
+        settle: If true, sample the amended model by NUTS. If false, `study.fit` is None; tables, figures and page need
+            no sampling.
+        free_runs: If true, integrate simulation and amended model over the data.
+        interpolation: Interpolation of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for
+            all or one for each. By default each input's own, linear or cubic, whichever predicts its samples better.
         draws: Draws a chain of the amended model.
         tune: Warm-up iterations of each chain.
         chains: Chains.
-        progress: Whether to show progress.
+        progress: If true, show progress.
         checkpoint: A folder that keeps the chains of the amended model while they run; it goes when the study is there.
-        resume: Whether the chains in that folder go on; explanations are weighed again, with the same outcome.
+        resume: If true, the chains in that folder go on; hypotheses are weighed again, with the same outcome.
         checkpoint_every: Seconds between two times that a chain is kept.
 
     Raises:
-        InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
+        InputError: Data, model or catalogue that cannot be used; the message names the remedy.
     """
     keep_programs()
     make_room()
+    settings = StudySettings(
+        catalogue, roles, effects_at_most, negligible, odds, free_runs, interpolation, seed, settle
+    )  # fmt: skip
+    sampling = Sampling(draws, tune, chains, seed)
     with given_checkpoint(checkpoint, resume, checkpoint_every) as held, stages(progress):
-        return _found(
-            model, train, test, settle=settle, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
-            catalogue=catalogue, roles=roles, effects_at_most=effects_at_most, negligible=negligible, odds=odds,
-            free_runs=free_runs, interpolation=interpolation, checkpoint=held,
-        )  # fmt: skip
+        started = time.perf_counter()
+        model = model.on(train)
+        if test is not None:
+            test = with_filter_of(test, train)
+        if held is not None:
+            # Compared before the weighing, which takes long.
+            held.require("study", run_facts(model, train, sampling, test=data_facts(test), **settings.weighing))
+        found = investigate(model, train, test, settings, progress)
+        study = _amended(model, found, train)
+        if settle:
+            study = _sampled(study, sampling, held, progress)
+        seconds = {**study.settings["seconds"], "total": time.perf_counter() - started}
+        return replace(study, settings={**study.settings, "seconds": seconds})
 
 
-def _found(
-    model: GreyBox, train: Trajectories, test: Trajectories | None, *, settle: bool, draws: int, tune: int, chains: int,
-    seed: int, progress: bool, checkpoint: Checkpoint | None, **weighing: Any,
-) -> Study:  # fmt: skip
-    started = time.perf_counter()
-    model = model.on(train)
-    if test is not None:
-        test = with_filter_of(test, train)
-    if checkpoint is not None:
-        # Before the weighing, which takes longer than to be told that the draws are of something else.
-        facts = run_facts(model, train, Sampling(draws, tune, chains, seed), test=data_facts(test), **weighing)
-        checkpoint.require("study", facts)
-    found = investigate(model, train, test, seed=seed, settle=settle, progress=progress, **weighing)
+def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
+    """Return a study with the amended model as the user's, not sampled yet."""
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
-    # What inputs do between their samples may have been found.
-    model = replace(model, rows=found.base.rows)
-    amended = replace(model, dictionary=found.model.dictionary, noise=found.model.noise)
-    # What the path was found along beside them is no part of the answer.
-    amended = amended.remembering(hidden_used(found.model.dictionary, hidden), found.train)
+    dictionary = found.model.dictionary
+    # The study may have found how inputs go between their samples.
+    amended = replace(model, rows=found.base.rows, dictionary=dictionary, noise=found.model.noise)
+    amended = amended.remembering(hidden_used(dictionary, hidden), found.train)
+    # Other states of the path that the study followed are no part of the answer.
     known = amended.states(train)
     states = {name: column for name, column in found.corrected.states.items() if name in known}
-    found = replace(found, corrected=replace(found.corrected, states=states))
-    fit, seconds = None, dict(found.settings["seconds"])
-    if settle:
-        # The answer is there; what follows gives its coefficients their posterior.
-        announce(f"{found.verdict.upper()}: {sentence(found)}", answer=True)
-        start = time.perf_counter()
-        try:
-            fit = amended.fit(
-                found.corrected, draws=draws, tune=tune, chains=chains, seed=seed, progress=progress,
-                checkpoint=checkpoint,
-            )  # fmt: skip
-        except InputError as error:
-            # What the study found stands.
-            if not found.model.rows.follows_path:
-                raise
-            found = replace(found, warnings=(*found.warnings, f"The amended model was not sampled. {error}"))
-        else:
-            # The fit's own model: it may have been given more features.
-            amended = replace(amended, discrepancy=fit.model.discrepancy)
-        seconds["sample"] = time.perf_counter() - start
-    seconds["total"] = time.perf_counter() - started
-    parts = {field.name: getattr(found, field.name) for field in fields(found)}
-    settings = {**found.settings, "seconds": seconds}
-    return Study(**{**parts, "model": amended, "fit": fit, "settings": settings})
+    return _study(found, model=amended, fit=None, corrected=replace(found.corrected, states=states))
+
+
+def _sampled(study: Study, sampling: Sampling, checkpoint: Checkpoint | None, progress: bool) -> Study:
+    """Return a study with the posterior of its amended model, or with the reason why there is none."""
+    # The answer stands; sampling gives its coefficients their posterior.
+    announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
+    start = time.perf_counter()
+    try:
+        fit = study.model.fit(
+            study.corrected, draws=sampling.draws, tune=sampling.tune, chains=sampling.chains, seed=sampling.seed,
+            progress=progress, checkpoint=checkpoint,
+        )  # fmt: skip
+    except InputError as error:
+        # The study's answer stands.
+        if not study.model.rows.follows_path:
+            raise
+        study = replace(study, warnings=(*study.warnings, f"The amended model was not sampled. {error}"))
+    else:
+        # The fit's own model: it may have been given more features.
+        study = replace(study, fit=fit, model=replace(study.model, discrepancy=fit.model.discrepancy))
+    seconds = {**study.settings["seconds"], "sample": time.perf_counter() - start}
+    return replace(study, settings={**study.settings, "seconds": seconds})

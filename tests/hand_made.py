@@ -68,15 +68,14 @@ def with_hypotheses(near: Near, given: Mapping[str, float | tuple[float, float]]
 def place_of(near: Near, index: int, tied: Sequence[str] = (), share: float = 0.7) -> Place:
     """One effect of an answer."""
     effect = near.column(index).effect
-    family = effect.effect.family or effect.slug
-    return Place(effect.label, effect.slug, Share(share, share), tuple(tied), 0.9, family, Share(share, share))
+    return Place(effect.label, effect.slug, Share(share, share), tuple(tied))
 
 
 def answer(near: Near, code: str, base: Sequence[int] = (), ties: Sequence[Sequence[str]] | None = None) -> Verdict:
     """A verdict with the effects of these columns."""
     places = tuple(place_of(near, i, tied) for i, tied in zip(base, ties or ((),) * len(base), strict=True))
     probabilities = Probabilities(near.weighed, Criteria())
-    return Verdict(code, places, near.likeliest, (), 0.0, 0.0, 0.0, probabilities=probabilities)
+    return Verdict(code, places, near.likeliest, (), 0.0, 0.0, probabilities=probabilities)
 
 
 def study_of(near: Near, code="named", base=(), draws=None, inner=None, ties=None, checks=(), sigma=0.05):

@@ -12,7 +12,7 @@ import bayes_greybox as bg
 from bayes_greybox import cli
 from bayes_greybox.config import load_config
 from bayes_greybox.criticism.convergence import MIN_ESS, convergence_table
-from bayes_greybox.discovery.studied import studied_equations
+from bayes_greybox.discovery.subject import studied_equations
 
 N = 600
 T = np.arange(N) * 0.02

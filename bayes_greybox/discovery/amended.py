@@ -16,60 +16,61 @@ from bayes_greybox.physics.terms import Term
 from .answer.equation_study import EquationStudy
 from .grid.noise.points import LATENT_FORCE, SENSOR_NOISE
 from .regressors.columns import Column
+from .regressors.regressors import CORRECTION, FREE
 
 
 def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
-    """The model with the simulation's terms and the found effects as its dictionary, beside its own terms."""
+    """Return the model with the simulation's terms and the added effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
-    for name, found in findings.items():
-        known = found.regressors
-        own = [known.columns[i].formula for i in (*known.of_kind("free"), *known.of_kind("correction"))]
-        n_own = len(found.coefficients.indices) - len(found.verdict.labels)
-        base = found.coefficients.indices[n_own:]
-        added = [_formula(known.columns, i, found.amendment.hidden) for i in base]
+    for name, study in findings.items():
+        regressors, indices = study.regressors, study.coefficients.indices
+        plain = [regressors.columns[i].formula for i in (*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION))]
+        base = indices[len(indices) - len(study.verdict.labels) :]
+        added = [_formula(regressors.columns, i, study.amendment.hidden) for i in base]
+        fixed: list[Term] = []
+        if stated := model.coefficients.get(name, {}):
+            parts = stated_terms(model.dictionary[name], stated, tuple(regressors.rows.columns), name)
+            fixed = [term for term, _ in parts.fixed]
+            # The study's own terms are without their stated priors, which a copy of the dictionary should have.
+            by_name = {term.name: term for term in parts.all.terms}
+            plain = [by_name.get(term.name, term) for term in plain]
         # A dictionary needs a term; an offset is the least that can be asked for.
-        stated = model.coefficients.get(name, {})
-        parts = stated_terms(model.dictionary[name], stated, tuple(known.rows.columns), name) if stated else None
-        given = parts.fixed if parts is not None else []
-        # The study's own terms are without what they state, which a copy of the dictionary should have.
-        said = {term.name: term for term in parts.all.terms} if parts is not None else {}
-        own = [said.get(term.name, term) for term in own]
-        dictionary[name] = [*(term for term, _ in given), *([*own, *added] or [Term("1")])]
+        terms = [*fixed, *([*plain, *added] or [Term("1")])]
         # A term of the dictionary is a plain formula: its hidden states are the simulation's.
-        dictionary[name] = [replace(term, states=()) for term in dictionary[name]]
-        model = model if found.amendment.rows is None else replace(model, rows=found.amendment.rows)
-        model = model.remembering(found.amendment.hidden, train)
-    named = {name for found in findings.values() for name in _noise(found)}
-    if any(found.source.n_sensor > 1 for found in findings.values()):
+        dictionary[name] = [replace(term, states=()) for term in terms]
+        model = model if study.amendment.rows is None else replace(model, rows=study.amendment.rows)
+        model = model.remembering(study.amendment.hidden, train)
+    kinds = {name for study in findings.values() for name in _noise(study)}
+    if any(study.source.n_sensor > 1 for study in findings.values()):
         # Of several sensors' samples noise of a kind of its own is not found: see `check_asked`.
-        named &= {PROCESS}
+        kinds &= {PROCESS}
     if not model.rows.follows_path:
-        # What a process in time adds to rates is f's in the posterior.
-        named -= {PROCESS}
-    if not named:
+        # The posterior's f takes up a process in time that acts on rates.
+        kinds -= {PROCESS}
+    if not kinds:
         return replace(model, dictionary=dictionary)
     noise = model.noise if isinstance(model.noise, Noise) else Noise(scale=model.noise)
-    correlation = noise.correlation or (FIT if CORRELATED in named else None)
-    # What was found is found again beside all coefficients; what the user asked for stays.
+    correlation = noise.correlation or (FIT if CORRELATED in kinds else None)
+    # The user's settings stay; the kinds of the study are estimated again beside all coefficients.
     noise = replace(
         noise,
         correlation=correlation,
-        depends_on=noise.depends_on or (FIT if VARYING in named else None),
-        tails=noise.tails or (FIT if HEAVY in named else None),
-        force=noise.force or (FIT if PROCESS in named and correlation is None else None),
+        depends_on=noise.depends_on or (FIT if VARYING in kinds else None),
+        tails=noise.tails or (FIT if HEAVY in kinds else None),
+        force=noise.force or (FIT if PROCESS in kinds and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
 
 
-def _noise(found: EquationStudy) -> set[str]:
-    """Return what the noise of the answer's likeliest point is called."""
-    point = found.near.weighed.grid.points[found.verdict.hypothesis.point]
-    names = {LATENT_FORCE: {PROCESS}, SENSOR_NOISE: {CORRELATED}}.get(point.kind, set())
-    return names | (set(found.near.rows.point.shapes[point.shape - 1].about) if point.shape else set())
+def _noise(study: EquationStudy) -> set[str]:
+    """Return the kinds of noise at the likeliest noise point of the answer."""
+    point = study.near.weighed.grid.points[study.verdict.hypothesis.point]
+    kinds = {LATENT_FORCE: {PROCESS}, SENSOR_NOISE: {CORRELATED}}.get(point.kind, set())
+    return kinds | (set(study.near.rows.point.shapes[point.shape - 1].about) if point.shape else set())
 
 
 def _formula(columns: Sequence[Column], index: int, hidden: Sequence[HiddenState]) -> Term:
-    """The formula of an effect with the value of its inner parameter that its hidden states have."""
+    """Return the formula of an effect, at the value of its inner parameter that its hidden states have."""
     column = columns[index]
     if not column.formula.states or column.effect is None:
         return column.formula
@@ -77,22 +78,17 @@ def _formula(columns: Sequence[Column], index: int, hidden: Sequence[HiddenState
     return next((each for each in same if set(each.states) <= set(hidden)), column.formula)
 
 
-def hidden_used(dictionary: Mapping[str, Sequence[Term]], known: Sequence[HiddenState]) -> tuple[HiddenState, ...]:
-    """Hidden states that terms use, and those that the rates of these use.
-
-    Args:
-        dictionary: Terms by equation.
-        known: Hidden states.
-    """
+def hidden_used(dictionary: Mapping[str, Sequence[Term]], hidden: Sequence[HiddenState]) -> tuple[HiddenState, ...]:
+    """Return the hidden states that terms use, and those that the rates of these use."""
     names = {name for terms in dictionary.values() for term in terms for name in term.symbols}
-    for _ in known:
-        names |= {name for state in known if state.name in names for name in state.symbols}
-    return tuple(state for state in known if state.name in names)
+    for _ in hidden:
+        names |= {name for state in hidden if state.name in names for name in state.symbols}
+    return tuple(state for state in hidden if state.name in names)
 
 
 def corrected_data(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
-    """Data for the amended model; as they came where two equations correct states or inputs differently."""
-    each = {name: found.amendment.corrected(train) for name, found in findings.items()}
+    """Return data for the amended model; as they came if two equations correct states or inputs differently."""
+    each = {name: study.amendment.corrected(train) for name, study in findings.items()}
     first = next(iter(each.values()))
     if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
         return train

@@ -1,4 +1,4 @@
-"""The study of one equation: what explains its gap, and the gap before and after on the training data."""
+"""The study of one equation: hypotheses on its gap, the answer, and the gap before and after on training data."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -15,9 +15,9 @@ from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
 from .answer.checks.adequacy import Check, check_hypothesis
-from .answer.checks.ends import at_ends
-from .answer.checks.filtered import rounded_off
+from .answer.checks.doubts import at_ends, rounded_off
 from .answer.checks.linearity import check_linearity
+from .answer.checks.sizes import least_squares
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
@@ -26,6 +26,7 @@ from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
 from .grid.evidence.search import Reach
 from .grid.hypotheses.weigh import Hypothesis
+from .grid.noise.points import LATENT_FORCE
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
@@ -35,11 +36,11 @@ from .odds import Odds
 from .regressors.regressors import FREE, Regressors
 from .sensor_errors.channels import DELAY
 
-DRAWS = 2000
+COEFFICIENT_DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
 
 ON_PATH = 0.1
-"""Draws with the path's own value of a nonlinear parameter, over those with the commonest, that keep it."""
+"""Draws with the path's own value of a nonlinear parameter, over those with the commonest, from which on it stays."""
 
 
 @dataclass(frozen=True)
@@ -68,41 +69,29 @@ class Question:
 
 
 def study_equation(question: Question, say: Callable[[str], None]) -> EquationStudy:
-    """Return the study of one equation.
-
-    Args:
-        question: What is asked.
-        say: Told in words what is being done.
-    """
-    train, name, criteria, seed = question.train, question.name, question.criteria, question.seed
+    """Return the study of one equation."""
+    train, criteria = question.train, question.criteria
     source, near = _settled(question, say)
-    rows, regressors = near.rows, near.regressors
-    rate = rows.rate(rows.data)
-    # Where zero is of a sensor is nobody's business; that of a rate is.
-    rate = rate - np.mean(rate) if regressors.rows.output else rate
-    rate_size = float(np.sqrt(np.mean(rate**2))) / regressors.target_scale
-    verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.late))
+    verdict = decide(Probabilities(near.weighed, criteria), _rate_size(near), bool(source.late))
     settled = without_sensors(near, verdict)
-    checks = [] if verdict.open_ended else check_hypothesis(near, settled, train.units.get("t", ""))
-    members = [i for i in settled.members if regressors.columns[i].effect is not None]
-    doubts = [*source.doubts(rows), *(check.text for check in checks if not check.ok)]
-    verdict = verdict.against([*doubts, *rounded_off(regressors, members)])
     say("mapping the gap")
-    coefficients = draw_coefficients(near, verdict, DRAWS, seed)
-    verdict = verdict.against(at_ends(regressors, coefficients, criteria))
-    amendment = _amendment(source, near, verdict, coefficients, train)
-    linear: list[Check] = []
+    coefficients = draw_coefficients(near, verdict, COEFFICIENT_DRAWS, question.seed)
+    checks: list[Check] = []
     if not verdict.open_ended:
-        linear = list(check_linearity(amendment, regressors, train.input_names))
-    unit, along = target_unit(name, train), _along(near)
+        checks = check_hypothesis(near, settled, train.units.get("t", ""), criteria)
+    verdict = verdict.against(_doubts(source, near, settled, checks, coefficients, criteria))
+    amendment = _amendment(source, near, verdict, coefficients, train)
+    if not verdict.open_ended:
+        checks = [*checks, *check_linearity(amendment, near.regressors, train.input_names)]
+    unit, along, variables = target_unit(question.name, train), _along(near), near.regressors.variables
     before, after = _gap(near, near.weighed.before), _gap(near, settled)
     # Samples of a displacement tell a force less well than their sensor's noise is small.
     threshold = max(amendment.sigma, float(np.median(before.sd)))
     trace = gap_trace(along, before, after, threshold, unit)
-    drawn = gap_map(train, along, before, after, regressors.variables[:2], threshold, unit)
-    where = where_table(train, along, regressors.variables, trace)
+    drawn = gap_map(train, along, before, after, variables[:2], threshold, unit)
+    where = where_table(train, along, variables, trace)
     return EquationStudy(
-        source, near, verdict, (*checks, *linear), coefficients, amendment, drawn, trace, where, criteria
+        source, near, verdict, tuple(checks), coefficients, amendment, drawn, trace, where, criteria
     )  # fmt: skip
 
 
@@ -116,54 +105,76 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
 
     if not model.rows.follows_path:
         return settled(RateRows(model, train, name, question.effects), Point())
-    found = settled(SampleRows(model, train, name, question.effects), Point())
+    as_given = settled(SampleRows(model, train, name, question.effects), Point())
     if model.rows.interpolation is not None or not train.input_names:
-        return found
+        return as_given
     say("following the path with inputs that are held")
-    held = replace(model, rows=model.rows.held())
-    point = found[1].point_of(found[1].likeliest)
-    # A delay is what lines between samples of held inputs look like.
+    held, near = replace(model, rows=model.rows.held()), as_given[1]
+    point = near.point_of(near.likeliest)
+    # Lines between samples of held inputs look like a delay.
     start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
     # That inputs are held has the prior odds of any error of a channel.
-    least = found[1].log_evidence - math.log(odds.suspect) + math.log1p(-odds.suspect)
+    least = near.log_evidence - math.log(odds.suspect) + math.log1p(-odds.suspect)
     try:
         rows = held.rows.complete(train, name, held.simulator(train))
         source = SampleRows(held, rows, name, question.effects)
-        near = weighed_on(source.near(replace(start, window=found[1].window)), odds, reach, question.seed)
+        first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
         # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
-        again = settled(source, start) if near.log_evidence > least - reach.window else found
+        again = settled(source, start) if first.log_evidence > least - reach.window else as_given
     except (InputError, np.linalg.LinAlgError):
-        return found
-    return again if again[1].log_evidence > least else found
+        return as_given
+    return again if again[1].log_evidence > least else as_given
+
+
+def _rate_size(near: Near) -> float:
+    """Return the RMS of the modelled rate, over that of the target."""
+    rate = near.rows.rate(near.rows.data)
+    # The zero of a sensor is arbitrary; that of a rate is not.
+    rate = rate - np.mean(rate) if near.regressors.rows.output else rate
+    return float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
+
+
+def _doubts(
+    source: Source, near: Near, settled: Hypothesis, checks: Sequence[Check], coefficients: Coefficients,
+    criteria: Criteria,
+) -> list[str]:  # fmt: skip
+    """Return the reasons against an answer: of its rows, its residuals and its effects."""
+    regressors = near.regressors
+    effects = [i for i in settled.members if regressors.columns[i].effect is not None]
+    return [
+        *source.doubts(near.rows),
+        *(check.text for check in checks if not check.ok),
+        *rounded_off(regressors, effects, criteria),
+        *at_ends(regressors, coefficients, criteria),
+    ]
 
 
 def _amendment(
     source: Source, near: Near, verdict: Verdict, coefficients: Coefficients, train: Trajectories
 ) -> Amendment:
-    """Return the model after: coefficients of an answer, sensors put right, and f where something is left."""
+    """Return the model after: coefficients of an answer, sensors put right, and f if the answer is open-ended."""
     regressors, point = near.regressors, near.rows.point
     sensors = sensor_errors(regressors, coefficients)
-
-    def put_right(data: Trajectories) -> Trajectories:
-        return source.put_right(data, point, sensors, train)
-
-    sigma = float(np.mean(coefficients.sigma)) * regressors.target_scale
     alike, hidden = _of_one_memory(regressors, coefficients, point.hidden)
-    forced = near.weighed.grid.points[verdict.hypothesis.point].kind == "time" and near.rows.model.rows.follows_path
-    amendment = Amendment(
-        regressors, _free_alone(regressors), coefficients, sigma, None, put_right, source.row_kind(point), sensors,
-        train, hidden, alike, regressors.rows.gain, forced,
-    )  # fmt: skip
+    in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
+    remainder = None
     if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
         remainder = Remainder.of(near, verdict.hypothesis, coefficients)
-        amendment = replace(amendment, discrepancy=remainder)
-    return amendment
-
-
-def _free_alone(regressors: Regressors) -> np.ndarray:
-    """Return the coefficients of the user's own terms with nothing else in the model, scaled."""
-    white = regressors.rows.whiten(np.column_stack([regressors.target, regressors.at_rows(regressors.of_kind(FREE))]))
-    return np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=1e-12)[0]
+    return Amendment(
+        statistics=regressors,
+        before=least_squares(regressors, regressors.of_kind(FREE))[0],
+        after=coefficients,
+        sigma=float(np.mean(coefficients.sigma)) * regressors.target_scale,
+        discrepancy=remainder,
+        corrected=lambda data: source.put_right(data, point, sensors, train),
+        rows=source.row_kind(point),
+        sensors=sensors,
+        clock=train,
+        hidden=hidden,
+        alike=alike,
+        gain=regressors.rows.gain,
+        forced=in_time and near.rows.model.rows.follows_path,
+    )
 
 
 def _along(near: Near) -> Along:
@@ -182,30 +193,24 @@ def _gap(near: Near, hypothesis: Hypothesis) -> Gap:
 
 
 def _of_one_memory(
-    regressors: Regressors, coefficients: Coefficients, known: Sequence[HiddenState]
+    regressors: Regressors, coefficients: Coefficients, of_path: Sequence[HiddenState]
 ) -> tuple[np.ndarray, tuple[HiddenState, ...]]:
     """Return draws that share the hidden states of each effect, and all hidden states of the model after.
 
-    A hidden state has one rate in a model: that of the path where draws have it, else the commonest among them.
-
-    Args:
-        regressors: Of the equation.
-        coefficients: Draws, each with values of nonlinear parameters of its own.
-        known: Hidden states of the path.
+    A hidden state has one rate in a model: that of the path if draws have it, else the commonest among them.
     """
-    hidden, alike = {state.name: state for state in known}, np.arange(len(coefficients.draws))
+    hidden, alike = {state.name: state for state in of_path}, np.arange(len(coefficients.draws))
     for inner in coefficients.inner.T:
         columns, count = np.unique(inner[alike], return_counts=True)
         states = {int(i): regressors.columns[i].formula.states for i in columns}
         if not any(states.values()):
             continue
-        # Of many values drawn around a mode none has much.
+        # Of many values drawn around a mode none is common.
         share = dict(zip(map(int, columns), count / np.max(count), strict=True))
         on_path = [
-            i
-            for i, own in states.items()
+            i for i, own in states.items()
             if share[i] >= ON_PATH and all(hidden.get(state.name) == state for state in own)
-        ]
+        ]  # fmt: skip
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}
         alike = alike[inner[alike] == chosen]

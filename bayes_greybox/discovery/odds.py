@@ -1,4 +1,4 @@
-"""Prior probabilities of the explanations of a gap."""
+"""Prior probabilities of the hypotheses on a gap."""
 
 from dataclasses import dataclass, replace
 
@@ -8,21 +8,21 @@ from bayes_greybox.running.limits import Probability, beyond_limits
 
 @dataclass(frozen=True)
 class Odds:
-    """Prior probabilities of the explanations; stated in every result.
+    """Prior probabilities of the hypotheses; stated in every result.
 
-    Each is above 0 and below 1. They are those of the system: of several equations, see `of_each`.
+    Each is above 0 and below 1, and concerns the whole system; of several equations, see `of_each`.
 
     Attributes:
         no_gap: Nothing is missing and every coefficient is right.
         recalibrate: Nothing is missing, but a coefficient of the simulation is off.
         unknown: Something is missing that the catalogue does not have.
         effects: One of the catalogue's effects is missing; shared equally between their names.
-        another: Of two sets of effects, the larger by one over the smaller.
-        correction: Beside an effect or f, each coefficient of the simulation is off.
-        remainder: Beside an effect, something else remains: a law of the states, something in time, or something that
+        another: Probability of a set of effects over that of one with an effect less.
+        correction: Each coefficient of the simulation is off, beside an effect or f.
+        remainder: A discrepancy remains beside an effect: a law of the states, something in time, or something that
             remembers, evenly.
-        suspect: Each error of a channel of the measurement (a delay, a gain, an offset).
-        noise: Each other kind of noise (it is correlated, it depends on the state, it has heavy tails).
+        suspect: A channel of the measurement has a certain error (a delay, a gain, an offset).
+        noise: The noise is of a certain other kind (correlated, dependent on the state, heavy-tailed).
         slow_sensor: Without effect: a lag of the only sensor is not weighed.
 
     Raises:
@@ -54,16 +54,16 @@ class Odds:
             )
 
     def of_each(self, equations: int) -> "Odds":
-        """Odds of one of several equations, so that all of them are right with the probability of the system.
+        """Return the odds of each equation of several, so that the system's no gap keeps its probability.
 
-        P(an equation has no gap) = P(no gap)^(1/n); what is left keeps its proportions.
+        P(an equation has no gap) = P(no gap)^(1/n); the others keep their proportions.
 
         Args:
-            equations: How many are studied.
+            equations: Number of studied equations.
         """
         no_gap = self.no_gap ** (1 / equations)
-        rest = (1 - no_gap) / (1 - self.no_gap)
+        factor = (1 - no_gap) / (1 - self.no_gap)
         return replace(
-            self, no_gap=no_gap, recalibrate=rest * self.recalibrate, unknown=rest * self.unknown,
-            effects=rest * self.effects,
+            self, no_gap=no_gap, recalibrate=factor * self.recalibrate, unknown=factor * self.unknown,
+            effects=factor * self.effects,
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a study refuses before it searches, and what it refuses to simulate."""
+"""Refusals of a study before its search, and of experiments that cannot be simulated."""
 
 from collections.abc import Collection, Sequence
 from numbers import Integral, Real
@@ -22,14 +22,8 @@ from .odds import Odds
 def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolation: Any) -> None:
     """Refuse settings that no data can have.
 
-    Args:
-        effects_at_most: Largest number of effects of an equation.
-        negligible: Share of the modelled rate below which what remains is none.
-        odds: Prior probabilities, if they were given.
-        interpolation: Of the inputs in free runs, if it was given.
-
     Raises:
-        InputError: What cannot be used, with the remedy.
+        InputError: A setting that cannot be used, with the remedy.
     """
     if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
         raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
@@ -43,9 +37,6 @@ def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolati
 
 def check_rows(model: Program) -> None:
     """Refuse rows on which no study weighs anything.
-
-    Args:
-        model: The model.
 
     Raises:
         InputError: Such rows.
@@ -61,17 +52,10 @@ def check_rows(model: Program) -> None:
 def check_data(
     model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
 ) -> None:
-    """Refuse before the search what the search, or the gap and the fit after it, could not use.
-
-    Args:
-        model: The model.
-        equations: Studied.
-        train: Training data.
-        test: Held-out data.
-        free_runs: Whether there are free runs.
+    """Refuse data that the search, or the gap and the fit after it, could not use.
 
     Raises:
-        InputError: What cannot be used, with the remedy.
+        InputError: Data that cannot be used, with the remedy.
     """
     check_units({}, train.units, train.derivative_names, train.time_name)
     if train.n_obs < LEAST_ROWS:
@@ -79,26 +63,24 @@ def check_data(
             f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
             f"{LEAST_ROWS}."
         )
-    known = (*model.states(train), *train.output_names)
-    stranger = next((name for name in equations if name not in known), None)
+    learnable = (*model.states(train), *train.output_names)
+    stranger = next((name for name in equations if name not in learnable), None)
     if stranger is not None:
         raise InputError(
             f"There is no state {stranger!r} whose equation could be learned, and the dictionary has terms for it: "
-            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(known))}"
+            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(learnable))}"
         )
     simulation = model.simulator(train)
     # Outputs have no free run, and no part in that of states.
-    whole = not all(train.is_output(name) for name in equations)
-    whole = whole and set(train.state_names) <= {*simulation.equations, *equations}
+    integrable = not all(train.is_output(name) for name in equations)
+    integrable = integrable and set(train.state_names) <= {*simulation.equations, *equations}
     for part, data in (("training", train), *([("test", test)] if test is not None else [])):
-        missing = [
-            *(name for name in train.columns if name not in data.columns),
-            *(name for name in train.output_names if name not in data.output_names),
-        ]
+        missing = [name for name in train.columns if name not in data.columns]
+        missing += [name for name in train.output_names if name not in data.output_names]
         if missing:
             raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
         short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
-        if free_runs and whole and short:
+        if free_runs and integrable and short:
             raise InputError(
                 f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
                 "the free runs with free_runs=False."
@@ -108,7 +90,7 @@ def check_data(
     if isinstance(model.noise, Noise):
         for name in equations:
             check_asked(model.noise, model.equation_rows(train, name))
-    if free_runs and whole:
+    if free_runs and integrable:
         require_traceable(simulation, ", or leave the free runs out with free_runs=False")
 
 
@@ -121,10 +103,10 @@ def check_ranking(
         data: Training data.
         equations: States and outputs with explanations.
         numbers: Experiments together, outcomes and threshold.
-        described: Settings of default candidates, where candidates were given.
+        described: Settings of default candidates, if candidates were given.
 
     Raises:
-        InputError: A study of outputs or of an older file, numbers that are none, or settings without effect.
+        InputError: A study of outputs or of an older file, impossible numbers, or settings without effect.
     """
     batch, outcomes, threshold = numbers
     if not equations:
@@ -140,11 +122,6 @@ def check_ranking(
 def check_runs(simulation: Simulation, data: Trajectories, equations: Collection[str]) -> None:
     """Refuse a simulation that no experiment can be simulated with.
 
-    Args:
-        simulation: The simulation.
-        data: Training data.
-        equations: States whose rates were studied.
-
     Raises:
         InputError: A state without an equation, or without data.
     """
@@ -156,10 +133,6 @@ def check_runs(simulation: Simulation, data: Trajectories, equations: Collection
 
 def check_candidate(candidate: Candidate, simulation: Simulation) -> None:
     """Refuse a candidate that the model cannot be simulated for.
-
-    Args:
-        candidate: The candidate.
-        simulation: The simulation.
 
     Raises:
         InputError: A start, an input or a sensor that is missing or unknown.

@@ -1,54 +1,55 @@
-"""The missing-effect study: gap, where, what, honesty, add, show. It samples nothing of the amended model."""
+"""The missing-effect study: hypotheses, answer, gap before and after. It samples nothing of the amended model."""
 
 import logging
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
 import pandas as pd
 from threadpoolctl import threadpool_limits
 
-from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import Noise
-from bayes_greybox.model.program import AnyProgram, Program
+from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
+from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
-from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound
-from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.plain_values import plain_rows
-from bayes_greybox.running.stages import stage, stages
+from bayes_greybox.running.stages import Stage, stage, stages
 
 from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
-from .answer.checks.adequacy import FEWEST
 from .answer.checks.sizes import other_sizes
 from .answer.equation_study import EquationStudy
 from .answer.explained import Explained, explained
 from .answer.gap.free_runs import FreePath, FreeRuns
 from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
-from .decision.criteria import Criteria
+from .decision.criteria import CRITERIA, Criteria
+from .decision.vetoes import verdict_of
 from .equation import Question, study_equation
 from .odds import Odds
-from .refusals import check_data, check_rows, check_settings
-from .regressors.regressors import CORRECTION_SCALE, Regressors
+from .refusals import check_settings
+from .regressors.regressors import CORRECTION_SCALE
 from .sensor_errors.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
-from .studied import studied_equations
-from .verdict import verdict_of
+from .subject import Subject
 
 log = logging.getLogger(__name__)
 
-IN_MODEL = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
-"""Why an effect that a study found before is not weighed again."""
+TABLES = (
+    "effects", "hypotheses", "memory", "quantities", "instrument", "checks", "corrections", "where", "gap", "rounds"
+)  # fmt: skip
+"""Tables of a study's record."""
 
 NO_CATALOGUE = "none"
-"""What the settings of a study have for a catalogue where no effect was to be weighed."""
+"""Catalogue in the settings of a study that weighed no effect."""
+
+NO_PATH = "no path of the amended model follows held-out samples"
+"""Reason against a verdict that cannot be compared with held-out data."""
 
 HELD_INPUTS = (
     "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
@@ -63,49 +64,82 @@ AVERAGED = (
 
 
 @dataclass(frozen=True)
+class StudySettings:
+    """Settings of a study, as of `find_missing_effects`."""
+
+    catalogue: CatalogueSpec = "mechanical"
+    roles: Mapping[str, str | Sequence[str]] | None = None
+    effects_at_most: int = 3
+    negligible: float = Criteria.negligible
+    odds: Odds | None = None
+    free_runs: bool = True
+    interpolation: str | Sequence[str] | None = None
+    seed: int = 0
+    settle: bool = True
+
+    def __post_init__(self) -> None:
+        check_settings(self.effects_at_most, self.negligible, self.odds, self.interpolation)
+
+    @property
+    def criteria(self) -> Criteria:
+        """Return the numbers that decide."""
+        return Criteria(negligible=self.negligible)
+
+    @property
+    def prior(self) -> Odds:
+        """Return the prior probabilities of the hypotheses."""
+        return self.odds or Odds()
+
+    @property
+    def weighing(self) -> dict[str, Any]:
+        """Return the settings that draws of the amended model depend on, beside those of its sampler."""
+        return {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("seed", "settle")}
+
+
+@dataclass(frozen=True)
 class StudyResult:
-    """What is missing from a simulation, with the evidence.
+    """The effects that a simulation lacks, with the evidence.
 
     Attributes:
-        base: The model that was given.
-        model: The amended model: the terms of the simulation and the effects that were found, as a dictionary.
-        fit: NUTS posterior of the amended model; None where it was not sampled.
-        train: Data the study learned from.
-        test: Data it did not.
-        corrected: The training data with what was found of the sensors undone, which the amended model is fitted to.
+        base: The user's model.
+        model: The amended model: the terms of the simulation and the added effects, as a dictionary.
+        fit: NUTS posterior of the amended model; None if it was not sampled.
+        train: Training data.
+        test: Held-out data.
+        corrected: The training data without the sensors' errors, which the amended model is fitted to.
         verdict: One of `decide.VERDICTS`.
-        effects: All effects that were weighed, best first: equation, slug, name, expression, probability, mean, sd,
+        effects: All weighed effects, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
-            is a function of), status ("added"; "one of" for what could stand in its place; or ""), reverse (of an added
-            one whose coefficient surely has the other sign than usual: what that means; else ""), agreement (the
-            probability averaged over bagged records), family ("" of an effect that is its own).
+            depends on), status ("added"; "one of" for a rival; or ""), reverse (meaning of an added effect whose
+            coefficient surely has the unusual sign; else ""), agreement (probability averaged over bagged records),
+            family ("" of an effect that is its own).
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; their probabilities sum to one. With agreement.
-        memory: Probability that what has no name is a law of the states, something in time, or something that
-            remembers; then of what is remembered; by (equation, memory).
+        memory: Probability that the discrepancy is a law of the states, something in time, or something that
+            remembers; then of each law that remembers; by (equation, memory).
         quantities: Probability and agreement that a law of these columns alone is missing, of one name, of several or
-            of none, by (equation, quantity); none in files of before.
-        instrument: Suspects about the measurement: equation, suspect, channel, probability, mean, sd, lower, upper,
-            unit, samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
-        checks: Checks of the explanation that was settled on, by (equation, check): p (NaN of linearity),
-            khat (of linearity alone), ok, text.
-        against: What speaks against the verdict, in words.
-        warnings: What the filter that computed the rates makes of them, with figures.
+            of none, by (equation, quantity); none in older files.
+        instrument: Errors of the measurement: equation, suspect, channel, probability, mean, sd, lower, upper, unit,
+            samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
+        checks: Checks of the answer's hypothesis, by (equation, check): p (NaN of linearity), khat (of linearity
+            alone), ok, text.
+        against: Reasons against the verdict, in words.
+        warnings: Warnings about the data, the rates and the settings, in words.
         corrections: The simulation's own coefficients by (equation, term): probability and agreement that one is off,
-            and by how much if it is.
-        where: Regions and windows.
-        gap: Before and after, by (data, metric, variable).
+            and its size if it is.
+        where: Regions of states and windows of time with a large gap.
+        gap: Errors before and after, by (data, metric, variable).
         rounds: The likeliest set with no effect, with one, with two, by (equation, round).
-        ties: Effects that the data cannot tell apart, and what would.
+        ties: Effects that the data cannot tell apart, and an experiment that would.
         maps: Gap over states, by equation.
         traces: Gap along time, by equation.
         paths: Free runs by state.
-        left_out: Effects that were not weighed, by (equation, slug), with the reason.
+        left_out: Reasons why effects were not weighed, by (equation, slug).
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
         amendments: Coefficients before and after, by equation.
-        config: Text of the configuration file that asked for it; empty where none did.
-        explanations: What the likely explanations of each equation say of data to come; none in files of before.
-        counted: Rows that count, by equation, without those at which a sensor was at its end; none in files of before.
+        config: Text of the configuration file of the study; empty if there is none.
+        explanations: Predictions of the likely hypotheses of each equation for data to come; none in older files.
+        counted: Rows that count, by equation, without those at which a sensor was at its end; none in older files.
     """
 
     base: Program
@@ -139,20 +173,15 @@ class StudyResult:
     quantities: pd.DataFrame = field(default_factory=pd.DataFrame)
 
     def checkable(self, equation: str) -> bool:
-        """Whether an equation has rows enough to check its residuals on."""
-        return self.counted.get(equation, self.train.n_obs) >= FEWEST
+        """Return whether an equation has rows enough to check its residuals on."""
+        return self.counted.get(equation, self.train.n_obs) >= CRITERIA.checked_rows
 
     def record(self) -> dict[str, Any]:
-        """Verdict, tables and settings as plain values, ready for JSON."""
-        tables = (
-            "effects", "hypotheses", "memory", "quantities", "instrument", "checks", "corrections", "where", "gap",
-            "rounds",
-        )  # fmt: skip
-        plain = {name: plain_rows(getattr(self, name)) for name in tables}
-        left_out = [{"equation": e, "slug": s, "reason": r} for (e, s), r in self.left_out.items()]
+        """Return verdict, tables and settings as plain values, ready for JSON."""
         return {
             "verdict": self.verdict, "against": list(self.against), "warnings": list(self.warnings),
-            **plain, "ties": self.ties, "left_out": left_out,
+            **{name: plain_rows(getattr(self, name)) for name in TABLES}, "ties": self.ties,
+            "left_out": [{"equation": e, "slug": s, "reason": why} for (e, s), why in self.left_out.items()],
             "settings": dict(self.settings),
         }  # fmt: skip
 
@@ -161,223 +190,188 @@ def investigate(
     model: Program,
     train: Trajectories,
     test: Trajectories | None = None,
-    *,
-    catalogue: CatalogueSpec = "mechanical",
-    roles: Mapping[str, str | Sequence[str]] | None = None,
-    seed: int = 0,
-    effects_at_most: int = 3,
-    negligible: float = Criteria.negligible,
-    odds: Odds | None = None,
-    settle: bool = True,
-    free_runs: bool = True,
-    interpolation: str | Sequence[str] | None = None,
+    settings: StudySettings | None = None,
     progress: bool = True,
 ) -> StudyResult:
-    """Find what a simulation lacks, and the model with it added.
-
-    The simulation is believed: the coefficients of its additive terms change only where the data say so. Terms of the
-    model's dictionary are free: their coefficients are learned in every explanation. Explanations are weighed by their
-    evidence (see `grid`), all beside an unknown force in time and a law of the states.
+    """Find the effects that a simulation lacks, and the model with them added, which is not sampled yet.
 
     Args:
         model: Simulation, and the terms whose coefficients are to be learned anyway.
         train: Measurements with the rates of the equations in question, or with the outputs.
-        test: Measurements that no explanation is weighed on; they may only speak against the answer.
-        catalogue: As for `find_missing_effects`, as are the settings that follow.
-        roles: Columns by role.
-        seed: Seed of everything random.
-        effects_at_most: Largest number of effects added to one equation.
-        negligible: See `Criteria`.
-        odds: Prior probabilities of the explanations.
-        settle: Without effect: the evidence is summed over the noise grid, and needs no sampling.
-        free_runs: Whether to integrate simulation and amended model over the data.
-        interpolation: Of the inputs between samples in free runs.
-        progress: Whether to show progress.
-
-    Returns:
-        The result, whose amended model is not sampled yet.
+        test: Measurements that no hypothesis is weighed on; they may only speak against the answer.
+        settings: Settings, as of `find_missing_effects`.
+        progress: If true, show progress.
 
     Raises:
-        InputError: Data, model or catalogue that cannot be used; the message names what and the remedy.
+        InputError: Data, model or catalogue that cannot be used; the message names the remedy.
     """
-    started = time.perf_counter()
-    check_settings(effects_at_most, negligible, odds, interpolation)
-    odds, criteria = odds or Odds(), Criteria(negligible=negligible)
-    given = model.on(train)
-    model = given.centred()
-    check_rows(model)
-    equations = studied_equations(model, train)
-    check_data(model, equations, train, test, free_runs)
-    block = longest_block(train, test)
-    train, test = averaged(train, block), None if test is None else averaged(test, block)
-    train, test = _completed(model, equations, train), None if test is None else _completed(model, equations, test)
-    # Without a catalogue suspects, corrections and f are weighed against nothing.
-    loaded = () if catalogue in ([], ()) else load_catalogue(catalogue)
-    seconds: dict[str, float] = {}
-    findings: dict[str, EquationStudy] = {}
-    formulas = model.simulation if readable(model.simulation) else None
-    pairs = None if readable(model.simulation) else pairs_in_data(model.simulator(train), train)
+    started, settings = time.perf_counter(), settings or StudySettings()
+    subject = Subject.of(model, train, test, settings.free_runs)
+    # Without a catalogue sensor errors, corrections and f are weighed against nothing.
+    catalogue = () if settings.catalogue in ([], ()) else load_catalogue(settings.catalogue)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
-        left_out: dict[tuple[str, str], str] = {}
-        for name in equations:
+        findings, left_out = _findings(subject, settings, catalogue, line)
+        subject = subject.with_inputs(findings)
+        explained_at = time.perf_counter()
+        _say(line, "measuring the gap before and after")
+        gap, paths, lost = _measured_gap(subject, findings, settings)
+        measured_at = time.perf_counter()
+    seconds = {"explain": explained_at - started, "gap": measured_at - explained_at, "total": measured_at - started}
+    in_words = str(settings.catalogue) if catalogue else NO_CATALOGUE
+    about = {
+        "seed": settings.seed,
+        "catalogue": settings.catalogue if isinstance(settings.catalogue, str) else in_words,
+        "effects_at_most": settings.effects_at_most,
+        "prior odds": asdict(settings.prior),
+        "thresholds": _thresholds(settings.criteria),
+        "rest beside the answer": {name: study.verdict.remains for name, study in findings.items()},
+        "agree in practice": {name: study.verdict.negligible for name, study in findings.items()},
+        "same as": {name: _twins(study) for name, study in findings.items()},
+        "versions": versions(),
+        "seconds": seconds,
+    }
+    warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
+    result = _result(subject, findings, gap, lost)
+    return replace(result, paths=paths, left_out=left_out, settings=about, warnings=warnings)
 
-            def say(text: str, name: str = name) -> None:
-                line.say(f"{name}: {text}")
-                log.info("%s: %s", name, text)
 
-            say("reading the data")
-            of_data = Columns(train.state_names, train.input_names, train.output_names, train.units)
-            columns = roles_of(formulas, of_data, name, roles, pairs)
-            # A force may be measured as that of a machine or as that on it.
-            known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
-            left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}
-            bound = bind_catalogue(known, columns, train.units)
-            if why := _memoryless(model, train, name):
-                left_out |= {(name, effect.slug): why for effect in bound if effect.effect.hidden}
-                bound = tuple(effect for effect in bound if not effect.effect.hidden)
-            taken = {*train.columns, *model.states(train)}
-            known_already = [effect for effect in bound if taken & set(effect.hidden())]
-            left_out |= {(name, effect.slug): IN_MODEL for effect in known_already}
-            bound = tuple(effect for effect in bound if effect not in known_already)
-            each = odds.of_each(len(equations))
-            question = Question(model, train, name, bound, each, effects_at_most, seed, criteria)
-            findings[name] = study_equation(question, say)
-            left_out |= {(name, slug): why for slug, why in findings[name].regressors.left_out.items()}
-        asked, model = model, _with_inputs(model, findings)
-        if model is not asked:
-            # The path between the samples is another one.
-            given, train = _with_inputs(given, findings), _completed(model, equations, train)
-            test = None if test is None else _completed(model, equations, test)
-        seconds["explain"] = time.perf_counter() - started
-        line.say("measuring the gap before and after")
-        log.info("measuring the gap before and after")
-        start = time.perf_counter()
-        amendments = {name: found.amendment for name, found in findings.items()}
-        parts = [("train", train), *([("test", test)] if test is not None else [])]
-        moving = {name: amendment for name, amendment in amendments.items() if not train.is_output(name)}
-        runs = FreeRuns(model, moving, interpolation) if free_runs else None
-        measured, lost = [], []
-        for part, data in parts:
-            try:
-                measured.append(gap_rows(model, amendments, data, part, runs))
-            except InputError as error:
-                # The answer stands, but not against them.
-                if part == "train" or not model.rows.follows_path:
-                    raise
-                lost = [f"The amended model could not be compared with held-out data: {error}"]
-        seconds["gap"] = time.perf_counter() - start
-    seconds["total"] = time.perf_counter() - started
-    gap = pd.concat([table for table, _ in measured])
-    filtered = equations if train.filter is not None else ()
-    warnings = tuple(
-        text for name in filtered for text in row_warnings(model.rows, train, name, model.simulator(train))
-    )
-    held = (() if model is asked else (HELD_INPUTS,)) + ((AVERAGED.format(m=block),) if block > 1 else ())
-    counted = {name: found.counted for name, found in findings.items()}
-    sizes = (text for found in findings.values() for text in other_sizes(found.regressors))
-    said = _said_of(model, train, counted, settle)
-    warnings = (*sizes, *held, *said, *lost, *model.simulator(train).warnings, *warnings)
-    unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
+def _say(line: Stage, text: str) -> None:
+    line.say(text)
+    log.info(text)
+
+
+def _findings(
+    subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], line: Stage
+) -> tuple[dict[str, EquationStudy], dict[tuple[str, str], str]]:
+    """Return the study of each equation, and why effects were left out, by equation and slug."""
+    findings: dict[str, EquationStudy] = {}
+    left_out: dict[tuple[str, str], str] = {}
+    odds = settings.prior.of_each(len(subject.equations))
+    for name in subject.equations:
+
+        def say(text: str, name: str = name) -> None:
+            _say(line, f"{name}: {text}")
+
+        say("reading the data")
+        bound, reasons = subject.bound(name, catalogue, settings.roles)
+        question = Question(
+            subject.model, subject.train, name, bound, odds, settings.effects_at_most, settings.seed, settings.criteria
+        )  # fmt: skip
+        findings[name] = study_equation(question, say)
+        for slug, why in {**reasons, **findings[name].regressors.left_out}.items():
+            left_out[name, slug] = why
+    return findings, left_out
+
+
+def _measured_gap(
+    subject: Subject, findings: Mapping[str, EquationStudy], settings: StudySettings
+) -> tuple[pd.DataFrame, Mapping[str, FreePath], list[str]]:
+    """Return the gap table, the free runs, and the reason if held-out data could not be compared."""
+    train, model = subject.train, subject.model
+    amendments = {name: study.amendment for name, study in findings.items()}
+    moving = {name: amendment for name, amendment in amendments.items() if not train.is_output(name)}
+    runs = FreeRuns(model, moving, settings.interpolation) if settings.free_runs else None
+    table, paths = gap_rows(model, amendments, train, "train", runs, settings.criteria)
+    if subject.test is None:
+        return table, paths, []
+    try:
+        held_out, paths = gap_rows(model, amendments, subject.test, "test", runs, settings.criteria)
+    except InputError as error:
+        if not model.rows.follows_path:
+            raise
+        # The answer stands, but not against them.
+        return table, paths, [f"The amended model could not be compared with held-out data: {error}"]
+    return pd.concat([table, held_out]), paths, []
+
+
+def _result(
+    subject: Subject, findings: Mapping[str, EquationStudy], gap: pd.DataFrame, lost: Sequence[str]
+) -> StudyResult:
+    """Return the tables of all equations as one study."""
+    train, studies = subject.train, list(findings.values())
+    tables = [study.tables(train) for study in studies]
+    numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
+    verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
-    verdict, against = verdict_of({name: found.verdict for name, found in findings.items()}, gap, unfollowed, labels)
+    verdict, against = verdict_of(verdicts, gap, [NO_PATH for _ in lost], labels)
+    joined: dict[str, Any] = {
+        name: pd.concat([each[name] for each in tables], ignore_index=name in numbered) for name in tables[0]
+    }
     return StudyResult(
-        base=given,
-        model=amended_program(given, findings, train),
+        base=subject.given,
+        model=amended_program(subject.given, findings, train),
         fit=None,
         train=train,
-        test=test,
+        test=subject.test,
         corrected=corrected_data(train, findings),
         verdict=verdict,
-        effects=pd.concat([found.effects(train) for found in findings.values()], ignore_index=True),
-        hypotheses=pd.concat([found.hypotheses() for found in findings.values()]),
-        memory=pd.concat([found.memory() for found in findings.values()]),
-        quantities=pd.concat([found.quantities() for found in findings.values()]),
-        instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
-        checks=pd.concat([found.check_table() for found in findings.values()]),
         against=against,
-        warnings=warnings,
-        corrections=pd.concat([found.corrections(train) for found in findings.values()]),
-        where=pd.concat([found.where for found in findings.values()], ignore_index=True),
+        warnings=(),
         gap=gap,
-        rounds=pd.concat([found.ladder() for found in findings.values()]),
-        ties=[tie for found in findings.values() for tie in found.ties(train)],
-        maps={name: found.map for name, found in findings.items()},
-        traces={name: found.trace for name, found in findings.items()},
-        paths=measured[-1][1],
-        left_out=left_out,
-        settings={
-            "seed": seed,
-            "catalogue": catalogue if isinstance(catalogue, str) else str(catalogue) if loaded else NO_CATALOGUE,
-            "effects_at_most": effects_at_most,
-            "prior odds": asdict(odds),
-            "thresholds": {
-                "gap": "one noise standard deviation, or that of the gap where it is larger",
-                **asdict(criteria),
-                "delay (prior SD, sampling steps)": DELAY_STEPS,
-                "gain (prior SD)": GAIN_SD,
-                "offset of a rate (prior SD over its RMS)": OFFSET_SD,
-                "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
-                "correction (prior SD over the coefficient)": CORRECTION_SCALE,
-            },
-            "rest beside the answer": {name: found.verdict.remains for name, found in findings.items()},
-            "agree in practice": {name: found.verdict.negligible for name, found in findings.items()},
-            "same as": {name: _same(found.regressors) for name, found in findings.items()},
-            "versions": versions(),
-            "seconds": seconds,
-        },
-        amendments=amendments,
-        explanations={name: explained(found) for name, found in findings.items()},
-        counted=counted,
+        ties=[tie for study in studies for tie in study.ties(train)],
+        maps={name: study.map for name, study in findings.items()},
+        traces={name: study.trace for name, study in findings.items()},
+        paths={},
+        amendments={name: study.amendment for name, study in findings.items()},
+        explanations={name: explained(study) for name, study in findings.items()},
+        counted={name: study.counted for name, study in findings.items()},
+        **joined,
     )
 
 
-def _same(regressors: Regressors) -> dict[str, dict[str, Any]]:
-    """Suspects that do what another does, or a coefficient that is off, and by how much, of one standard deviation."""
+def _thresholds(criteria: Criteria) -> dict[str, Any]:
+    """Return the numbers that decide, and the prior standard deviations, for the record."""
+    return {
+        "gap": "one noise standard deviation, or that of the gap where it is larger",
+        **asdict(criteria),
+        "delay (prior SD, sampling steps)": DELAY_STEPS,
+        "gain (prior SD)": GAIN_SD,
+        "offset of a rate (prior SD over its RMS)": OFFSET_SD,
+        "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
+        "correction (prior SD over the coefficient)": CORRECTION_SCALE,
+    }
+
+
+def _twins(study: EquationStudy) -> dict[str, dict[str, Any]]:
+    """Return sensor errors with the column of another or of a correction, and its change by one standard deviation."""
+    regressors = study.regressors
     return {key: {"what": other, "change": regressors.changes[key]} for key, other in regressors.twins.items()}
 
 
-def _with_inputs(model: AnyProgram, findings: Mapping[str, EquationStudy]) -> AnyProgram:
-    """A model with what inputs do between their samples as the studies of its equations found it."""
-    for found in findings.values():
-        model = found.source.with_inputs(model)
-    return model
-
-
-def _memoryless(model: Program, data: Trajectories, equation: str) -> str:
-    """Why effects with memory cannot be weighed; empty where they can."""
-    if data.is_output(equation):
-        return "it remembers, and rows of an output follow no path: what it did before is not in them"
-    if not model.rows.follows_path:
-        return (
-            "it remembers, and rows of rates follow no path along which that can be said: give samples, "
-            'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'
-        )
-    return "" if readable(model.simulation) else NO_STATES
-
-
-def _completed(model: Program, equations: Sequence[str], data: Trajectories) -> Trajectories:
-    """Data with the states and rates that terms are evaluated on."""
-    for name in equations:
-        data = model.rows.complete(data, name, model.simulator(data))
-    return data
-
-
-def _said_of(model: Program, train: Trajectories, counted: Mapping[str, int], settle: bool) -> list[str]:
-    """What a study does not do with what it was given, in words."""
-    said = []
-    for name, n in counted.items():
-        if n < FEWEST:
-            fewer = f" of {train.n_obs}" if n < train.n_obs else ""
-            rows = f"{n} rows" if n == train.n_obs else f"The {n}{fewer} rows that count"
-            of = f" of {train.target_label(name)}" if len(counted) > 1 else ""
-            said.append(
-                f"{rows} are too few to check residuals{of} on: below {FEWEST} neither their whiteness nor the shape "
+def _study_warnings(
+    subject: Subject, findings: Mapping[str, EquationStudy], settings: StudySettings
+) -> Iterator[str]:  # fmt: skip
+    """Yield warnings about units, inputs, averages, few rows, and noise that was asked for."""
+    train, fewest, noise = subject.train, settings.criteria.checked_rows, subject.model.noise
+    for study in findings.values():
+        yield from other_sizes(study.regressors)
+    if subject.held:
+        yield HELD_INPUTS
+    if subject.block > 1:
+        yield AVERAGED.format(m=subject.block)
+    for name, study in findings.items():
+        if study.counted < fewest:
+            fewer = f" of {train.n_obs}" if study.counted < train.n_obs else ""
+            rows = (
+                f"The {study.counted}{fewer} rows that count" if study.counted != train.n_obs else f"{train.n_obs} rows"
+            )
+            of = f" of {train.target_label(name)}" if len(findings) > 1 else ""
+            yield (
+                f"{rows} are too few to check residuals{of} on: below {fewest} neither their whiteness nor the shape "
                 "of the noise was tested."
             )
-    if isinstance(model.noise, Noise) and not model.noise.white:
-        where = "" if settle else ", and nothing was sampled (settle=False)"
-        said.append(
+    if isinstance(noise, Noise) and not noise.white:
+        unsampled = "" if settings.settle else ", and nothing was sampled (settle=False)"
+        yield (
             "The noise that GreyBox(noise=bg.Noise(...)) asks for concerns the posterior of the amended model "
-            f"only{where}: the study weighs noise of its own accord."
+            f"only{unsampled}: the study weighs noise of its own accord."
         )
-    return said
+
+
+def _row_warnings(subject: Subject) -> Iterator[str]:
+    """Yield warnings about the simulation and about rates that a filter computed."""
+    model, train = subject.model, subject.train
+    simulation = model.simulator(train)
+    yield from simulation.warnings
+    for name in subject.equations if train.filter is not None else ():
+        yield from row_warnings(model.rows, train, name, simulation)

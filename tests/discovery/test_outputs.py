@@ -10,7 +10,7 @@ from rich.console import Console
 from static_map import KNOWN, drag_study, few, rig
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.studied import studied_equations
+from bayes_greybox.discovery.subject import studied_equations
 from bayes_greybox.report.terminal.fit import fit_tables
 from bayes_greybox.report.terminal.study import study_tables
 

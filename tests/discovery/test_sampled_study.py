@@ -164,10 +164,10 @@ def test_what_held_out_samples_deny_is_not_named(cubic):
 def test_held_out_samples_that_no_path_follows_are_no_proof(monkeypatch, tmp_path):
     real = study_module.gap_rows
 
-    def gap_rows(model, amendments, data, part, runs=None):
+    def gap_rows(model, amendments, data, part, *rest):
         if part == "test":
             raise bg.InputError("No path through the samples was found.")
-        return real(model, amendments, data, part, runs)
+        return real(model, amendments, data, part, *rest)
 
     monkeypatch.setattr(study_module, "gap_rows", gap_rows)
     found = study(short(**CUBIC, noise=0.03), short(**CUBIC, noise=0.03, seed=1))

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.studied import studied_equations
+from bayes_greybox.discovery.subject import studied_equations
 from bayes_greybox.report.words.sentence import closed_in_words
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05

@@ -13,21 +13,20 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.answer.gap.denials import MISFIT
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
+from bayes_greybox.discovery.decision.vetoes import MISFIT, verdict_of, worse_in_words
 from bayes_greybox.discovery.equation import Question, study_equation
 from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.noise_shapes import Shape
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.refusals import check_data
-from bayes_greybox.discovery.studied import studied_equations
-from bayes_greybox.discovery.study import investigate
-from bayes_greybox.discovery.verdict import verdict_of, worse_in_words
+from bayes_greybox.discovery.study import StudySettings, investigate
+from bayes_greybox.discovery.subject import studied_equations
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
@@ -61,7 +60,8 @@ BOTH = Program(simulation={"x": "-x + z", "z": "-z*x"})
     [(np.zeros_like, "no gap"), (lambda x: -0.3 * x, "recalibrate"), (lambda x: 0.8 * x**2, "unknown")],
 )
 def test_without_a_catalogue_all_but_effects_is_weighed(hidden, verdict):
-    found = investigate(tiny_model(), tiny_data(hidden), catalogue=[], settle=False, free_runs=False, progress=False)
+    settings = StudySettings(catalogue=[], settle=False, free_runs=False)
+    found = investigate(tiny_model(), tiny_data(hidden), settings=settings, progress=False)
     assert found.verdict == verdict and not len(found.effects) and found.settings["catalogue"] == "none"
     assert set(found.hypotheses.droplevel(0).index) <= {"no gap", "recalibrate", "instrument", "unknown"}
     # The probability of a rest is that of the unknown, where nothing has a name.
@@ -108,8 +108,8 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 
 def finding(code, n_place=0, against=()):
     """A verdict with so many effects, and what speaks against it."""
-    places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), (), 0.9, "", Share()),) * n_place
-    return Verdict(code, places, None, (), 0.0, 0.0, 0.0, reasons=against, probabilities=None)
+    places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), ()),) * n_place
+    return Verdict(code, places, None, (), 0.0, 0.0, reasons=against, probabilities=None)
 
 
 def blank(kind, equation):
@@ -173,7 +173,8 @@ def told(monkeypatch):
         monkeypatch.setattr(module, "explained", lambda found: ())
         monkeypatch.setattr(module, "study_equation", study_equation)
         monkeypatch.setattr(module, "gap_rows", gap_rows)
-        return investigate(BOTH, two_states(), catalogue="population", progress=False, **settings)
+        test = settings.pop("test", None)
+        return investigate(BOTH, two_states(), test, StudySettings(catalogue="population", **settings), progress=False)
 
     study.calls = calls
     return study
@@ -463,7 +464,7 @@ def test_a_simulation_that_no_integrator_can_follow_is_refused_before_the_search
 def test_settings_that_no_data_can_have_are_refused_before_the_search(given, sentence, monkeypatch):
     monkeypatch.setattr(module, "study_equation", lambda *_: pytest.fail("a search"))
     with pytest.raises(InputError, match=sentence):
-        investigate(BOTH, two_states(), **given)
+        investigate(BOTH, two_states(), settings=StudySettings(**given))
 
 
 def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
-from bayes_greybox.discovery.answer.gap.denials import NAMED
+from bayes_greybox.discovery.answer.checks.doubts import SAMPLES_TELL
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision.decide import ONE_LAW
+from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.report.words.sentence import sentence
 
@@ -226,7 +226,7 @@ def test_one_of_says_the_columns_where_they_alone_are_open(monkeypatch):
 
 
 def test_what_has_a_name_closes_what_it_closes_without_f():
-    alone = CLOSED.rename(index={"unexplained share": NAMED}, level="metric").assign(after=0.2)
+    alone = CLOSED.rename(index={"unexplained share": NAMES_ALONE}, level="metric").assign(after=0.2)
     text = said("partly named", [("Cubic spring", 0.87, ())], gap=pd.concat([CLOSED, alone]))
     assert text.endswith("adding what has a name closes 50.0 % of the gap on held-out data.")
 

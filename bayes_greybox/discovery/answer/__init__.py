@@ -1,1 +1,1 @@
-"""What a study says once everything is weighed: finding, checks, amended model, instrument, gap."""
+"""The answer of a study: verdict, checks, amended model, and the tables that show them."""

@@ -1,4 +1,4 @@
-"""What a study adds to one equation, as rates at rows and as terms and weights that an integrator can evaluate."""
+"""The addition of a study to one equation, as rates at rows and as terms and weights for an integrator."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -21,22 +21,22 @@ from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-from .coefficients import Coefficients
+from .coefficients import Coefficients, factor_of
 
-CHUNK = 4096
+FEATURE_ROWS = 4096
 """Rows on which the features of f are evaluated at once."""
 
 
 @dataclass(frozen=True)
 class Remainder:
-    """Posterior of the f that remains beside what was added, orthogonal to it in the metric of R⁻¹.
+    """Posterior of the discrepancy f beside the added columns, orthogonal to them in the metric of R⁻¹.
 
     f(x) = (ψ(x) − φ(x) P) w, P the projection of the features ψ on the columns φ over the training rows. Being
     orthogonal, w and the columns' coefficients are independent a posteriori, given η.
 
     Attributes:
-        statistics: Of the equation.
-        indices: Columns φ that f keeps off.
+        statistics: Columns and features of the equation.
+        indices: Columns φ that f is orthogonal to.
         projection: P.
         mean: Posterior mean of w at the mode of η, scaled.
         root: Factor of its covariance, W with WᵀW = cov.
@@ -50,32 +50,26 @@ class Remainder:
 
     @classmethod
     def of(cls, near: Near, hypothesis: Hypothesis, coefficients: Coefficients) -> "Remainder":
-        """Return the f beside the columns of a hypothesis, at its likeliest noise point with a law.
-
-        Args:
-            near: Hypotheses.
-            hypothesis: The one whose f is meant.
-            coefficients: Draws of what was added.
-        """
+        """Return the f beside the columns of a hypothesis, at its likeliest noise point with a law."""
         weighed, regressors = near.weighed, near.regressors
         table, columns = weighed.table, regressors.columns
         laws = [k for k, point in enumerate(weighed.grid.points) if point.kind == LAW]
         number = max(laws, key=lambda k: (hypothesis.points[k], -k))
         point = weighed.grid.points[number]
-        found = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
-        v, mean = float(found.v[0]), found.mean[0]
+        mode = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
+        v, mean = float(mode.v[0]), mode.mean[0]
         n_own = len(coefficients.indices) - coefficients.inner.shape[1]
         inside = np.flatnonzero(coefficients.draws.any(axis=0))
         likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
         every = (*coefficients.indices[:n_own], *likeliest)
         indices = [every[k] for k in inside]
-        own = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
-        errors = table.columns[:, [hypothesis.members[k] for k in own]] @ mean[own]
+        of_sensors = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
+        errors = table.columns[:, [hypothesis.members[k] for k in of_sensors]] @ mean[of_sensors]
         force = weighed.forces[point.shape]
         rows = np.column_stack([table.target - errors, table.columns[:, indices], table.law.rows])
         white = force.whiten(rows, 1.0, np.zeros(1))[0][:, 0]
         y, X, Psi = white[:, 0], white[:, 1 : 1 + len(indices)], white[:, 1 + len(indices) :]
-        # f keeps off the columns: (I − X X⁺) ψ.
+        # (I − X X⁺) ψ
         projection = np.linalg.pinv(X, rcond=1e-12) @ Psi if indices else np.zeros((0, Psi.shape[1]))
         apart = Psi - X @ projection
         variance = v * point.ratio**2 * law_variances(table, point.scale)
@@ -83,32 +77,31 @@ class Remainder:
         inverse = np.linalg.inv(apart[:, kept].T @ apart[:, kept] / v + np.diag(1 / variance[kept]))
         weights, root = np.zeros(len(variance)), np.zeros((len(variance), len(variance)))
         weights[kept] = inverse @ (apart[:, kept].T @ y) / v
-        values, vectors = np.linalg.eigh(inverse)
-        root[np.ix_(kept, kept)] = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        root[np.ix_(kept, kept)] = factor_of(inverse)
         return cls(regressors, tuple(indices), projection, weights, root)
 
     def weights(self, n_draw: int, seed: int = 0) -> Float[np.ndarray, "n_draw n_basis"]:
-        """Posterior draws of w, scaled."""
+        """Return posterior draws of w, scaled."""
         return self.mean + np.random.default_rng(seed).standard_normal((n_draw, len(self.mean))) @ self.root
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> Float[np.ndarray, "n_draw n_row"]:
-        """Posterior draws of f at any rows, scaled."""
-        weights, known = self.weights(n_draw), self.statistics
+        """Return posterior draws of f at any rows, scaled."""
+        weights, statistics = self.weights(n_draw), self.statistics
         parts = []
-        for start in range(0, len(next(iter(columns.values()))), CHUNK):
-            part = {name: np.asarray(column)[start : start + CHUNK] for name, column in columns.items()}
-            psi = known.evaluate_features(part) - known.evaluate(self.indices, part) @ self.projection
+        for start in range(0, len(next(iter(columns.values()))), FEATURE_ROWS):
+            part = {name: np.asarray(column)[start : start + FEATURE_ROWS] for name, column in columns.items()}
+            psi = statistics.evaluate_features(part) - statistics.evaluate(self.indices, part) @ self.projection
             parts.append(weights @ psi.T)
         return np.concatenate(parts, axis=1)
 
 
 class Added(NamedTuple):
-    """What one equation's right-hand side gains, each row of coefficients a draw.
+    """Terms and features added to one right-hand side, each row of coefficients a draw.
 
     Attributes:
-        terms: Columns.
-        coefficients: Theirs, user's units.
-        weights: Of the features of f, user's units of the rate; no columns without f.
+        terms: Terms.
+        coefficients: Coefficients of the terms, user's units.
+        weights: Weights of the features of f, user's units of the rate; no columns without f.
     """
 
     terms: list[Term]
@@ -118,22 +111,22 @@ class Added(NamedTuple):
 
 @dataclass(frozen=True)
 class Amendment:
-    """What was added to one equation: columns of its statistics and posterior draws of their coefficients.
+    """The addition to one equation: columns of its statistics and posterior draws of their coefficients.
 
     Attributes:
-        statistics: Of the equation.
+        statistics: Columns and features of the equation.
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
-        after: Draws of all coefficients, with the effects that were added.
+        after: Draws of all coefficients, with those of the added effects.
         sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.
-        discrepancy: What remains beside them; None where nothing does, or nothing that is to be shown.
-        corrected: Data of the same sensors with what was found of them undone.
-        rows: Rows near the model after, where rows are linear only near one; None: those of the model before.
+        discrepancy: The f that remains beside them; None if the answer has none.
+        corrected: Function that removes the sensors' errors from data of the same sensors.
+        rows: Rows near the model after, if rows are linear only near one; None: those of the model before.
         sensors: Errors of the sensors of states and inputs that are in the model after, in their units.
-        clock: Data that drifts were found on; None: those that are compared.
+        clock: Data whose time drifts are counted on; None: the data at hand.
         hidden: Hidden states of the model after, beside those of the model before.
         alike: Draws whose hidden states have these rates; None: all.
-        gain: From rows to the sensor they are of.
-        forced: Whether an unknown force moves the rows' noise.
+        gain: Factor from rows to the sensor that they are of.
+        forced: True if a latent force is part of the rows' noise.
     """
 
     statistics: EvaluatedColumns
@@ -151,39 +144,31 @@ class Amendment:
     forced: bool = False
 
     def pick(self, n_draw: int) -> Int[np.ndarray, " n_draw"]:
-        """Draws that one model can have, evenly thinned or repeated to `n_draw`."""
+        """Return draws that one model can have, evenly thinned or repeated to `n_draw`."""
         able = np.arange(len(self.after.draws)) if self.alike is None else self.alike
         return able[np.linspace(0, len(able) - 1, n_draw).astype(int)]
 
     def model(self, before: Program) -> Program:
-        """The model before with the rows of the model after, and its hidden states.
-
-        Args:
-            before: The model before.
-        """
+        """Return the model before with the rows and the hidden states of the model after."""
         near = before if self.rows is None else replace(before, rows=self.rows)
         data = self.clock or self.statistics.path
         return near if data is None else near.remembering(self.hidden, data)
 
     @property
     def n_own(self) -> int:
-        """Columns that are no effects."""
+        """Number of columns that are no effects."""
         return len(self.after.indices) - self.after.inner.shape[1]
 
     @property
     def jumping(self) -> tuple[int, ...]:
-        """Columns before or after that may jump."""
+        """Columns, before or after, that may jump."""
         inner = np.unique(self.after.inner).tolist()
-        own = {*self.after.indices, *inner, *self.statistics.of_kind("free")}
-        return tuple(int(i) for i in sorted(own) if self.statistics.columns[int(i)].formula.jumps)
+        used = {*self.after.indices, *inner, *self.statistics.of_kind("free")}
+        return tuple(int(i) for i in sorted(used) if self.statistics.columns[int(i)].formula.jumps)
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
-        """What is added to the simulation's rate at rows: before [n_row], and draws of after [n_draw, n_row].
-
-        The draws hold f too, where there is one.
-        """
-        statistics, scale, n_own = self.statistics, self.statistics.target_scale, self.n_own
-        before = self.rates_before(columns)
+        """Return the rates added at rows: before [n_row], and draws of after, with f [n_draw, n_row]."""
+        statistics, n_own = self.statistics, self.n_own
         beta, inner = self._draws(n_draw)
         after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
         for k in range(inner.shape[1]):
@@ -192,24 +177,24 @@ class Amendment:
                 after[rows] += np.outer(beta[rows, n_own + k], statistics.evaluate([int(index)], columns)[:, 0])
         if self.discrepancy is not None:
             after += self.discrepancy.rates(columns, n_draw)
-        return before, scale * after
+        return self.rates_before(columns), statistics.target_scale * after
 
     def rates_before(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, " n_row"]:
-        """What the user's own dictionary adds to the simulation's rate at rows."""
+        """Return the rate that the user's own dictionary adds to the simulation's at rows."""
         statistics = self.statistics
         return statistics.target_scale * statistics.evaluate(statistics.of_kind("free"), columns) @ self.before
 
     def terms_before(self) -> list[tuple[Term, float]]:
-        """The user's own dictionary alone, with its coefficients."""
+        """Return the terms of the user's own dictionary with their coefficients."""
         columns = [self.statistics.columns[i] for i in self.statistics.of_kind("free")]
         scale = self.statistics.target_scale
         return [(c.formula, float(b) * scale / c.scale) for c, b in zip(columns, self.before, strict=True)]
 
     def added(self, n_before: int, n_draw: int) -> Added:
-        """Terms and features with their coefficients: `n_before` rows of the model before, then draws of after.
+        """Return terms and features: `n_before` rows of coefficients of the model before, then draws of after.
 
-        An effect has one column for each value of its inner parameter that a draw has; zeros stand in the other draws.
-        f's projection on the columns, −φ P w, is in the columns' coefficients.
+        An effect has one column for each value of its inner parameter that a draw has, with zeros in the other draws.
+        The projection of f on the columns, −φ P w, is in the columns' coefficients.
         """
         statistics, f, n_own = self.statistics, self.discrepancy, self.n_own
         beta, inner = self._draws(n_draw)
@@ -232,13 +217,13 @@ class Amendment:
         return Added([column.formula for column in chosen], values[:, appear] * scale, weights)
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
-        """Features of f before projection, inside an integrator; held beyond their domain, as everywhere."""
-        known = self.statistics
-        position = scaled_position(columns, known.variables, known.centre, known.half_width)
-        return held_features(known.basis, position)
+        """Return the features of f before projection, for an integrator; beyond their domain they are constant."""
+        statistics = self.statistics
+        position = scaled_position(columns, statistics.variables, statistics.centre, statistics.half_width)
+        return held_features(statistics.basis, position)
 
     def orthogonal_features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
-        """Features of f less their projection on what was added, ψ − φ P; without f the features."""
+        """Return the features of f less their projection on the columns, ψ − φ P; without f the features."""
         psi, f = self.features(columns), self.discrepancy
         for index, taken in zip(f.indices, f.projection, strict=True) if f is not None else ():
             column = self.statistics.columns[index]
@@ -247,6 +232,6 @@ class Amendment:
         return psi
 
     def _draws(self, n_draw: int) -> tuple[np.ndarray, np.ndarray]:
-        """Scaled coefficients and inner columns of draws, see `pick`."""
+        """Return scaled coefficients and inner columns of draws, see `pick`."""
         pick = self.pick(n_draw)
         return self.after.draws[pick], self.after.inner[pick]

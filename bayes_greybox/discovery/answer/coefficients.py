@@ -13,8 +13,8 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, FREE, SENSOR, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 
-FAINT = 1e-4
-"""Hypotheses and noise points that are less likely than this share of the likeliest are left out of draws."""
+LEAST_DRAWN = 1e-4
+"""Probability of a hypothesis over that of the likeliest below which no draw is taken of it."""
 
 
 class Coefficients(NamedTuple):
@@ -25,7 +25,7 @@ class Coefficients(NamedTuple):
         draws: Scaled coefficients [n_draw, n_column], exactly zero for corrections that are out.
         inner: For each draw, the index of the column that stands for each added effect [n_draw, n_effect].
         sigma: Noise SD, scaled [n_draw].
-        suspects: Columns of suspects in the model.
+        suspects: Columns of the sensor errors in the model.
         suspect_draws: Their scaled coefficients [n_draw, n_suspect].
     """
 
@@ -42,34 +42,27 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
 
     Values of nonlinear parameters, patterns of corrections and noise points are drawn by their posterior. Beside a
     recalibration some coefficient is off; where nothing is missing, none is.
-
-    Args:
-        near: Hypotheses.
-        verdict: The answer.
-        n_draw: Number of draws.
-        seed: Their seed.
     """
     rng, regressors, grid = np.random.default_rng(seed), near.regressors, near.weighed.grid
-    chosen = answering(near, verdict)
-    weight = np.array([h.log_weight for h in chosen])
-    picks = rng.choice(len(chosen), size=n_draw, p=_shares(weight))
-    own = [*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION)]
-    place = {index: k for k, index in enumerate(own)}
     names = [column.called for column in regressors.columns]
+    plain = [*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION)]
     sensors = [i for i in regressors.of_kind(SENSOR) if names[i] in verdict.sensors]
-    draws = np.zeros((n_draw, len(own) + len(verdict.labels)))
+    place = {index: k for k, index in enumerate(plain)}
+    draws = np.zeros((n_draw, len(plain) + len(verdict.labels)))
     inner = np.zeros((n_draw, len(verdict.labels)), int)
     sigma, errors = np.zeros(n_draw), np.zeros((n_draw, len(sensors)))
+    chosen = answering(near, verdict)
+    weights = np.exp(np.array([h.log_weight for h in chosen]) - max(h.log_weight for h in chosen))
+    picks = rng.choice(len(chosen), size=n_draw, p=weights / weights.sum())
     for k in np.unique(picks):
         hypothesis, rows = chosen[k], np.flatnonzero(picks == k)
         points = rng.choice(len(grid.points), size=len(rows), p=hypothesis.points / hypothesis.points.sum())
         distinct = np.unique(points)
         sets = [hypothesis.members] * len(distinct)
-        found = modes(grid, near.weighed.precision, sets, distinct, near.weighed.floor)
-        for v, mean, covariance, point in zip(found.v, found.mean, found.covariance, distinct, strict=True):
+        at_points = modes(grid, near.weighed.precision, sets, distinct, near.weighed.floor)
+        for v, mean, covariance, point in zip(at_points.v, at_points.mean, at_points.covariance, distinct, strict=True):
             here = rows[points == point]
-            values, vectors = np.linalg.eigh(covariance)
-            theta = mean + rng.standard_normal((len(here), len(mean))) @ (vectors * np.sqrt(np.maximum(values, 0))).T
+            theta = mean + rng.standard_normal((len(here), len(mean))) @ factor_of(covariance)
             # v given the data is inverse gamma with n/2 degrees, up to the few coefficients.
             sigma[here] = np.sqrt(v * grid.n_obs / rng.chisquare(grid.n_obs, len(here)))
             for j, i in enumerate(hypothesis.members):
@@ -79,33 +72,28 @@ def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> C
                     errors[here, sensors.index(i)] = theta[:, j]
                 else:
                     effect = verdict.labels.index(names[i])
-                    draws[here, len(own) + effect], inner[here, effect] = theta[:, j], i
-    base = [_column(near, verdict.hypothesis, label) for label in verdict.labels]
-    return Coefficients((*own, *base), draws, inner, sigma, tuple(sensors), errors)
+                    draws[here, len(plain) + effect], inner[here, effect] = theta[:, j], i
+    base = [next(i for i in verdict.hypothesis.members if names[i] == label) for label in verdict.labels]
+    return Coefficients((*plain, *base), draws, inner, sigma, tuple(sensors), errors)
 
 
 def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
-    """Return the hypotheses with the effects and the sensor errors of an answer, likeliest first.
+    """Return the hypotheses with the effects and the sensor errors of an answer, likeliest first."""
+    columns = near.regressors.columns
 
-    Args:
-        near: Hypotheses.
-        verdict: The answer.
-    """
-    columns, labels = near.regressors.columns, set(verdict.labels)
+    def answers(hypothesis: Hypothesis) -> bool:
+        members = [columns[i] for i in hypothesis.members]
+        corrected = any(column.kind == CORRECTION for column in members)
+        return (
+            {c.called for c in members if c.effect is not None} == set(verdict.labels)
+            and {c.called for c in members if c.suspect is not None} == set(verdict.sensors)
+            and (corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE))
+        )
 
-    def fits(hypothesis: Hypothesis) -> bool:
-        own = [columns[i] for i in hypothesis.members]
-        corrected = any(column.kind == CORRECTION for column in own)
-        if {c.called for c in own if c.effect is not None} != labels:
-            return False
-        if {c.called for c in own if c.suspect is not None} != set(verdict.sensors):
-            return False
-        return corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE)
-
-    found = [h for h in near.weighed.hypotheses if fits(h)]
-    if not found:
+    kept = [h for h in near.weighed.hypotheses if answers(h)]
+    if not kept:
         return [without_sensors(near, verdict)]
-    return [h for h in found if h.log_weight > found[0].log_weight + np.log(FAINT)]
+    return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(LEAST_DRAWN)]
 
 
 def without_sensors(near: Near, verdict: Verdict) -> Hypothesis:
@@ -124,10 +112,7 @@ def sensor_errors(regressors: Regressors, coefficients: Coefficients) -> dict[Ch
     }
 
 
-def _column(near: Near, hypothesis: Hypothesis, label: str) -> int:
-    return next(i for i in hypothesis.members if near.column(i).called == label)
-
-
-def _shares(logs: np.ndarray) -> np.ndarray:
-    found = np.exp(logs - np.max(logs))
-    return found / found.sum()
+def factor_of(covariance: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+    """Return W with WᵀW a covariance, which rounding may have made indefinite."""
+    values, vectors = np.linalg.eigh(covariance)
+    return (vectors * np.sqrt(np.maximum(values, 0.0))).T

@@ -1,4 +1,4 @@
-"""Predictions of a study's explanations for data to come: their terms, and the posterior of the coefficients."""
+"""Predictions of a study's hypotheses for data to come: their terms, and the posterior of the coefficients."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,23 +8,24 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-from bayes_greybox.discovery.decision.probabilities import UNKNOWN
+from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.physics.terms import Term
 
+from .coefficients import factor_of
 from .equation_study import EquationStudy
 
-LEAST = 0.01
+LEAST_EXPLAINED = 0.01
 """Probability from which on an explanation is kept."""
 
 JOINED = 32
-"""Explanations of several equations together that are told apart at most."""
+"""Largest number of joint explanations of several equations."""
 
 COMPONENTS = 3
-"""Hypotheses that stand for an explanation at most: values of nonlinear parameters, corrections beside it."""
+"""Largest number of hypotheses of one explanation: values of nonlinear parameters, corrections beside it."""
 
-PREDICTING = ("no gap", "recalibrate")
-"""Explanations without an effect whose columns say what a run would show: an error of these sensors says nothing."""
+PREDICTING = (NO_GAP, RECALIBRATE)
+"""Explanations without an effect whose columns predict a run: an error of these sensors predicts nothing."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +34,11 @@ class Component:
 
     Attributes:
         weight: Share of its explanation.
-        equations: The state whose rate each term is in.
+        equations: State whose rate each term is in.
         terms: Terms; those of effects at values of their nonlinear parameters.
-        mean: Means of their coefficients, user's units; in files of older versions weights of features follow.
+        mean: Means of the coefficients, user's units; in files of older versions weights of features follow.
         root: W with WᵀW their covariance.
-        features: Features of what has no name, by state, in files of older versions; they are not used.
+        features: Features of a discrepancy, by state, in files of older versions; they are not used.
     """
 
     weight: float
@@ -55,8 +56,8 @@ class Explained:
     Attributes:
         name: Name in the study's table of hypotheses; of several equations each with its own.
         probability: Probability of the explanation.
-        slugs: Effects that it has.
-        components: Its likeliest hypotheses; none where it does not predict anything.
+        slugs: Effects of the explanation.
+        components: Likeliest hypotheses of the explanation; empty if it predicts nothing.
         sigma: Noise standard deviation of the rows by equation, user's units.
     """
 
@@ -67,71 +68,79 @@ class Explained:
     sigma: Mapping[str, float] = field(default_factory=dict)
 
 
-def explained(found: EquationStudy) -> tuple[Explained, ...]:
-    """Return explanations of one equation from the probability `LEAST` on, likeliest first."""
-    table, p, kept = found.hypotheses(), found.probabilities, []
+def explained(study: EquationStudy) -> tuple[Explained, ...]:
+    """Return the explanations of one equation from the probability `LEAST_EXPLAINED` on, likeliest first."""
+    table, p, kept = study.hypotheses(), study.probabilities, []
     names = table.index.get_level_values("hypothesis")
     for name, probability in zip(names, table["probability"].to_numpy(float), strict=True):
-        if probability < LEAST:
+        if probability < LEAST_EXPLAINED:
             continue
-        own = [h for h in found.near.weighed.hypotheses if found.called(h) == name]
-        # What has no name predicts nothing.
-        named = [h for h in own if name != UNKNOWN and (p.effects(h) or p.says(h) in PREDICTING)]
-        effects = [found.near.column(i).effect for h in named[:1] for i in h.members]
+        of_name = [h for h in study.near.weighed.hypotheses if study.called(h) == name]
+        # A discrepancy without a name predicts nothing.
+        able = [h for h in of_name if name != UNKNOWN_KIND and (p.effects(h) or p.kind_of(h) in PREDICTING)]
+        effects = [study.near.column(i).effect for h in able[:1] for i in h.members]
         slugs = tuple(effect.slug for effect in effects if effect is not None)
-        kept.append(Explained(str(name), float(probability), slugs, *_components(found, named)))
+        kept.append(Explained(str(name), float(probability), slugs, *_components(study, able)))
     return tuple(kept)
 
 
 def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     """Return the likeliest explanations of all equations together, which are independent given the data.
 
-    What has no name predicts nothing, whatever a file of an older version holds of it.
+    The unknown predicts nothing, whatever a file of an older version holds of it.
     """
-    found = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
+    likeliest = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
     for equation, group in each.items():
         label = f"{equation}: " if len(each) > 1 else ""
         both = [
             Explained(
-                "; ".join(filter(None, (before.name, label + e.name))), before.probability * e.probability,
-                before.slugs + e.slugs,
-                () if e.name == UNKNOWN else _together(before.components, e.components), {**before.sigma, **e.sigma},
+                name="; ".join(filter(None, (before.name, label + one.name))),
+                probability=before.probability * one.probability,
+                slugs=before.slugs + one.slugs,
+                components=() if one.name == UNKNOWN_KIND else _together(before.components, one.components),
+                sigma={**before.sigma, **one.sigma},
             )
-            for before in found for e in group
-        ]  # fmt: skip
+            for before in likeliest
+            for one in group
+        ]
         # The likeliest of all are likely in every part.
-        found = sorted(both, key=lambda e: -e.probability)[:JOINED]
-    return tuple(e for e in found if e.probability >= LEAST * found[0].probability)
+        likeliest = sorted(both, key=lambda e: -e.probability)[:JOINED]
+    return tuple(e for e in likeliest if e.probability >= LEAST_EXPLAINED * likeliest[0].probability)
 
 
-def _components(found: EquationStudy, own: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
+def _components(
+    study: EquationStudy, hypotheses: Sequence[Hypothesis]
+) -> tuple[tuple[Component, ...], dict[str, float]]:
     """Return the likeliest hypotheses of one name, each at its likeliest noise point, and the noise there."""
-    columns, scale, components = found.regressors.columns, found.regressors.target_scale, []
-    own = sorted(own, key=lambda h: -h.log_weight)[:COMPONENTS]
-    weights = np.exp([h.log_weight - own[0].log_weight for h in own])
-    for weight, h in zip(weights / np.sum(weights), own, strict=True):
+    columns, scale, components = study.regressors.columns, study.regressors.target_scale, []
+    likeliest = sorted(hypotheses, key=lambda h: -h.log_weight)[:COMPONENTS]
+    if not likeliest:
+        return (), {}
+    weights = np.exp([h.log_weight - likeliest[0].log_weight for h in likeliest])
+    weights = weights / np.sum(weights)
+    for weight, h in zip(weights, likeliest, strict=True):
         terms = [k for k, i in enumerate(h.members) if columns[i].term is not None]
         unit = np.array([scale / columns[h.members[k]].scale for k in terms])
-        values, vectors = np.linalg.eigh(h.covariance[np.ix_(terms, terms)])
-        root = (vectors * np.sqrt(np.maximum(values, 0.0))).T * unit
-        # As text: what a file gives back is then the same.
+        root = factor_of(h.covariance[np.ix_(terms, terms)]) * unit
+        # As text, which a file gives back the same.
         plain = tuple(replace(f, expression=f.text) for f in (columns[h.members[k]].formula.plain for k in terms))
-        components.append(Component(float(weight), (found.equation,) * len(terms), plain, unit * h.mean[terms], root))
-    noise = float(weights @ [h.noise for h in own] / np.sum(weights)) * scale if own else 0.0
-    return tuple(components), {found.equation: noise} if own else {}
+        components.append(Component(float(weight), (study.equation,) * len(terms), plain, unit * h.mean[terms], root))
+    return tuple(components), {study.equation: float(weights @ [h.noise for h in likeliest]) * scale}
 
 
 def _together(parts: Sequence[Component], others: Sequence[Component]) -> tuple[Component, ...]:
-    """Return the likeliest pairs of hypotheses of two equations; none where one of these predicts nothing."""
+    """Return the likeliest pairs of hypotheses of two equations; none if one of these predicts nothing."""
     pairs = sorted(((a, b) for a in parts for b in others), key=lambda pair: -pair[0].weight * pair[1].weight)
     pairs = pairs[:COMPONENTS]
     total = sum(a.weight * b.weight for a, b in pairs)
     return tuple(
         Component(
-            a.weight * b.weight / total, a.equations + b.equations, a.terms + b.terms,
+            weight=a.weight * b.weight / total,
+            equations=a.equations + b.equations,
+            terms=a.terms + b.terms,
             # Weights of features come after those of terms, and go.
-            np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
-            np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
+            mean=np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
+            root=np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
         )
         for a, b in pairs
-    )  # fmt: skip
+    )

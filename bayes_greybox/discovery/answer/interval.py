@@ -2,8 +2,11 @@
 
 from statistics import NormalDist
 
-TAIL = 0.05
-"""Probability on either side of an interval: 90 % are within."""
+INTERVAL = 0.9
+"""Probability of an interval."""
 
-REACH = NormalDist().inv_cdf(1 - TAIL)
+INTERVAL_ENDS = ((1 - INTERVAL) / 2, (1 + INTERVAL) / 2)
+"""Quantiles at its ends."""
+
+INTERVAL_REACH = NormalDist().inv_cdf(INTERVAL_ENDS[1])
 """Standard deviations of a normal distribution from its mean to an end of the interval."""

@@ -1,1 +1,1 @@
-"""From the table of hypotheses to a verdict with its reasons."""
+"""The decision: from probabilities of hypotheses to a verdict with its reasons."""

@@ -1,4 +1,4 @@
-"""Every number that can flip a verdict."""
+"""Every number of the decision that can flip a verdict."""
 
 from dataclasses import dataclass
 
@@ -8,18 +8,30 @@ class Criteria:
     """Numbers that decide, each with where it comes from.
 
     Attributes:
-        named: Probability, and agreement of the data with themselves, from which on an effect is named: odds of nine.
-        missing: Probability from which on something is missing, has a name, or remains: what is likelier than not.
-        tied: Share of an effect's probability from which on another one in its place is tied with it: odds of twenty.
+        named: Probability, and agreement under bagging, from which on an effect is named: odds of nine.
+        missing: Probability from which on something is missing, has a name, or remains: likelier than not.
+        tied: Probability of a rival over that of an effect from which on the two are tied: odds of twenty.
         stacked: Probability that three effects of one quantity, or two of which one bends, are one law without a name:
             as likely as not.
-        negligible: RMS of what remains, over that of the modelled rate, below which simulation and measurement agree in
-            practice.
-        remainder: Share of the gap's square beside named effects from which on they name only a part of it.
+        negligible: RMS of the discrepancy, over that of the modelled rate, below which simulation and measurement agree
+            in practice: one per cent, the user's to set.
+        nameless: Share of the unknown's probability that comes from hypotheses without effects, above which a small
+            discrepancy is negligible: most of it.
+        remainder: Share of the gap's square beside named effects from which on they name only a part of it: one per
+            cent, which no figure shows.
         level: p-value below which a check speaks against a verdict: of a thousand right answers one is doubted.
-        reversed: Probability of the other sign than an effect's usual one from which on that is said: odds of twenty.
-        worse: Share of its error by which a free run may grow before it counts as worse: what numerics move.
-        misfit: Misfit of held-out samples, over that of training samples, from which on the answer does not hold there.
+        checked_rows: Rows from which on residuals are checked: twice the lags of the whiteness test.
+        reversed: Probability of the unusual sign of an effect's coefficient from which on it is reported: odds of
+            twenty.
+        worse: Relative growth of a free run's error from which on it counts as worse: more than numerics move.
+        integrator: Error of a free run, over the measurement's standard deviation, that is none: the integrator's own.
+        misfit: Misfit of held-out samples, over that of training samples, from which on the answer fails there: half as
+            large again, several times what coefficients leave open.
+        forced: Factor on the noise that held-out samples may have beside a latent force: a force moves one record for
+            longer than another.
+        bend: Second difference of an effect within reach of a filtered sample, over its RMS, from which on rates do not
+            show its shape there: a quarter is far above what smooth laws have.
+        bent_rows: Share of the samples that may bend so: single ones are chance.
         end: Share of the logarithm of a parameter's range that is its end; a flat posterior has as much there.
         at_end: Share of the draws at one end above which the value may lie beyond: most of them.
     """
@@ -29,10 +41,20 @@ class Criteria:
     tied: float = 0.05
     stacked: float = 0.5
     negligible: float = 0.01
+    nameless: float = 0.5
     remainder: float = 0.01
     level: float = 1e-3
+    checked_rows: int = 40
     reversed: float = 0.95
     worse: float = 0.02
+    integrator: float = 1e-4
     misfit: float = 1.5
+    forced: float = 2.0
+    bend: float = 0.25
+    bent_rows: float = 0.005
     end: float = 0.05
     at_end: float = 0.5
+
+
+CRITERIA = Criteria()
+"""Criteria of a study that sets none of its own."""

@@ -1,6 +1,6 @@
 """The verdict for one equation, from the probabilities of its hypotheses, the checks, and the criteria."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,16 +8,16 @@ import numpy as np
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
 
-from .probabilities import EFFECTS, NO_GAP, STOPS, UNKNOWN, Probabilities, Share
+from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
 
-VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
-"""From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
+VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
+"""Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
 
 ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
 """Reason against effects that together may be one law."""
 
 AND_MORE = f"{ONE_LAW}, and something is left besides"
-"""Reason against them where they leave something, too."""
+"""Reason against them where a discrepancy remains, too."""
 
 
 @dataclass(frozen=True)
@@ -26,22 +26,16 @@ class Place:
 
     Attributes:
         label: The effect on its columns.
-        slug: Its name.
-        share: Its probability there, with the agreement of the data.
-        tied: What could stand in its place, likeliest first: effects by their slugs, itself on other columns by its
+        slug: Name of the effect in the catalogue.
+        share: Probability of the effect on these columns, with agreement.
+        tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
             label, and sensor errors by their keys.
-        together: Probability of it or one of these.
-        family: Its family, and the family's share.
-        of_family: Probability of the family, with agreement.
     """
 
     label: str
     slug: str
     share: Share
     tied: tuple[str, ...]
-    together: float
-    family: str
-    of_family: Share
 
 
 @dataclass(frozen=True)
@@ -50,14 +44,14 @@ class Verdict:
 
     Attributes:
         code: One of `VERDICTS`.
-        places: Effects of the answer; none where it names none.
-        hypothesis: The likeliest hypothesis behind it.
-        sensors: Sensor errors of the answer, by their names.
-        remains: Probability that something remains beside the answer.
-        share_left: Share of the gap's square that it carries.
-        left: RMS of what remains, scaled.
-        negligible: Whether simulation and measurement agree in practice, though something remains.
-        reasons: What speaks against the verdict, in words.
+        places: Effects of the answer; empty if it has none.
+        hypothesis: Likeliest hypothesis behind the verdict.
+        sensors: Sensor errors of the answer, by name.
+        remains: Probability of a discrepancy beside the answer.
+        left: RMS of this discrepancy, scaled.
+        negligible: True if a discrepancy remains that is too small to matter in practice.
+        reasons: Reasons against the verdict, in words.
+        probabilities: Probabilities of all hypotheses.
     """
 
     code: str
@@ -65,7 +59,6 @@ class Verdict:
     hypothesis: Hypothesis
     sensors: tuple[str, ...]
     remains: float
-    share_left: float
     left: float
     negligible: bool = False
     reasons: tuple[str, ...] = ()
@@ -73,20 +66,16 @@ class Verdict:
 
     @property
     def open_ended(self) -> bool:
-        """Return whether something is left that has no name."""
-        return self.code in ("partly named", UNKNOWN) or (self.code == "one of" and bool(self.reasons))
+        """Return whether a discrepancy without a name belongs to the answer."""
+        return self.code in ("partly named", UNKNOWN_KIND) or (self.code == "one of" and bool(self.reasons))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Return the effects of the answer, on their columns."""
+        """Return the labels of the answer's effects."""
         return tuple(place.label for place in self.places)
 
     def against(self, reasons: Sequence[str]) -> "Verdict":
-        """Return the verdict with what speaks against it: nothing is *named* against its own checks.
-
-        Args:
-            reasons: In words.
-        """
+        """Return the verdict with more reasons against it: nothing is *named* against its own checks."""
         if not reasons:
             return self
         code = "partly named" if self.code == "named" else self.code
@@ -96,45 +85,46 @@ class Verdict:
 def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -> Verdict:
     """Return the verdict before its checks.
 
-    1. Whether something is missing: effects and the unknown together against no gap, recalibration and the instrument.
+    1. Something is missing if effects and the unknown together are likelier than no gap, recalibration and instrument.
     2. Of effects, the likeliest set; of sets of its size that are tied with it, the one whose effects are likeliest in
-       sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; what remains
+       sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; a discrepancy
        beside them makes it *partly named*.
-    3. *No gap* is practical: what remains without a name below a share of the modelled rate is none.
+    3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none.
 
     Args:
-        probabilities: Of the hypotheses.
+        probabilities: Probabilities of the hypotheses.
         rate_size: RMS of the modelled rate, over that of the target.
-        late: Whether a sensor's error was undone before hypotheses were weighed.
+        late: True if a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
-    missing = by_kind[EFFECTS] + by_kind[UNKNOWN]
-    if missing <= criteria.missing:
+    if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        if code == NO_GAP and late:
-            code = "instrument"
-        return _without_effects(probabilities, code)
-    if by_kind[EFFECTS] > by_kind[UNKNOWN]:
-        found = _with_effects(probabilities, _chosen(probabilities))
-        if found.code != UNKNOWN:
-            return found
-    found = _without_effects(probabilities, UNKNOWN)
-    # What is unknown for the sake of names that are not to be trusted is as large as these.
-    nameless = sum(
-        h.probability * probabilities.remains(h)
-        for h in probabilities.weighed.hypotheses
-        if not probabilities.effects(h)
-    )
-    small = found.left < criteria.negligible * rate_size and 2 * nameless > by_kind[UNKNOWN]
-    sure = max((share.probability for share in probabilities.by_effect.values()), default=0.0) > criteria.missing
-    corrected = max((share.probability for share in probabilities.by_correction.values()), default=0.0)
-    if small and not sure:
-        code = "recalibrate" if corrected > criteria.missing else NO_GAP
-        return replace(_without_effects(probabilities, code, anything=True), left=found.left, negligible=True)
-    return found
+        return _without_effects(probabilities, INSTRUMENT if late and code == NO_GAP else code, _without_discrepancy)
+    if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
+        verdict = _with_effects(probabilities, _answering_set(probabilities))
+        if verdict.code != UNKNOWN_KIND:
+            return verdict
+    unknown = _without_effects(probabilities, UNKNOWN_KIND, Probabilities.remains)
+    if unknown.left < criteria.negligible * rate_size and _nothing_stands_out(probabilities):
+        corrected = max((share.probability for share in probabilities.by_correction.values()), default=0.0)
+        code = RECALIBRATE if corrected > criteria.missing else NO_GAP
+        answer = _without_effects(probabilities, code, lambda p, h: 1.0)
+        return replace(answer, left=unknown.left, negligible=True)
+    return unknown
 
 
-def _chosen(probabilities: Probabilities) -> tuple[str, ...]:
+def _nothing_stands_out(probabilities: Probabilities) -> bool:
+    """Return whether no effect is likely, and the unknown is not merely names that are not to be trusted.
+
+    An unknown that stands for discounted effects is as large as these effects.
+    """
+    p, criteria = probabilities, probabilities.criteria
+    nameless = sum(h.probability * p.remains(h) for h in p.weighed.hypotheses if not p.effects(h))
+    likeliest_effect = max((share.probability for share in p.by_effect.values()), default=0.0)
+    return nameless > criteria.nameless * p.by_kind[UNKNOWN_KIND] and likeliest_effect <= criteria.missing
+
+
+def _answering_set(probabilities: Probabilities) -> tuple[str, ...]:
     """Return the set of effects to answer with.
 
     Of the sets that are tied with the likeliest and have its size, it is the one whose effects are likeliest in sum: an
@@ -147,102 +137,102 @@ def _chosen(probabilities: Probabilities) -> tuple[str, ...]:
     return max(alike, key=lambda names: round(sum(by_place[name].probability for name in names), 6))
 
 
-def _sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:
+def _sensor_names(probabilities: Probabilities, hypothesis: Hypothesis) -> list[str]:
+    regressors = probabilities.weighed.table.regressors
+    return [regressors[i].name for i in hypothesis.members if regressors[i].kind == SENSOR]
+
+
+def _likely_sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return the sensor errors of a hypothesis that are likelier than not."""
-    regressors, by_sensor = probabilities.weighed.table.regressors, probabilities.by_sensor
-    own = [regressors[i].name for i in hypothesis.members if regressors[i].kind == SENSOR]
-    return tuple(name for name in own if by_sensor[name].probability >= probabilities.criteria.missing)
+    by_sensor, least = probabilities.by_sensor, probabilities.criteria.missing
+    return tuple(
+        name for name in _sensor_names(probabilities, hypothesis) if by_sensor[name].probability >= least
+    )  # fmt: skip
 
 
-def _without_effects(probabilities: Probabilities, code: str, anything: bool = False) -> Verdict:
-    """Return the likeliest answer of a kind without effects."""
-    every = probabilities.weighed.hypotheses
+def _without_discrepancy(probabilities: Probabilities, hypothesis: Hypothesis) -> float:
+    return 1 - probabilities.remains(hypothesis)
 
-    def weight(h: Hypothesis) -> float:
-        remains = probabilities.remains(h)
-        if code == UNKNOWN:
-            return h.log_weight + float(np.log(max(remains, 1e-300)))
-        if probabilities.says(h) != code:
+
+def _without_effects(
+    probabilities: Probabilities, code: str, part: Callable[[Probabilities, Hypothesis], float]
+) -> Verdict:
+    """Return the likeliest answer of a kind without effects.
+
+    Args:
+        probabilities: Probabilities of the hypotheses.
+        code: Kind of the answer.
+        part: Part of a hypothesis's probability that counts for this kind.
+    """
+
+    def log_weight(h: Hypothesis) -> float:
+        if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):
             return -np.inf
-        return h.log_weight + (0.0 if anything else float(np.log(max(1 - remains, 1e-300))))
+        return h.log_weight + float(np.log(max(part(probabilities, h), 1e-300)))
 
-    plain = [h for h in every if not probabilities.effects(h)] or list(every)
-    best = max(plain, key=weight)
-    kept = _sensors(probabilities, best) if code == UNKNOWN else tuple(
-        probabilities.weighed.table.regressors[i].name for i in best.members
-        if probabilities.weighed.table.regressors[i].kind == SENSOR
-    )  # fmt: skip
-    left = 1.0 if code == UNKNOWN else 0.0
-    return Verdict(
-        code, (), best, kept, probabilities.by_kind[UNKNOWN], left, best.left, probabilities=probabilities
-    )  # fmt: skip
+    every = probabilities.weighed.hypotheses
+    best = max([h for h in every if not probabilities.effects(h)] or every, key=log_weight)
+    unknown = code == UNKNOWN_KIND
+    sensors = _likely_sensors(probabilities, best) if unknown else tuple(_sensor_names(probabilities, best))
+    remains = probabilities.by_kind[UNKNOWN_KIND]
+    return Verdict(code, (), best, sensors, remains, best.left, probabilities=probabilities)
 
 
 def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verdict:
     """Return the answer with a set of effects."""
-    criteria, every = probabilities.criteria, probabilities.weighed.hypotheses
-    own = [h for h in every if probabilities.effects(h) == chosen]
-    mass = sum(h.probability for h in own)
-    remains = sum(h.probability * probabilities.remains(h) for h in own) / mass
-    gap = probabilities.weighed.gap_square
-    share_left = sum(h.probability * h.left**2 for h in own) / mass / gap
-    best = max(own, key=lambda h: h.log_weight)
-    places = tuple(_place(probabilities, best, chosen, label) for label in chosen)
-    places = tuple(sorted(places, key=lambda place: -round(place.share.probability, 6)))
-    sensors = _sensors(probabilities, best)
+    criteria, gap = probabilities.criteria, probabilities.weighed.gap_square
+    with_set = [h for h in probabilities.weighed.hypotheses if probabilities.effects(h) == chosen]
+    mass = sum(h.probability for h in with_set)
+    remains = sum(h.probability * probabilities.remains(h) for h in with_set) / mass
+    share_left = sum(h.probability * h.left**2 for h in with_set) / mass / gap
+    best = max(with_set, key=lambda h: h.log_weight)
+    places = [_place(probabilities, best, chosen, label) for label in chosen]
+    places.sort(key=lambda place: -round(place.share.probability, 6))
     more = remains >= criteria.missing and share_left >= criteria.remainder
-    stacked = _stacked(probabilities, best)
-    reasons = ((AND_MORE if more else ONE_LAW),) if stacked else ()
-    sure = all(min(place.share) >= criteria.named for place in places)
-    if more or stacked:
-        code = "partly named"
-    elif sure:
-        code = "named"
-    else:
-        code = "one of"
+    stacked = _all_stacked(probabilities, best)
     if more and max(place.share.probability for place in places) <= criteria.missing:
-        code = UNKNOWN
+        code = UNKNOWN_KIND
+    elif more or stacked:
+        code = "partly named"
+    else:
+        code = "named" if all(min(place.share) >= criteria.named for place in places) else "one of"
+    reasons = ((AND_MORE if more else ONE_LAW),) if stacked else ()
+    sensors = _likely_sensors(probabilities, best)
     return Verdict(
-        code, places, best, sensors, remains, share_left, best.left, reasons=reasons, probabilities=probabilities
+        code, tuple(places), best, sensors, remains, best.left, reasons=reasons, probabilities=probabilities
     )  # fmt: skip
 
 
-def _stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
+def _all_stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
     """Return whether the effects of a hypothesis may all be one law."""
-    counted = probabilities.members(best, EFFECT)
-    plain = [trust for *_, trust in probabilities.alone(best, EFFECT)]
-    return bool(counted) and all(trust < own for (*_, trust), own in zip(counted, plain, strict=True))
+    discounted, plain = (probabilities.members(best, EFFECT, stacking) for stacking in (True, False))
+    return bool(plain) and all(less < trust for (_, less), (_, trust) in zip(discounted, plain, strict=True))
 
 
 def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ...], label: str) -> Place:
-    """Return one effect with what could stand in its place, given the others."""
-    regressors, criteria = probabilities.weighed.table.regressors, probabilities.criteria
-    own = next(each for each in regressors if each.group == label)
+    """Return one effect of a set with its rivals, given the other effects."""
+    effect = next(each for each in probabilities.weighed.table.regressors if each.group == label)
     others = tuple(sorted(other for other in chosen if other != label))
-    beside = {regressors[i].name for i in best.members if regressors[i].kind == SENSOR}
+    beside = _sensor_names(probabilities, best)
     rivals: dict[str, float] = {}
     for h in probabilities.weighed.hypotheses:
         names = probabilities.effects(h)
         if len(names) == len(chosen) and set(others) <= set(names):
             (there,) = set(names) - set(others) or {label}
-            found = [(each, trust) for _, each, trust in probabilities.members(h, EFFECT) if each.group == there]
-            each, trust = max(found, key=lambda item: item[1])
-            name = there if each.name == own.name and there != label else each.name
+            in_place = [each for each in probabilities.members(h, EFFECT) if each[0].group == there]
+            rival, trust = max(in_place, key=lambda item: item[1])
+            name = there if rival.name == effect.name and there != label else rival.name
         elif names == others:
             # A sensor's error may stand in an effect's place too: an offset in that of a constant force.
-            errors = [(e, trust) for _, e, trust in probabilities.members(h, SENSOR) if e.name not in beside]
+            errors = [each for each in probabilities.members(h, SENSOR) if each[0].name not in beside]
             if len(errors) != 1:
                 continue
-            ((each, trust),) = errors
-            name, trust = each.name, trust * (1 - probabilities.remains(h))
+            ((rival, trust),) = errors
+            name, trust = rival.name, trust * (1 - probabilities.remains(h))
         else:
             continue
         rivals[name] = rivals.get(name, 0.0) + trust * h.probability
-    mass = rivals.get(own.name, 0.0)
-    tied = tuple(
-        name for name, p in sorted(rivals.items(), key=lambda item: -round(item[1], 6))
-        if name != own.name and p >= criteria.tied * mass
-    )  # fmt: skip
-    share = probabilities.by_place[label]
-    together = min(1.0, share.probability + sum(rivals[name] for name in tied))
-    return Place(label, own.name, share, tied, together, own.family, probabilities.by_family[own.family])
+    least = probabilities.criteria.tied * rivals.get(effect.name, 0.0)
+    ordered = sorted(rivals, key=lambda name: -round(rivals[name], 6))
+    tied = tuple(name for name in ordered if name != effect.name and rivals[name] >= least)
+    return Place(label, effect.name, probabilities.by_place[label], tied)

@@ -1,15 +1,14 @@
-"""Probabilities of effects, of corrections, of sensor errors and of what remains, summed over the hypotheses.
+"""Probabilities of effects, corrections, sensor errors and discrepancies, summed over the hypotheses.
 
-An effect whose contribution is no larger than what remains unexplained beside it may be its imitation: its probability
-counts with the share of the two together that it closes, see `trusted`. So does that of a sensor error. A correction
-imitates nothing: the term is in the simulation, and its coefficient beside whatever remains is a statement about these
-data.
+An effect that contributes no more than the discrepancy beside it may only imitate the discrepancy. Its probability is
+therefore discounted by the share of the two that it closes, see `trusted`; so is that of a sensor error. A correction
+is not discounted: its term is in the simulation anyway.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, UNNAMED
@@ -17,26 +16,26 @@ from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regre
 
 from .criteria import Criteria
 
-NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN, EFFECTS = "no gap", "recalibrate", "instrument", "unknown", "effects"
-"""Kinds of hypotheses, by what they say is wrong."""
+NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND, EFFECTS = "no gap", "recalibrate", "instrument", "unknown", "effects"
+"""Kinds of hypotheses, by the cause of the gap."""
 
-STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN)
+STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND)
 """Kinds that name no effect."""
 
 
 class Share(NamedTuple):
-    """Probability and agreement of all hypotheses that hold something, together.
+    """Probability and agreement of a group of hypotheses.
 
     Attributes:
-        probability: Their posterior probability.
-        agreement: Their probability averaged over bagged records.
+        probability: Posterior probability of the group.
+        agreement: Probability of the group averaged over bagged records.
     """
 
     probability: float = 0.0
     agreement: float = 0.0
 
     def plus(self, hypothesis: Hypothesis, trust: float) -> "Share":
-        """Return it with another hypothesis."""
+        """Return the share with one more hypothesis, discounted by `trust`."""
         return Share(self.probability + trust * hypothesis.probability, self.agreement + trust * hypothesis.agreement)
 
 
@@ -52,75 +51,63 @@ class Probabilities:
     weighed: Weighed
     criteria: Criteria
 
-    def members(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
-        """Return a hypothesis's regressors of one kind: column, regressor, and what its probability counts with."""
-        of_kind = self.alone(hypothesis, kind)
-        stacked = self._stacked([each for _, each, _ in of_kind])
-        return [(i, each, trust * stacked(each)) for i, each, trust in of_kind]
+    def members(self, hypothesis: Hypothesis, kind: str, stacking: bool = True) -> list[tuple[Regressor, float]]:
+        """Return a hypothesis's regressors of one kind, each with its confounding discount.
 
-    def alone(self, hypothesis: Hypothesis, kind: str) -> list[tuple[int, Regressor, float]]:
-        """Return the same as `members` without the discount of stacked effects."""
+        Args:
+            hypothesis: The hypothesis.
+            kind: Kind of the regressors.
+            stacking: If true, stacked effects are discounted too, because they may be one law without a name.
+        """
         regressors = self.weighed.table.regressors
         sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
-        return [
-            (i, regressors[i], 1.0 if kind == CORRECTION else trusted(size, left, against))
+        discounted = [
+            (regressors[i], 1.0 if kind == CORRECTION else trusted(size, left, against))
             for i, size, left, against in sizes
             if regressors[i].kind == kind
         ]
-
-    def _stacked(self, effects: list[Regressor]) -> Callable[[Regressor], float]:
-        """Return what effects of one quantity count with, which together may be one law that has no name."""
-
-        def factor(effect: Regressor) -> float:
-            same = [each for each in effects if each.kind == EFFECT and each.quantity == effect.quantity]
-            many = len(same) > 2 or (len(same) == 2 and any(each.bends for each in same))
-            return 1 - self.criteria.stacked if many and effect.kind == EFFECT else 1.0
-
-        return factor
+        if kind != EFFECT or not stacking:
+            return discounted
+        effects, discount = [each for each, _ in discounted], 1 - self.criteria.stacked
+        return [(each, trust * (discount if _is_stacked(each, effects) else 1.0)) for each, trust in discounted]
 
     def effects(self, hypothesis: Hypothesis) -> tuple[str, ...]:
-        """Return the effects of a hypothesis on their columns, sorted."""
+        """Return the labels of a hypothesis's effects, sorted."""
         regressors = self.weighed.table.regressors
         return tuple(sorted(regressors[i].group for i in hypothesis.members if regressors[i].kind == EFFECT))
 
-    def says(self, hypothesis: Hypothesis) -> str:
-        """Return what a hypothesis says where nothing remains beside it."""
+    def kind_of(self, hypothesis: Hypothesis) -> str:
+        """Return the kind of a hypothesis without a discrepancy beside it."""
         kinds = {self.weighed.table.regressors[i].kind for i in hypothesis.members}
         if EFFECT in kinds:
             return EFFECTS
         return RECALIBRATE if CORRECTION in kinds else INSTRUMENT if SENSOR in kinds else NO_GAP
 
     def remains(self, hypothesis: Hypothesis) -> float:
-        """Return the probability that something of the system remains beside a hypothesis."""
+        """Return the probability of a discrepancy of the system beside a hypothesis."""
         return min(sum(hypothesis.kinds[kind] for kind in UNNAMED), 1.0)
 
     @cached_property
     def by_kind(self) -> dict[str, float]:
         """Return the probabilities of no gap, recalibration, instrument, unknown, and effects; they sum to one."""
-        found: dict[str, float] = dict.fromkeys((*STOPS, EFFECTS), 0.0)
+        shares: dict[str, float] = dict.fromkeys((*STOPS, EFFECTS), 0.0)
         for h in self.weighed.hypotheses:
             effects = self.members(h, EFFECT)
-            real = max((trust for *_, trust in effects), default=1 - self.remains(h))
-            found[self.says(h)] += real * h.probability
-            found[UNKNOWN] += (1 - real) * h.probability
-        return found
+            real = max((trust for _, trust in effects), default=1 - self.remains(h))
+            shares[self.kind_of(h)] += real * h.probability
+            shares[UNKNOWN_KIND] += (1 - real) * h.probability
+        return shares
 
-    def _by(self, kind: str, key: Callable[[Regressor], str], named: bool = True) -> dict[str, Share]:
-        """Return the shares of regressors of one kind by a key; in one hypothesis the surest of a key counts.
-
-        Args:
-            kind: Kind of the regressors.
-            key: Name under which a regressor is summed.
-            named: Whether stacked effects are discounted: not for a law whatever its name.
-        """
-        found = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
+    def _by(self, kind: str, key: Callable[[Regressor], str], stacking: bool = True) -> dict[str, Share]:
+        """Return the shares of regressors of one kind by a key; of several in one hypothesis the surest counts."""
+        shares = {key(each): Share() for each in self.weighed.table.regressors if each.kind == kind}
         for h in self.weighed.hypotheses:
-            own: dict[str, float] = {}
-            for _, each, trust in self.members(h, kind) if named else self.alone(h, kind):
-                own[key(each)] = max(own.get(key(each), 0.0), trust)
-            for name, trust in own.items():
-                found[name] = found[name].plus(h, trust)
-        return likeliest_first(found.items())
+            surest: dict[str, float] = {}
+            for each, trust in self.members(h, kind, stacking):
+                surest[key(each)] = max(surest.get(key(each), 0.0), trust)
+            for name, trust in surest.items():
+                shares[name] = shares[name].plus(h, trust)
+        return likeliest_first(shares)
 
     @cached_property
     def by_effect(self) -> dict[str, Share]:
@@ -129,18 +116,13 @@ class Probabilities:
 
     @cached_property
     def by_place(self) -> dict[str, Share]:
-        """Return the shares of effects on their own columns."""
+        """Return the shares of effects by label: each on its own columns."""
         return self._by(EFFECT, lambda each: each.group)
 
     @cached_property
-    def by_family(self) -> dict[str, Share]:
-        """Return the shares of families of effects."""
-        return self._by(EFFECT, lambda each: each.family)
-
-    @cached_property
     def by_quantity(self) -> dict[str, Share]:
-        """Return the shares of laws of the same columns, whatever their names."""
-        return self._by(EFFECT, lambda each: ", ".join(each.quantity), named=False)
+        """Return the shares of laws by the columns that they depend on, whatever their names."""
+        return self._by(EFFECT, lambda each: ", ".join(each.quantity), stacking=False)
 
     @cached_property
     def by_sensor(self) -> dict[str, Share]:
@@ -154,57 +136,62 @@ class Probabilities:
 
     @cached_property
     def by_set(self) -> dict[tuple[str, ...], Share]:
-        """Return the shares of sets of effects, with what each set counts with, likeliest first."""
-        found: dict[tuple[str, ...], Share] = {}
+        """Return the shares of sets of effects, each discounted as its surest effect, likeliest first."""
+        shares: dict[tuple[str, ...], Share] = {}
         for h in self.weighed.hypotheses:
             effects = self.members(h, EFFECT)
             if effects:
                 key = self.effects(h)
-                found[key] = found.get(key, Share()).plus(h, max(trust for *_, trust in effects))
-        return likeliest_first(found.items())
+                shares[key] = shares.get(key, Share()).plus(h, max(trust for _, trust in effects))
+        return likeliest_first(shares)
 
     @cached_property
     def by_discrepancy(self) -> dict[str, float]:
-        """Return the probabilities of the kinds of what remains, noise that hangs together among them."""
+        """Return the probabilities of the kinds of discrepancy, correlated noise among them."""
         every = self.weighed.hypotheses
         return {kind: sum(h.probability * h.kinds[kind] for h in every) for kind in DISCREPANCIES}
 
     @cached_property
     def by_memory(self) -> dict[str, float]:
-        """Return the probabilities that what remains remembers, by what it remembers, largest first."""
-        found = {
+        """Return the probabilities of discrepancies with memory, by the memory, largest first."""
+        shares = {
             memory: sum(h.probability * h.memories.get(memory, 0.0) for h in self.weighed.hypotheses)
             for memory in self.weighed.table.memories
         }
-        return dict(sorted(found.items(), key=lambda item: -round(item[1], 6)))
+        return dict(sorted(shares.items(), key=lambda item: -round(item[1], 6)))
 
     @cached_property
     def by_shape(self) -> dict[int, float]:
-        """Return the probabilities of the shapes of the noise, by their numbers; 0 is white and normal."""
-        found: dict[int, float] = {}
+        """Return the probabilities of the noise shapes, by number; 0 is white and normal."""
+        shares: dict[int, float] = {}
         for h in self.weighed.hypotheses:
             for share, point in zip(h.points, self.weighed.grid.points, strict=True):
-                found[point.shape] = found.get(point.shape, 0.0) + h.probability * float(share)
-        return found
+                shares[point.shape] = shares.get(point.shape, 0.0) + h.probability * float(share)
+        return shares
+
+
+def _is_stacked(effect: Regressor, effects: Iterable[Regressor]) -> bool:
+    """Return whether three effects of one quantity, or two of which one bends, may be one law without a name."""
+    same = [each for each in effects if each.quantity == effect.quantity]
+    return len(same) > 2 or (len(same) == 2 and any(each.bends for each in same))
 
 
 def trusted(own: float, left: float, against: float = 0.0) -> float:
-    """Return the probability that what has a size is no imitation of what is left beside it.
+    """Return the confounding discount of a contribution a beside a discrepancy w: the share of both that it closes.
 
         1 − left²/⟨(a + w)²⟩ = (own² + 2 ⟨a w⟩)/(own² + 2 ⟨a w⟩ + left²)
 
-    with a its contribution and w what is left: the share of both together that it closes. Of two that cancel each other
-    neither is anything.
+    Of two that cancel each other the discount is zero.
 
     Args:
-        own: RMS of its contribution.
-        left: RMS of the smoothed discrepancy in the band of the contribution.
-        against: ⟨a w⟩, their mean product.
+        own: RMS of a.
+        left: RMS of w in the band of a.
+        against: Mean product ⟨a w⟩.
     """
     closed = own**2 + 2 * against
     return float(closed / (closed + left**2)) if own > 0 and closed > 0 else 0.0
 
 
-def likeliest_first(items: Iterable[tuple]) -> dict:
+def likeliest_first(shares: Mapping[Any, Share]) -> dict[Any, Share]:
     """Return shares in the order of their probability; those that differ by rounding alone stay in order."""
-    return dict(sorted(items, key=lambda item: -round(item[1].probability, 6)))
+    return dict(sorted(shares.items(), key=lambda item: -round(item[1].probability, 6)))

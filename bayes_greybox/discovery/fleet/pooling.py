@@ -1,4 +1,4 @@
-"""One coefficient in many assets: what it is on the whole, and how much it differs between them.
+"""One coefficient in many assets: its mean over all of them, and its spread between them.
 
     b_i ~ N(β_i, s_i²),   β_i ~ N(μ, τ²),   p(μ) ∝ 1,   τ = 0 or τ ~ HalfNormal(r/3), evenly
 
@@ -17,11 +17,11 @@ from scipy.special import ndtr
 
 from bayes_greybox.running.errors import InputError
 
-NODES = 800
+SPREADS = 800
 """Values of τ that are summed over."""
 
-LEAST, MOST = 1e-4, 8.0
-"""First value of τ above nothing over the smallest s_i, and the last one over the scale of its prior."""
+LEAST_SPREAD, LARGEST_SPREAD = 1e-4, 8.0
+"""Least positive value of τ over the smallest s_i, and largest over the scale of its prior."""
 
 DIFFER = 1 / 3
 """Scale of the prior of τ over r, the size of the coefficients: assets of one kind differ by less than they have."""
@@ -32,7 +32,7 @@ class Pooled:
     """A coefficient over many assets; intervals hold 90 %.
 
     Attributes:
-        mean, sd, lower, upper: Of μ, the coefficient on the whole.
+        mean, sd, lower, upper: Moments and interval of μ, the mean coefficient.
         between, between_lower, between_upper: Median and interval of τ, the standard deviation between assets.
         same: Probability that all have one coefficient, τ = 0, which has 0.5 beforehand.
         each: Posterior mean of each asset's own β_i.
@@ -55,8 +55,8 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     """Pool a coefficient partially.
 
     Args:
-        mean: Posterior mean of it in each asset, one unit for all.
-        sd: Its posterior standard deviation, that of a flat prior as nearly as may be.
+        mean: Posterior mean in each asset, one unit for all.
+        sd: Posterior standard deviation in each asset, as under a flat prior as nearly as may be.
 
     Raises:
         InputError: Fewer than two assets, or one without a finite mean and a standard deviation above zero.
@@ -67,7 +67,7 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     if not (np.all(np.isfinite(b)) and np.all(s > 0) and np.all(np.isfinite(s))):
         raise InputError("Every asset needs a finite mean and a standard deviation above zero to be pooled.")
     scale = DIFFER * max(float(np.sqrt(np.mean(b**2))), float(np.min(s)))
-    tau = np.concatenate([[0.0], np.geomspace(LEAST * float(np.min(s)), MOST * scale, NODES)])
+    tau = np.concatenate([[0.0], np.geomspace(LEAST_SPREAD * float(np.min(s)), LARGEST_SPREAD * scale, SPREADS)])
     variance = s**2 + tau[:, None] ** 2
     precision = np.sum(1 / variance, axis=1)
     # μ | τ, b ~ N(μ̂, V)  (5.20)
@@ -96,6 +96,6 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
 
 
 def _quantile(p: float, weight: np.ndarray, centre: np.ndarray, sd: np.ndarray) -> float:
-    """Of a mixture of Gaussians."""
+    """Return a quantile of a mixture of Gaussians."""
     ends = float(np.min(centre - 8 * sd)), float(np.max(centre + 8 * sd))
     return float(cast(float, brentq(lambda x: weight @ ndtr((x - centre) / sd) - p, *ends)))

@@ -1,4 +1,4 @@
-"""What a fleet of studies says together: assets by their gap, and what they lack, pooled over those that lack it."""
+"""Studies of a fleet together: assets by their gap, and effects that they lack, pooled over the assets."""
 
 import math
 import re
@@ -9,35 +9,33 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.decision.criteria import CRITERIA
+from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
 from bayes_greybox.discovery.sensor_errors.channels import is_fault
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 
-SURE = Criteria().named
-"""Probability from which on an effect is named."""
-
 SHARE = "unexplained share"
 """Metric by which assets are ranked."""
 
 ADDED, POSSIBLE = "added", "one of"
-"""Status of an effect that is in a study's model, and of one that could stand in the place of another."""
+"""Status of an effect that is in a study's model, and of a rival of one."""
 
-ALIKE = 1.25
+LARGEST_RATIO = 1.25
 """Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
 
-_NUMBER = re.compile(r"(?<![\w.])\d+\.?\d*(?:[eE][+-]?\d+)?")
+FAILED = "failed"
+"""Verdict on an asset that could not be studied."""
 
-FAILED, RECALIBRATE, INSTRUMENT = "failed", "recalibrate", "instrument"
-"""Verdicts on an asset that could not be studied, whose coefficients are off, and whose measurement is at fault."""
-
-LACKING = ("named", "one of", "partly named", "unknown")
+LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""
 
 ONE_CAUSE = 0.9
 """Share of the assets that lack something from which on it is one cause; and the probability from which on its
 coefficient is said to be one, or to differ."""
+
+_NUMBER = re.compile(r"(?<![\w.])\d+\.?\d*(?:[eE][+-]?\d+)?")
 
 
 @dataclass(frozen=True)
@@ -46,18 +44,18 @@ class Shared:
 
     Attributes:
         equation, slug, name: The effect.
-        expression: Its formula; numbers that differ between the assets are inner parameters by their names.
-        unit: Of its coefficient; "" where it is not known, or not one.
-        one_unit: Whether the coefficients of all assets have one unit.
+        expression: Formula; numbers that differ between the assets are inner parameters by their names.
+        unit: Unit of the coefficient; "" if it is not known, or differs.
+        one_unit: True if the coefficients of all assets have one unit.
         inner: Range over the assets of each inner parameter.
-        assets: Those that surely lack it.
-        possible: Those that may: their data do not tell it from something else.
-        likely: Probability of it in each of the possible to whose model it was added.
+        assets: Assets that surely lack it.
+        possible: Assets that may lack it: their data do not tell it from something else.
+        likely: Probability of the effect in each possible asset to whose model it was added.
         faults: Faults of sensors that may stand in its place in these, such as "delay of F".
-        expressions, units: The formula with its own numbers, and the unit, in each of `assets`.
-        mean, sd: Its coefficient in each of them; NaN where it is not known.
-        whole: The coefficients together; None where there is one alone, where units or inner parameters differ too
-            much for the coefficients to be of one kind, or where one of them has no standard deviation.
+        expressions, units: Formula with its own numbers, and unit, in each of `assets`.
+        mean, sd: Coefficient in each of `assets`; NaN if it is not known.
+        whole: Pooled coefficient; None if there is one alone, if units or inner parameters differ too much for the
+            coefficients to be of one kind, or if one of them has no standard deviation.
     """
 
     equation: str
@@ -79,32 +77,29 @@ class Shared:
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """Inner parameters that differ too much for the coefficients beside them to be of one kind."""
-        return tuple(name for name, (low, high) in self.inner.items() if high > ALIKE * low)
+        """Return inner parameters that differ too much for the coefficients beside them to be of one kind."""
+        return tuple(name for name, (low, high) in self.inner.items() if high > LARGEST_RATIO * low)
 
     @property
     def unsized(self) -> tuple[str, ...]:
-        """Assets whose coefficient has no mean, or no standard deviation above zero: nothing is pooled with it."""
-        return tuple(
-            asset
-            for asset, mean, sd in zip(self.assets, self.mean, self.sd, strict=True)
-            if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0)
-        )
+        """Return assets whose coefficient has no mean, or no standard deviation above zero: none is pooled with it."""
+        sizes = zip(self.assets, self.mean, self.sd, strict=True)
+        return tuple(asset for asset, mean, sd in sizes if not (math.isfinite(mean) and 0 < sd < math.inf))
 
 
 @dataclass(frozen=True)
 class AssetStudy:
-    """What came of one asset.
+    """Outcome of one asset.
 
     Attributes:
-        asset: Its name.
-        verdict: Of its study; "failed" where there is none.
+        asset: Name of the asset.
+        verdict: Verdict of its study; "failed" if there is none.
         lacks: Names of the effects that it surely lacks.
-        may_lack: Of those that were added to its model too, but of which its study is not sure.
-        gap: Unexplained share before, of held-out data where there are any; NaN where it is not known.
+        may_lack: Names of added effects of which its study is not sure.
+        gap: Unexplained share before, of held-out data if there are any; NaN if it is not known.
         left: The same after.
-        sentence: What its study says, or why there is none.
-        converged: Whether the sampler did; None where nothing was sampled.
+        sentence: Sentence of its study, or the reason why there is none.
+        converged: True if the sampler converged; None if nothing was sampled.
     """
 
     asset: str
@@ -118,7 +113,7 @@ class AssetStudy:
 
     @property
     def failed(self) -> bool:
-        """Whether it could not be studied."""
+        """Return whether the asset could not be studied."""
         return self.verdict == FAILED
 
 
@@ -136,42 +131,42 @@ class Fleet:
 
     @property
     def studied(self) -> tuple[AssetStudy, ...]:
-        """Assets whose study did not fail."""
+        """Return assets whose study did not fail."""
         return tuple(each for each in self.assets if not each.failed)
 
     @property
     def failed(self) -> tuple[AssetStudy, ...]:
-        """The others."""
+        """Return assets whose study failed."""
         return tuple(each for each in self.assets if each.failed)
 
     @property
     def lacking(self) -> int:
-        """Number of assets that lack something."""
+        """Return the number of assets that lack something."""
         return sum(each.verdict in LACKING for each in self.studied)
 
     @property
     def recalibrated(self) -> int:
-        """Number of assets that lack nothing, but whose coefficients are off."""
+        """Return the number of assets that lack nothing, but whose coefficients are off."""
         return sum(each.verdict == RECALIBRATE for each in self.studied)
 
     @property
     def mismeasured(self) -> int:
-        """Number of assets that lack nothing, but whose measurement is at fault."""
+        """Return the number of assets that lack nothing, but whose measurement is at fault."""
         return sum(each.verdict == INSTRUMENT for each in self.studied)
 
     @property
     def converged(self) -> bool:
-        """Whether the sampler converged wherever it ran."""
+        """Return whether the sampler converged wherever it ran."""
         return all(each.converged is not False for each in self.studied)
 
     @property
     def causes(self) -> tuple[Shared, ...]:
-        """Effects that nearly every asset that lacks something lacks, or may lack; two surely."""
+        """Return effects that nearly all lacking assets lack or may lack, two of them surely."""
         return tuple(each for each in self._of_nearly_all() if len(each.assets) > 1)
 
     @property
     def suspected(self) -> tuple[Shared, ...]:
-        """The same, but of which no two assets are sure."""
+        """Return effects that nearly all lacking assets lack or may lack, no two of them surely."""
         return tuple(each for each in self._of_nearly_all() if len(each.assets) < 2)
 
     def _of_nearly_all(self) -> list[Shared]:
@@ -179,7 +174,7 @@ class Fleet:
         return [each for each in self.shared if len({*each.assets, *each.possible}) >= least]
 
     def table(self) -> pd.DataFrame:
-        """The assets as a table, indexed by asset."""
+        """Return the assets as a table, indexed by asset."""
         rows = [
             {**asdict(each), "lacks": ", ".join(each.lacks), "may_lack": ", ".join(each.may_lack)}
             for each in self.assets
@@ -188,31 +183,22 @@ class Fleet:
 
 
 def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]) -> Fleet:
-    """Put studies together.
-
-    Args:
-        records: Of studies, as in summary.json, by asset.
-        failed: Reasons of those that were not studied.
-    """
-    found = [_study(name, record) for name, record in records.items()]
-    found += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
-    found.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
-    return Fleet(tuple(found), tuple(_shared(records)))
+    """Put studies together."""
+    assets = [_study(name, record) for name, record in records.items()]
+    assets += [AssetStudy(name, FAILED, (), (), math.nan, math.nan, reason, None) for name, reason in failed.items()]
+    assets.sort(key=lambda each: (each.failed, -_size(each.gap), each.asset))
+    return Fleet(tuple(assets), tuple(_shared(records)))
 
 
 def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
-    gap = [row for row in record["gap"] if row["metric"] == SHARE]
-    own = [row for row in gap if row["data"] == "test"] or gap
-    worst = max(own, key=lambda row: _size(row["before"]), default={"before": math.nan, "after": math.nan})
-    fit = record.get("convergence")
+    rows = [row for row in record["gap"] if row["metric"] == SHARE]
+    rows = [row for row in rows if row["data"] == "test"] or rows
+    worst = max(rows, key=lambda row: _size(row["before"]), default={"before": None, "after": None})
     added = [effect for effect in record["effects"] if effect["status"] == ADDED]
     lacks = tuple(effect["name"] for effect in added if _sure(record, effect))
     may_lack = tuple(effect["name"] for effect in added if not _sure(record, effect))
-    before, after, ok = (
-        _number(worst["before"]),
-        _number(worst["after"]),
-        None if fit is None else bool(fit["ok"] or fit.get("short")),
-    )
+    fit, before, after = record.get("convergence"), _number(worst["before"]), _number(worst["after"])
+    ok = None if fit is None else bool(fit["ok"] or fit.get("short"))
     return AssetStudy(name, record["verdict"], lacks, may_lack, before, after, record["sentence"], ok)
 
 
@@ -229,23 +215,17 @@ class _Lack(NamedTuple):
 
 
 def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
-    """Whether an asset lacks an effect for sure, and not only in its likeliest model."""
-    if effect["status"] != ADDED or record["verdict"] not in ("named", "one of", "partly named"):
-        return False
+    """Return whether an asset lacks an effect for sure, and not only in its likeliest model."""
+    named = effect["status"] == ADDED and record["verdict"] in LACKING and record["verdict"] != UNKNOWN_KIND
     # Beside it something else may be one of several.
-    return _number(effect["probability"]) >= SURE
-
-
-def _faults(effect: Mapping[str, Any]) -> list[str]:
-    """Faults of sensors that could stand in an effect's place."""
-    return list(filter(is_fault, effect["tied_with"]))
+    return named and _number(effect["probability"]) >= CRITERIA.named
 
 
 def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
-    """Effects by equation, name, formula and inner parameters, those that most assets have first."""
-    groups: dict[tuple, list[list[_Lack]]] = {}
+    """Return effects by equation, name, formula and inner parameters, those that most assets have first."""
+    groups: dict[tuple, list[list[_Lack]]] = defaultdict(list)
     for name, record in records.items():
-        # What is tied is possible, whatever an older study calls it.
+        # A tied effect is possible, whatever its status in an older study.
         tied = defaultdict(set)
         for effect in record["effects"]:
             if effect["status"] == ADDED:
@@ -253,31 +233,30 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
         for effect in record["effects"]:
             if effect["status"] not in (ADDED, POSSIBLE) and effect["slug"] not in tied[effect["equation"]]:
                 continue
-            key = (effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0])
-            known = groups.setdefault(key, [])
-            own = next((group for group in known if _one_formula(group[0].effect, effect)), None)
-            if own is None:
-                known.append(own := [])
-            own.append(_Lack(name, effect, _sure(record, effect)))
-    every = [group for known in groups.values() for group in known]
-    found = [_of_effect(group) for group in every if any(each.added for each in group)]
-    return sorted(found, key=lambda each: (-len(each.assets), -len(each.likely), each.equation, each.slug))
+            alike = groups[effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0]]
+            group = next((group for group in alike if _one_formula(group[0].effect, effect)), None)
+            if group is None:
+                alike.append(group := [])
+            group.append(_Lack(name, effect, _sure(record, effect)))
+    every = [group for alike in groups.values() for group in alike]
+    effects = [_of_effect(group) for group in every if any(each.added for each in group)]
+    return sorted(effects, key=lambda each: (-len(each.assets), -len(each.likely), each.equation, each.slug))
 
 
 def _formula(effect: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
-    """An effect's formula, and the rates of its hidden states, without their numbers; and these."""
+    """Return an effect's formula, with the rates of its hidden states, without numbers; and the numbers."""
     text = "; ".join([effect["expression"], *(effect.get("hidden") or {}).values()])
     return "".join(_NUMBER.sub("#", text).split()), tuple(map(float, _NUMBER.findall(text)))
 
 
 def _one_formula(first: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether formulas that are the same without their numbers differ in those of inner parameters alone."""
+    """Return whether formulas that are equal without numbers differ in numbers of inner parameters alone."""
     pairs = zip(_formula(first)[1], _formula(other)[1], strict=True)
     return all(a == b or _parameter((a, b), (first, other)) for a, b in pairs)
 
 
 def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -> str:
-    """The inner parameter whose value a number is in each formula, with the digits that formulas have; "" for none."""
+    """Return the inner parameter with these values, one in each effect, to the digits of formulas; "" for none."""
     for name in effects[0]["inner"]:
         values = (float(f"{float(effect['inner'][name]):.4g}") for effect in effects)
         if all(a == b for a, b in zip(numbers, values, strict=True)):
@@ -286,7 +265,7 @@ def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -
 
 
 def _common(effects: Sequence[Mapping[str, Any]]) -> str:
-    """Their formula, with the names of inner parameters in the place of numbers that differ."""
+    """Return the formula of effects, with names of inner parameters in the place of numbers that differ."""
     numbers = zip(*(_NUMBER.findall(effect["expression"]) for effect in effects), strict=True)
     written = iter([
         own[0] if len(set(own)) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers
@@ -300,8 +279,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
     shown = [each.effect for each in sure or likely]
     first, units = shown[0], [effect["unit"] or "" for effect in shown]
     one_unit = all(_one_unit(units[0], unit) for unit in units)
-    inner = {name: [float(effect["inner"][name]) for effect in shown] for name in first["inner"]}
-    ranges = {name: (min(own), max(own)) for name, own in inner.items()}
+    values = {name: [float(effect["inner"][name]) for effect in shown] for name in first["inner"]}
     shared = Shared(
         equation=first["equation"],
         slug=first["slug"],
@@ -309,11 +287,11 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
         expression=_common(shown),
         unit=units[0] if one_unit else "",
         one_unit=one_unit,
-        inner=ranges,
+        inner={name: (min(own), max(own)) for name, own in values.items()},
         assets=tuple(each.asset for each in sure),
         possible=tuple(each.asset for each in group if not each.sure),
         likely={each.asset: float(each.effect["probability"]) for each in likely},
-        faults=tuple(dict.fromkeys(fault for each in likely for fault in _faults(each.effect))),
+        faults=tuple(dict.fromkeys(tied for each in likely for tied in filter(is_fault, each.effect["tied_with"]))),
         expressions=tuple(each.effect["expression"] for each in sure),
         units=tuple(each.effect["unit"] or "" for each in sure),
         mean=tuple(_number(each.effect["mean"]) for each in sure),
@@ -326,7 +304,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
 
 
 def _one_unit(first: str, other: str) -> bool:
-    """Whether two units are one, however they are written; one that is not known is that of none that is."""
+    """Return whether two units are one, however they are written; an unknown unit equals no known one."""
     try:
         return first == other or bool(first and other and same_unit(first, other, "a coefficient"))
     except InputError:
@@ -338,6 +316,6 @@ def _number(value: Any) -> float:
 
 
 def _size(value: Any) -> float:
-    """For ordering: what is not known comes after what is."""
+    """Return a number for ordering: unknown ones come after known ones."""
     number = _number(value)
     return -1.0 if math.isnan(number) else number

@@ -1,1 +1,1 @@
-"""What a file keeps of a study beside the amended model's posterior."""
+"""Files of studies."""

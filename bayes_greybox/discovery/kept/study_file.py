@@ -1,7 +1,7 @@
 """The file of a study: its tables, maps, free runs and equations, beside the amended model's posterior if there is one.
 
-What the page of a study shows, and what its equations and free runs are made of, is kept to the last bit, so that a
-study that was read shows what the study showed. What it was weighed on is not: rows, products, hypotheses' posteriors.
+Everything that pages, equations and free runs need is kept to the last bit, so that a study that was read shows the
+same. Rows, products and posteriors of hypotheses, on which it was weighed, are not kept.
 """
 
 import json
@@ -36,21 +36,20 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
-from .features import Features
-from .known_columns import KnownColumns, kept_amendment, lost
+from .known_columns import Features, KnownColumns, kept_amendment, lost
 
-FORMAT = 1
-"""Of the group; of another one the fit alone is read."""
+STUDY_FORMAT = 1
+"""Format of the group; of another one the fit alone is read."""
 
-CLASSES = (
+STUDY_CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
     Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
     Remainder, *ROW_KINDS.values(),
 )  # fmt: skip
-"""Classes of what a file holds."""
+"""Classes of the values in a file."""
 
 MODELS = ("base", "model", "fit")
-"""Attributes of a study that are kept in another way than the others."""
+"""Attributes of a study that are kept as models."""
 
 
 def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping[str, Any]) -> None:
@@ -64,14 +63,14 @@ def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping
     Raises:
         InputError: The destination cannot be written.
     """
-    packer = Packer(CLASSES, leave_out=("corrected",))
+    packer = Packer(STUDY_CLASSES, leave_out=("corrected",))
     # The data first, which others refer to.
     ordered = {each.name: getattr(study, each.name) for each in fields(StudyResult) if each.name not in MODELS}
     ordered["amendments"] = {name: kept_amendment(each) for name, each in study.amendments.items()}
     values = {name: packer.pack(value, name) for name, value in ordered.items()}
     models = {"base": describe(study.base, study.train), "model": describe(study.model, study.corrected)}
     same = study.fit is not None and study.fit.data is study.corrected
-    text = json.dumps({"format": FORMAT, "models": models, "values": values, "same_data": same}, default=float)
+    text = json.dumps({"format": STUDY_FORMAT, "models": models, "values": values, "same_data": same}, default=float)
     group, plain = as_group(text, packer.arrays), {netcdf.STUDIED: json.dumps(record, default=float)}
     if study.fit is None:
         netcdf.save_unsampled(path, plain, {netcdf.STUDIED: group})
@@ -80,24 +79,24 @@ def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping
 
 
 def holds_study(tree: xr.DataTree) -> bool:
-    """Whether the groups of a file hold a whole study, and not a fit alone, as do files of version 0.1.0."""
+    """Return whether the groups of a file hold a whole study, and not a fit alone, as do files of version 0.1.0."""
     if netcdf.STUDIED not in tree.children:
         return False
-    return json.loads(group_arrays(tree[netcdf.STUDIED].dataset)[0])["format"] == FORMAT
+    return json.loads(group_arrays(tree[netcdf.STUDIED].dataset)[0])["format"] == STUDY_FORMAT
 
 
 def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> StudyResult:
-    """The study that the groups of a file hold.
+    """Return the study that the groups of a file hold.
 
     Args:
-        tree: What `netcdf.read` returned, of which `holds_study`.
+        tree: Groups from `netcdf.read`, for which `holds_study` is true.
         simulation: The simulation's function, if the model had one.
 
     Raises:
         InputError: A function is needed.
     """
     text, arrays = group_arrays(tree[netcdf.STUDIED].to_dataset())
-    record, unpacker = json.loads(text), Unpacker(CLASSES, arrays)
+    record, unpacker = json.loads(text), Unpacker(STUDY_CLASSES, arrays)
     values: dict[str, Any] = {name: unpacker.unpack(value) for name, value in record["values"].items()}
     models = {name: rebuild(each, simulation) for name, each in record["models"].items()}
     tree.attrs.pop(netcdf.STUDIED, None)
@@ -107,6 +106,6 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
-    found = StudyResult(**{**values, **models, "fit": fit})
-    require_kinds(found)
-    return found
+    study = StudyResult(**{**values, **models, "fit": fit})
+    require_kinds(study)
+    return study

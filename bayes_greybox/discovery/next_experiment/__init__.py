@@ -1,1 +1,1 @@
-"""The next experiment: candidates, simulated under the surviving hypotheses, ranked by what they tell of these."""
+"""The next experiment: candidates, simulated under the surviving hypotheses, ranked by their information."""

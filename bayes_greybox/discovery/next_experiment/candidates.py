@@ -20,13 +20,13 @@ def usual_candidates(
     """Return experiments like those of the data, with other signals, amplitudes and starts.
 
     One input is driven at a time; the others are held in the middle of their range, and so is one that never moved in
-    the data. Frequencies lie between a few periods a run and what the states move at.
+    the data. Frequencies lie between a few periods a run and the band of the states.
 
     Args:
         data: Training data.
         sensors: Noise by channel.
-        signals: Families, keys of `SIGNALS`; all by default.
-        amplitudes: Amplitudes over half the range that the input had in the data: above 1 is beyond what was seen.
+        signals: Families of signals, keys of `SIGNALS`; all by default.
+        amplitudes: Amplitudes over half the range that the input had in the data: above 1 is beyond the data.
         starts: States at the start; by default where the first runs of the data began, and where no input moves
             corners of the states' range, `amplitudes` times as far from its middle.
         duration: Duration of each; that of the longest run by default.
@@ -61,16 +61,15 @@ def usual_candidates(
     begun = [{name: float(x[i]) for name, x in data.states.items()} for i in firsts]
     if starts is None:
         starts = begun if driven else _corners(data, amplitudes)
-    full = [{**begun[0], **start} for start in starts]
-    pairs = product(driven or [still], full)
+    pairs = product(driven or [still], [{**begun[0], **start} for start in starts])
     return tuple(Candidate(inputs, start, duration, rows, sensors) for inputs, start in pairs)
 
 
 def _corners(data: Trajectories, amplitudes: Sequence[float]) -> list[dict[str, float]]:
     """Return each state at either end of its range with the others in the middle, and all of them at the same end."""
     middle = {name: 0.5 * float(np.min(x) + np.max(x)) for name, x in data.states.items()}
-    found = []
+    starts = []
     for factor in (sign * amplitude for amplitude in amplitudes for sign in (1.0, -1.0)):
         moved = {name: middle[name] + factor * 0.5 * float(np.ptp(x)) for name, x in data.states.items()}
-        found += [{**middle, name: moved[name]} for name in middle] + ([moved] if len(middle) > 1 else [])
-    return found
+        starts += [{**middle, name: moved[name]} for name in middle] + ([moved] if len(middle) > 1 else [])
+    return starts

@@ -1,7 +1,7 @@
 """Information of an experiment about which hypothesis holds, in closed form.
 
 Near its mean, hypothesis i predicts y ~ N(m_i, S_i), S_i = I + A_iᵀA_i, over the noise; A_i has one row for each latent
-of its coefficients' posterior, so that only what is left after refitting tells. The information about the hypothesis is
+of its coefficients' posterior, so that only differences beyond a refit count. The information about the hypothesis is
 at least (Kolchinsky & Tracey 2017, eq. 10, with the Bhattacharyya distance)
 
     I(M; y) ≥ −Σ_i p_i log Σ_j p_j exp(−C_ij),   C_ij = ⅛ dᵀS⁻¹d + ½ log|S| − ¼ log|S_i| − ¼ log|S_j|,
@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import block_diag
 
-FAR = 1e6
-"""Noise standard deviations: a residual is not told from a larger one, and rows less certain than this do not count."""
+TOO_UNCERTAIN = 1e6
+"""Noise standard deviations at which residuals are cut off, and from which on uncertain rows do not count."""
 
 
 class Information(NamedTuple):
@@ -28,7 +28,7 @@ class Information(NamedTuple):
 
 
 class Response(NamedTuple):
-    """What one hypothesis predicts: m, rows of A of coefficients, and rows of A of an experiment's own start."""
+    """Prediction of one hypothesis: m, rows of A of coefficients, and rows of A of an experiment's own start."""
 
     mean: Float[np.ndarray, " n_row"]
     load: Float[np.ndarray, "n_latent n_row"]
@@ -45,8 +45,8 @@ def distance(one: Response, other: Response) -> float:
     """Return the Bhattacharyya distance C of two predictions, in nats."""
     A, B = (np.vstack([each.load, each.start]) for each in (one, other))
     d = one.mean - other.mean
-    sure = np.isfinite(d) & np.all(np.abs(np.vstack([A, B])) < FAR, axis=0)
-    A, B, d = A[:, sure], B[:, sure], np.clip(d[sure], -FAR, FAR)
+    sure = np.isfinite(d) & np.all(np.abs(np.vstack([A, B])) < TOO_UNCERTAIN, axis=0)
+    A, B, d = A[:, sure], B[:, sure], np.clip(d[sure], -TOO_UNCERTAIN, TOO_UNCERTAIN)
     # Along right singular vectors of both loads S is 1 + s², and 1 elsewhere.
     _, s, V = np.linalg.svd(np.vstack([A, B]) / np.sqrt(2), full_matrices=False)
     left, logs = d - (V @ d) @ V, [np.linalg.slogdet(np.eye(len(L)) + L @ L.T)[1] for L in (A, B)]
@@ -56,5 +56,5 @@ def distance(one: Response, other: Response) -> float:
 
 def information(responses: Sequence[Sequence[Response]], p: Float[np.ndarray, " n"]) -> float:
     """Return the information in bits, of predictions of all hypotheses along the path of each, by probabilities p."""
-    overlaps = [[np.exp(-distance(own[i], other)) for other in own] for i, own in enumerate(responses)]
+    overlaps = [[np.exp(-distance(each[i], other)) for other in each] for i, each in enumerate(responses)]
     return float(-p @ np.log2(np.array(overlaps) @ p))

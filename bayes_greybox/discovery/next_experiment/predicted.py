@@ -1,4 +1,4 @@
-"""What every hypothesis predicts of candidates, and what becomes of their runs."""
+"""Predictions of every hypothesis for candidates, and the fate of their runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -10,6 +10,7 @@ from jaxtyping import Float
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.explained import Component, Explained
+from bayes_greybox.discovery.answer.interval import INTERVAL, INTERVAL_ENDS
 from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.physics.integration.side_by_side import Added, run_with, stage_times, steps_needed
 from bayes_greybox.physics.simulation.protocol import Simulation
@@ -17,14 +18,11 @@ from bayes_greybox.physics.units import derivative_unit
 
 from .information import Response
 
-SMALL, LEVEL = 0.1, 0.9
-"""Standard deviations over which derivatives are taken, and share of the runs that a band holds."""
+SMALL_STEP, UNSEEN_START = 0.1, 0.05
+"""Standard deviations over which derivatives are taken; deviation of an unseen start, over its range in the data."""
 
-LOST, UNSEEN_START = 1e3, 0.05
-"""Size of a state that has failed, over its largest in the data; deviation of an unseen start, over its range there."""
-
-AT_ONCE = 4_000_000
-"""Samples of paths that are simulated side by side, at most: memory."""
+FAILED_SIZE, SIDE_BY_SIDE = 1e3, 4_000_000
+"""Size of a state that has failed, over its largest in the data; most samples simulated side by side: memory."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +33,13 @@ class Responses:
         candidate: The experiment.
         names: Names of the explanations, likeliest first.
         probability: Their probabilities.
-        bands: 5, 50 and 95 % of what a sensor would show without noise, by channel; NaN where runs have failed.
-        labels: The state that each channel shows, or its rate.
+        bands: Quantiles 5, 50 and 95 % of each channel without noise; NaN where runs have failed.
+        labels: State that each channel shows, or its rate.
         units: Units by channel, and the time's under "t".
         predictions: Predictions of all explanations along the path of each.
         fails: Largest share of runs that fail under an explanation.
-        reach: How far runs go from the middle of the data's range, over half of it (95 % quantile), by column.
-        resolved: Whether the steps follow its paths.
+        reach: Distance of runs from the middle of the data's range, over half of it (95 % quantile), by column.
+        resolved: True if the steps follow its paths.
     """
 
     candidate: Candidate
@@ -64,9 +62,9 @@ class Predictor:
         explanations: Explanations that predict something.
         simulation: The model before, its jumps rounded for an integrator.
         data: Training data.
-        rates: Whether sensors show rates, from known starts; else samples of states, from starts that they show.
+        rates: If true, sensors show rates, from known starts; if false, samples of states, from starts that they show.
         outcomes: Runs with coefficients from the posterior, for each.
-        seed: Seed of these.
+        seed: Seed of these runs.
     """
 
     explanations: Sequence[Explained]
@@ -94,7 +92,7 @@ class Predictor:
         for length in dict.fromkeys((c.duration, c.rows) for c in candidates):
             left = [i for i, c in enumerate(candidates) if (c.duration, c.rows) == length]
             while left:
-                n = max(1, AT_ONCE // (length[1] * sum(map(len, latents))))
+                n = max(1, SIDE_BY_SIDE // (length[1] * sum(map(len, latents))))
                 own, left = left[:n], left[n:]
                 follow = partial(self._follow, [candidates[i] for i in own])
                 means = partial(follow, latents=[z[:1] for z in latents])
@@ -109,7 +107,7 @@ class Predictor:
         """Return runs in standard deviations of coefficients and of the start: the mean, small steps, draws."""
         k = len(self.hypotheses[h].root) + len(self.simulation.states)
         draws = np.random.default_rng([self.seed, h]).standard_normal((self.outcomes, k))
-        return np.vstack([np.zeros((1, k)), SMALL * np.eye(k), draws])
+        return np.vstack([np.zeros((1, k)), SMALL_STEP * np.eye(k), draws])
 
     def _added(self, h: int, latents: np.ndarray) -> Added:
         """Return the terms of a hypothesis with their coefficients by run."""
@@ -130,12 +128,12 @@ class Predictor:
         sd = np.array([[c.sensors.get(n, UNSEEN_START * np.ptp(values[n])) for n in names] for c in candidates])
         moved = 0.0 if self.rates else sd[:, None]
         starts = [first + moved * z[:, len(c.root) :] for c, z in zip(self.hypotheses, latents, strict=True)]
-        limit = np.array([LOST * (float(np.max(np.abs(values[name]))) or 1.0) for name in names])
+        limit = np.array([FAILED_SIZE * (float(np.max(np.abs(values[name]))) or 1.0) for name in names])
         systems = [self._added(h, z) for h, z in enumerate(latents)]
         return run_with(self.simulation, systems, starts, times, inputs, limit)
 
     def _shown(self, h: int, latents: np.ndarray, candidate: Candidate, paths: np.ndarray) -> np.ndarray:
-        """Return what sensors show along paths without noise [n_sensor, n_run, n_row]: states, or rates there."""
+        """Return the sensors' noise-free readings along paths [n_sensor, n_run, n_row]: states, or rates there."""
         names, values = self.simulation.states, paths
         if self.rates:
             t = np.broadcast_to(candidate.times, paths.shape[:2])
@@ -153,31 +151,32 @@ class Predictor:
         paths = np.repeat(along[:1], len(latents), axis=0) if self.rates else along[: len(latents)]
         sd = np.array(list(candidate.sensors.values()))[:, None, None]
         shown = np.concatenate(list(self._shown(h, latents, candidate, paths) / sd), axis=-1)
-        by = (shown[1:] - shown[0]) / SMALL
+        by = (shown[1:] - shown[0]) / SMALL_STEP
         return Response(shown[0], by[:k], by[k:])
 
     def _predicted(self, candidate: Candidate, paths: Sequence[np.ndarray], resolved: bool) -> Responses:
-        """Return what the runs of all hypotheses of one candidate come to."""
-        # Given the path, rates are linear in the coefficients; what the path itself tells is not counted.
+        """Return the predictions of all hypotheses for one candidate."""
+        # Given the path, rates are linear in the coefficients; the information of the path itself is not counted.
         along = [[path] * len(paths) for path in paths] if self.rates else [paths] * len(paths)
         responses = [[self._response(h, candidate, own) for h, own in enumerate(each)] for each in along]
         bands = {name: np.full((len(paths), 3, candidate.rows), np.nan) for name in candidate.sensors}
         drawn = np.stack([path[-self.outcomes :] for path in paths])
+        quantiles = (INTERVAL_ENDS[0], 0.5, INTERVAL_ENDS[1])
         for h, own in enumerate(drawn):
             shown = self._shown(h, self._latents(h)[-self.outcomes :], candidate, own)
             for name, values in zip(bands, shown, strict=True):
                 # A run that failed shows nothing from there on.
-                whole, ends = np.mean(np.isfinite(values), axis=0) >= LEVEL, [0.5 - LEVEL / 2, 0.5, 0.5 + LEVEL / 2]
-                bands[name][h][:, whole] = np.nanquantile(values[:, whole], ends, axis=0)
+                whole = np.mean(np.isfinite(values), axis=0) >= INTERVAL
+                bands[name][h][:, whole] = np.nanquantile(values[:, whole], quantiles, axis=0)
         fails = float(np.max(np.mean(~np.all(np.isfinite(drawn), axis=(2, 3)), axis=1)))
-        every, u = np.concatenate(drawn), {name: s.value(candidate.times)[None] for name, s in candidate.inputs.items()}
-        reach = {name: _reach(self.data.states[name], every[..., i]) for i, name in enumerate(self.simulation.states)}
-        reach |= {name: _reach(self.data.inputs[name], value) for name, value in u.items()}
+        runs = dict(zip(self.simulation.states, np.moveaxis(np.concatenate(drawn), -1, 0), strict=True))
+        runs |= {name: signal.value(candidate.times)[None] for name, signal in candidate.inputs.items()}
+        reach = {name: _reach(self.data.column(name), values) for name, values in runs.items()}
         units = {name: self.data.units.get(name, "") for name in ("t", *bands)}
         units |= {name: derivative_unit(name, self.data.units) for name in bands if self.rates}
         labels = {name: derivative_label(name) if self.rates else name for name in bands}
-        about = candidate, tuple(e.name for e in self.explanations), self.probability, bands, labels, units
-        return Responses(*about, responses, fails, reach, resolved)
+        names, p = tuple(e.name for e in self.explanations), self.probability
+        return Responses(candidate, names, p, bands, labels, units, responses, fails, reach, resolved)
 
 
 def _reach(measured: np.ndarray, values: np.ndarray) -> float:

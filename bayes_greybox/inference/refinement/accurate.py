@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.settings import Sampling
+from bayes_greybox.model.exact_program import PREDICTED_SITE, SENSOR_SITE
 from bayes_greybox.model.sites import VECTOR, EquationSites
 
 from .exact_paths import Course
@@ -126,10 +127,10 @@ class Paths(NamedTuple):
 
         Errors are infinite if a path exists on finer steps only, NaN if none exists.
         """
-        likelihood, predicted = argument.likelihood, self.own[PREDICTED]
+        likelihood, predicted = argument.likelihood, self.own[PREDICTED_SITE]
         beyond = self.method.beyond(likelihood.along.grid)
         finer = self.programs.evaluate(points, argument.on(beyond))[predicted]
-        sigma = likelihood.sigma(values.get(self.own[SENSOR]), values[self.own.sigma])
+        sigma = likelihood.sigma(values.get(self.own[SENSOR_SITE]), values[self.own.sigma])
         with np.errstate(invalid="ignore", over="ignore"):
             e = np.asarray(likelihood.whitened(values[predicted] - finer, sigma))
             of_noise = np.sqrt(np.sum(e**2, axis=1))

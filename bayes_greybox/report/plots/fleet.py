@@ -6,7 +6,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_greybox.discovery.answer.interval import REACH
+from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
 
@@ -40,11 +40,17 @@ def plot_pooled(
     ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
     own = np.asarray(mean)[order]
     ax.errorbar(
-        own, place + 0.13, xerr=REACH * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data"
+        own,
+        place + 0.13,
+        xerr=INTERVAL_REACH * np.asarray(sd)[order],
+        fmt="o",
+        ms=3.5,
+        color=BLUE,
+        label="its own data",
     )
     ax.errorbar(
-        np.asarray(whole.each)[order], place - 0.13, xerr=REACH * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
-        color=DARK, label="pooled",
+        np.asarray(whole.each)[order], place - 0.13, xerr=INTERVAL_REACH * np.asarray(whole.each_sd)[order], fmt="s",
+        ms=3, color=DARK, label="pooled",
     )  # fmt: skip
     ax.set_yticks(place, [plain(shown[int(i)]) for i in order])
     ax.set_ylim(-0.7, len(order) - 0.3)

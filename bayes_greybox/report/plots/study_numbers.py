@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.criticism import discrepancy
-from bayes_greybox.discovery.answer.interval import REACH
+from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.answer.where import GapMap
 
 
@@ -15,4 +15,4 @@ def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
 
 def normal_band(mean: np.ndarray, sd: np.ndarray) -> Float[np.ndarray, "3 n_obs"]:
     """Mean, lower and upper end of a 90 % band."""
-    return np.stack([mean, mean - REACH * sd, mean + REACH * sd])
+    return np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])

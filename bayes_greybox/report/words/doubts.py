@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.decision.vetoes import left_in_words, left_over, misfits, worse_in_words, worsened
 from bayes_greybox.discovery.sensor_errors.channels import DELAY_STEPS
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.ties import sorted_by_probability
-from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import listed, number, numbers_in, p_text, probability_text, share_text

@@ -6,15 +6,14 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.discovery.answer.checks.filtered import SAMPLES_TELL
-from bayes_greybox.discovery.answer.gap.denials import NAMED, worsened
+from bayes_greybox.discovery.answer.checks.doubts import SAMPLES_TELL
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW
+from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE, worse_in_words, worsened
 from bayes_greybox.discovery.linearise.near import LARGEST_ERROR
 from bayes_greybox.discovery.sensor_errors.channels import GAIN, LAG, is_fault
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
-from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, numbers_in, probability_text, share_text
@@ -317,8 +316,8 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # f, which takes up anything, is nothing that has a name and was added.
-    if NAMED in gap.index.get_level_values("metric"):
-        alone = gap.xs(NAMED, level="metric")[["before", "after"]]
+    if NAMES_ALONE in gap.index.get_level_values("metric"):
+        alone = gap.xs(NAMES_ALONE, level="metric")[["before", "after"]]
         shares = pd.concat([alone, shares.loc[shares.index.difference(alone.index)]])
     # What is at rest has no rate to explain a share of.
     shares = shares.dropna()

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.discovery.answer.gap.denials import MISFIT, NAMED, worsened
 from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE, worsened
 from bayes_greybox.discovery.sensor_errors import bends
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
@@ -63,7 +63,7 @@ METRICS: dict[str, tuple[str, str]] = {
         "Error of the predicted samples over their noise, {target}",
         "One where the model explains all but the noise, and what its coefficients leave open.",
     ),
-    NAMED: (
+    NAMES_ALONE: (
         "Unexplained part of {target}, by names alone",
         "The same by what has a name, without the f of any shape that the amended model holds beside it.",
     ),

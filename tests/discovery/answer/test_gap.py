@@ -1,7 +1,7 @@
 """The gap table and its free runs, from coefficients that are written down by hand."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pandas as pd
@@ -13,13 +13,14 @@ from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
-from bayes_greybox.discovery.answer.gap.denials import GREW, LEFT, MISFIT, NAMED, left_over, worsened
-from bayes_greybox.discovery.answer.gap.free_runs import LEVEL, PATH_DRAWS, FreeRuns
+from bayes_greybox.discovery.answer.gap.free_runs import PATH_DRAWS, FreeRuns
 from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS, gap_rows
+from bayes_greybox.discovery.answer.interval import INTERVAL_ENDS
+from bayes_greybox.discovery.decision.criteria import CRITERIA
+from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE, left_over, worsened
 from bayes_greybox.running.plain_values import plain_rows
 
 CUBIC = {"hidden": lambda x: -(x**3), "noise": 0.05}
-TAILS = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
 
 
 def amended(known, draws, inner=None, before=(), sigma=0.05):
@@ -47,8 +48,8 @@ def with_cube(coefficients, sigma=0.05):
 def gap(amendment, data=None, model=None, free_runs=False, part="test", **options):
     data = tiny_data(**CUBIC, seed=5) if data is None else data
     model, amendments = model or tiny_model(), {"x": amendment}
-    runs = FreeRuns(model, amendments) if free_runs else None
-    return gap_rows(model, amendments, data, part, runs, **options)
+    runs = partial(FreeRuns(model, amendments), **options) if free_runs else None
+    return gap_rows(model, amendments, data, part, runs)
 
 
 def held_out():
@@ -74,9 +75,9 @@ def test_beside_f_the_share_that_names_alone_leave_has_a_row():
     f = Remainder.of(near, near.likeliest, amendment.after)
     table, _ = gap(replace(amendment, discrepancy=f))
     alone, _ = gap(amendment)
-    with_f, names = (table.loc[("test", metric, "x")] for metric in ("unexplained share", NAMED))
+    with_f, names = (table.loc[("test", metric, "x")] for metric in ("unexplained share", NAMES_ALONE))
     pd.testing.assert_series_equal(names, alone.loc[("test", "unexplained share", "x")], check_names=False)
-    assert with_f["after"] != names["after"] and NAMED not in alone.index.get_level_values("metric")
+    assert with_f["after"] != names["after"] and NAMES_ALONE not in alone.index.get_level_values("metric")
 
 
 def test_the_unexplained_share_is_less_the_noise_and_over_the_mean_square():
@@ -114,7 +115,7 @@ def test_the_interval_is_that_of_the_draws():
     coefficients = np.linspace(-1.2, -0.6, RATE_DRAWS)
     row = gap(with_cube(coefficients))[0].loc[("test", "derivative NMSE", "x")]
     errors = [np.mean((rate - simulated - c * x**3) ** 2) / np.var(rate) for c in coefficients]
-    assert (row["lower"], row["upper"]) == pytest.approx(tuple(np.quantile(errors, TAILS)))
+    assert (row["lower"], row["upper"]) == pytest.approx(tuple(np.quantile(errors, INTERVAL_ENDS)))
 
 
 def test_the_error_after_is_that_of_the_mean_prediction():
@@ -204,7 +205,7 @@ def test_the_free_run_after_has_what_was_added(runs):
     data, _, paths = runs
     expected = shown_paths([0.3, 0.4, 0.5], data.time)
     np.testing.assert_allclose(paths["x"].after.mean, expected.mean(axis=0), atol=1e-5)
-    np.testing.assert_allclose(paths["x"].after.lower, np.quantile(expected, TAILS[0], axis=0), atol=1e-5)
+    np.testing.assert_allclose(paths["x"].after.lower, np.quantile(expected, INTERVAL_ENDS[0], axis=0), atol=1e-5)
 
 
 def test_the_free_run_error_is_the_root_mean_square_over_the_standard_deviation(runs):
@@ -214,8 +215,8 @@ def test_the_free_run_error_is_the_root_mean_square_over_the_standard_deviation(
     after = shown_paths([0.3, 0.4, 0.5], data.time)
     assert row["after"] == pytest.approx(np.sqrt(np.mean((x - after.mean(axis=0)) ** 2)) / np.std(x), rel=1e-3)
     errors = np.sqrt(np.mean((x - after) ** 2, axis=1)) / np.std(x)
-    assert row["lower"] == pytest.approx(np.quantile(errors, TAILS[0]), rel=1e-3, abs=1e-5)
-    assert row["upper"] == pytest.approx(np.quantile(errors, TAILS[1]), rel=1e-3)
+    assert row["lower"] == pytest.approx(np.quantile(errors, INTERVAL_ENDS[0]), rel=1e-3, abs=1e-5)
+    assert row["upper"] == pytest.approx(np.quantile(errors, INTERVAL_ENDS[1]), rel=1e-3)
 
 
 def test_a_run_that_lasts_has_no_time_to_failure(runs):
@@ -285,7 +286,7 @@ def test_every_draw_has_its_own_start_and_the_model_before_the_same_ones():
     for name, path in expected.items():
         band = getattr(paths["x"], name)
         np.testing.assert_allclose(band.mean, path.mean(axis=0), atol=1e-5)
-        np.testing.assert_allclose(band.upper, np.quantile(path, TAILS[1], axis=0), atol=1e-5)
+        np.testing.assert_allclose(band.upper, np.quantile(path, INTERVAL_ENDS[1], axis=0), atol=1e-5)
     x, row = data.states["x"], table.loc[("test", "free-run NRMSE", "x")]
     for name, path in expected.items():
         assert row[name] == pytest.approx(np.sqrt(np.mean((x - path.mean(axis=0)) ** 2)) / np.std(x), rel=1e-3)
@@ -328,7 +329,7 @@ def test_a_free_run_has_the_inner_parameter_of_its_draw():
     shown = np.array([each[i] for i in pick])
     assert np.ptp(shown, axis=0).max() > 0.05
     np.testing.assert_allclose(paths["x"].after.mean, shown.mean(axis=0), atol=1e-4)
-    np.testing.assert_allclose(paths["x"].after.upper, np.quantile(shown, TAILS[1], axis=0), atol=1e-4)
+    np.testing.assert_allclose(paths["x"].after.upper, np.quantile(shown, INTERVAL_ENDS[1], axis=0), atol=1e-4)
     assert paths["x"].holds == "90 % band: coefficients, inner parameters"
 
 
@@ -448,7 +449,7 @@ NEVER = np.nan
         (0.10, 0.20, 0.15, 0.25, True),
         (0.10, 0.20, 0.09, 0.25, True),
         (0.10, 0.09, 0.12, 0.25, False),
-        (0.10, 0.10 * (1 + 0.9 * GREW), 0.10 * (1 + 0.9 * GREW), 0.2, False),
+        (0.10, 0.10 * (1 + 0.9 * CRITERIA.worse), 0.10 * (1 + 0.9 * CRITERIA.worse), 0.2, False),
         (0.0, 1e-7, 1e-7, 2e-7, False),
         (0.0, 0.01, 0.01, 0.02, True),
     ],
@@ -479,8 +480,8 @@ def test_a_run_that_fails_sooner_is_worse(before, after, upper, worse):
     ("train", "test", "left"),
     [
         (1.0, 1.0, False),
-        (0.9, 0.99 * LEFT, False),
-        (0.9, 1.01 * LEFT, True),
+        (0.9, 0.99 * CRITERIA.misfit, False),
+        (0.9, 1.01 * CRITERIA.misfit, True),
         # A model that leaves some of the training samples is not worse for leaving as much of others.
         (3.0, 4.0, False),
         (3.0, 5.0, True),

@@ -8,7 +8,15 @@ import pytest
 from tiny_equation import forced, forced_study, soft, studied_motion
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.instrument import CLIPPED, COLUMNS, IN_MODEL, LISTED, NOISY, _bend, _noise_row
+from bayes_greybox.discovery.answer.instrument import (
+    CLIPPING,
+    IN_MODEL,
+    INSTRUMENT_COLUMNS,
+    LISTED,
+    NOISY,
+    _bend,
+    _noise_row,
+)
 from bayes_greybox.discovery.sensor_errors.channels import GAIN_SD, ChannelSuspect
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 
@@ -19,7 +27,7 @@ def table(study, data=None):
 
 def test_a_measurement_without_errors_has_no_suspect_that_matters():
     found = table(forced_study(True))
-    assert tuple(found.columns) == COLUMNS
+    assert tuple(found.columns) == INSTRUMENT_COLUMNS
     assert not (found["status"] == IN_MODEL).any() and (found["probability"] < 0.2).all()
 
 
@@ -85,7 +93,7 @@ def test_noisy_and_clipped_samples_are_told():
     top = np.quantile(data.derivatives["v"], 0.93)
     data = replace(data, derivatives={"v": np.minimum(data.derivatives["v"], top)})
     found = table(studied_motion(data), data).set_index(["suspect", "channel"])
-    noisy, clipped = found.loc[(NOISY, "v")], found.loc[(CLIPPED, "d(v)/dt")]
+    noisy, clipped = found.loc[(NOISY, "v")], found.loc[(CLIPPING, "d(v)/dt")]
     assert noisy["unit"] == "m/s" and noisy["text"].startswith("samples of v have noise of 0.0")
     count = int(np.sum(data.derivatives["v"] == top))
     assert clipped["text"] == f"d(v)/dt is clipped at {count} samples, which are left out"

@@ -7,11 +7,11 @@ from tiny_equation import CUBE, tiny_data, tiny_near, tiny_study_of
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.where import (
-    GRID,
+    LEAST_WINDOW,
+    MAP_POINTS,
     MOST_REGIONS,
-    MOST_ROWS,
+    MOST_SEARCHED,
     MOST_WINDOWS,
-    WINDOW,
     Along,
     Gap,
     GapTrace,
@@ -209,7 +209,7 @@ def test_the_region_with_the_largest_share_of_the_gap_comes_first():
 # Windows
 
 ROWS = 400
-WIDTH = ROWS // WINDOW
+WIDTH = ROWS // LEAST_WINDOW
 """Shortest window, in rows."""
 
 
@@ -297,7 +297,7 @@ def test_a_map_spans_the_data_and_has_the_mean_over_cells():
     data = with_input()
     y = data.states["y"]
     found = mapped(data, np.sin(y), ("y",))
-    np.testing.assert_allclose(found.axes[0], np.linspace(y.min(), y.max(), GRID))
+    np.testing.assert_allclose(found.axes[0], np.linspace(y.min(), y.max(), MAP_POINTS))
     # A cell is a twentieth of the range wide, and one-sided at the ends.
     np.testing.assert_allclose(found.before, np.sin(found.axes[0]), atol=0.15)
     np.testing.assert_allclose(found.before[3:-3], np.sin(found.axes[0][3:-3]), atol=0.05)
@@ -310,7 +310,7 @@ def test_a_map_of_two_variables_has_the_first_along_its_rows():
     found = mapped(data, y * u, ("y", "u"))
     inside = (slice(4, -4), slice(4, -4))
     np.testing.assert_allclose(found.before[inside], np.outer(*found.axes)[inside], atol=0.3)
-    np.testing.assert_allclose(found.probability, exceedance(found.before, np.full((GRID, GRID), 0.1), 0.5))
+    np.testing.assert_allclose(found.probability, exceedance(found.before, np.full((MAP_POINTS, MAP_POINTS), 0.1), 0.5))
     assert found.samples.shape == (3000, 2) and found.units == ("m", "")
 
 
@@ -322,10 +322,10 @@ def test_where_no_sample_is_near_the_nearest_speaks():
 
 
 def test_a_trace_of_a_long_record_is_thinned_evenly_from_its_first_row_to_its_last():
-    data = with_input(MOST_ROWS + 123)
+    data = with_input(MOST_SEARCHED + 123)
     gap = known(data, data.states["y"])
     found = gap_trace(along(data), gap, gap, 0.5, "")
-    assert len(found.time) == len(found.before) == MOST_ROWS
+    assert len(found.time) == len(found.before) == MOST_SEARCHED
     assert found.time[0] == data.time[0] and found.time[-1] == data.time[-1]
     assert set(np.diff(found.time)) == {1.0, 2.0}
 

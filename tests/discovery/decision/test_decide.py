@@ -125,11 +125,10 @@ def test_shares_of_corrections_and_sensor_errors_are_said_whatever_else_is():
     assert list(p.by_sensor) == ["offset of a", "delay of F"]
 
 
-def test_an_effect_has_the_sum_of_its_places_and_a_family_that_of_its_members():
+def test_an_effect_has_the_sum_of_its_places_and_a_quantity_that_of_its_laws():
     p = probabilities(("cube", 0.4, None, 0.3), ("cube v", 0.3), ("fifth", 0.2), ("", 0.1))
     assert p.by_effect["cube"] == pytest.approx((0.7, 0.6))
     assert p.by_place["cube(r=y)"].probability == pytest.approx(0.4)
-    assert p.by_family["hardening"].probability == pytest.approx(0.9)
     assert p.by_quantity["y"].probability == pytest.approx(0.6)
     assert list(p.by_effect)[:2] == ["cube", "fifth"]
 
@@ -179,9 +178,9 @@ def test_a_name_needs_probability_and_agreement(p, agreement, code):
 def test_what_could_stand_in_an_effects_place_is_tied_from_a_twentieth_of_its_probability():
     found = verdict(("cube", 0.6), ("fifth", 0.2), ("dry", 0.1), ("zone", 0.02), ("", 0.08))
     (place,) = found.places
-    assert place.tied == ("fifth", "dry") and place.together == pytest.approx(0.9)
+    assert place.tied == ("fifth", "dry")
     # The zone has a thirtieth.
-    assert place.of_family.probability == pytest.approx(0.8) and place.family == "hardening"
+    assert "zone" not in place.tied
 
 
 def test_no_runner_up_is_likelier_than_the_answer():
@@ -192,7 +191,7 @@ def test_no_runner_up_is_likelier_than_the_answer():
 
 def test_the_same_effect_on_other_columns_is_called_by_them():
     (place,) = verdict(("cube", 0.6), ("cube v", 0.4)).places
-    assert place.label == "cube(r=y)" and place.tied == ("cube(r=v)",) and place.together == pytest.approx(1.0)
+    assert place.label == "cube(r=y)" and place.tied == ("cube(r=v)",)
 
 
 def test_a_sensors_error_may_stand_in_an_effects_place():

@@ -129,7 +129,7 @@ def test_a_layout_that_is_not_known_leaves_the_fit(file, tmp_path):
         tree = opened.load()
     group = tree[netcdf.STUDIED].dataset
     record = json.loads(group.attrs[TEXT])
-    text = json.dumps({**record, "format": study_file.FORMAT + 1})
+    text = json.dumps({**record, "format": study_file.STUDY_FORMAT + 1})
     tree[netcdf.STUDIED] = xr.DataTree(group.assign_attrs({TEXT: text}))
     netcdf.write(tree, tmp_path / "other.nc")
     assert isinstance(bg.load(tmp_path / "other.nc"), bg.Fit)

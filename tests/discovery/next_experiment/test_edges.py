@@ -7,8 +7,8 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.answer.explained import Component, Explained, joined
-from bayes_greybox.discovery.kept.features import Features
-from bayes_greybox.discovery.kept.study_file import CLASSES
+from bayes_greybox.discovery.kept.known_columns import Features
+from bayes_greybox.discovery.kept.study_file import STUDY_CLASSES
 from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
 from bayes_greybox.inference.kept.packing import Packer, Unpacker
 from bayes_greybox.missing_effects import Study
@@ -201,9 +201,9 @@ def test_what_has_no_name_in_a_file_of_an_older_version_is_read_and_predicts_not
     box = np.zeros(1)
     f = Features(("y",), box, box + 1, HilbertBasis(1.5, (3,)), np.arange(3))
     old = Component(1.0, ("v",), (Term("y**3"),), np.arange(4.0), np.eye(4), {"v": f})
-    packer = Packer(CLASSES)
+    packer = Packer(STUDY_CLASSES)
     packed = packer.pack((Explained("unknown", 0.4, (), (old,)), Explained("cubic", 0.6, ("cubic",), (old,))), "old")
-    again = Unpacker(CLASSES, packer.arrays).unpack(packed)
+    again = Unpacker(STUDY_CLASSES, packer.arrays).unpack(packed)
     assert isinstance(again[0].components[0].features["v"], Features)
     unknown, cubic = sorted(joined({"v": again}), key=lambda e: e.probability)
     assert not unknown.components

@@ -5,7 +5,7 @@ import pytest
 from predator_prey import by_integration, sampled
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.studied import studied_equations
+from bayes_greybox.discovery.subject import studied_equations
 from bayes_greybox.model.estimate import near
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows

@@ -1,1 +1,1 @@
-"""What is held against an answer: residuals, motions, ends of ranges, rows that are linear near it only."""
+"""Checks of an answer: residuals, ends of ranges, filtered rates, and rows that are linear near it only."""

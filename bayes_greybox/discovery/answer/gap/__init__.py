@@ -1,1 +1,1 @@
-"""The gap before and after: its table, free runs, and what both hold against an answer."""
+"""The gap before and after: its table, and free runs."""

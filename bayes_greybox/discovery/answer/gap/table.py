@@ -1,7 +1,7 @@
-"""The gap before and after: how far the simulation, and the amended model, are from the measurements."""
+"""The gap table: errors of the simulation, and of the amended model, against the measurements."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,23 +10,23 @@ from jaxtyping import Float
 
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import MEDIAN_SQUARED_NORMAL, sample_noise
-from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment
+from bayes_greybox.discovery.answer.interval import INTERVAL_ENDS
+from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
+from bayes_greybox.discovery.decision.vetoes import FAILURE, MISFIT, NAMES_ALONE
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows, Evaluate, Jumps
 
-from .denials import MISFIT, NAMED
-from .free_runs import LEVEL, FreePath, FreeRuns, over
+from .free_runs import FreePath, FreeRuns, relative
 
 RATE_DRAWS = 200
 """Posterior draws behind the intervals of rates."""
 
-NO_SHARES = ("time to failure", MISFIT)
+NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
 
-FORCED = 2.0
-"""An unknown force may leave so many times as much of one record as of another, which it moves for longer."""
+Squares = Float[np.ndarray, "*n_draw n_row"]
 
 
 def gap_rows(
@@ -35,92 +35,133 @@ def gap_rows(
     data: Trajectories,
     part: str,
     free_runs: FreeRuns | None = None,
-    *,
-    starts: Starts | None = None,
-    seed: int = 0,
+    criteria: Criteria = CRITERIA,
 ) -> tuple[pd.DataFrame, dict[str, FreePath]]:
-    """The gap table's rows for one data set, and its free runs.
+    """Return the gap table's rows for one data set, and its free runs.
 
-    Metrics: derivative NMSE, mean((ẋ − x̂̇)²)/var(ẋ), or output NMSE, the same of an output, or sample NMSE, that of the
-    samples that rows are of; unexplained share, (mean((ẋ − x̂̇)²) − σ²)/mean(ẋ²), not below zero, and where the model
-    after holds f beside what has a name the same without f; misfit of samples of
-    one sensor, (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, σ not below what the samples themselves show, `FORCED` times as
-    large beside an unknown force, and var ŷ that of the draws; free-run NRMSE,
-    RMS(x − x̂)/SD(x) up to the first failure of either; time to failure of runs that blow up, NaN where a model never
-    does. What is over a measurement at rest is NaN. The figures are those of the mean over draws, the intervals those
-    of the draws.
+    The metrics, with y the measured rates, outputs or samples that rows are of, ŷ the model's, and σ the noise:
+
+        derivative, output or sample NMSE    mean((y − ŷ)²)/var(y)
+        unexplained share                    max(mean((y − ŷ)²) − σ², 0)/mean(y²)
+        the same, names alone                beside f in the amended model, without f
+        misfit of samples                    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, of one sensor
+        free-run NRMSE                       RMS(x − x̂)/SD(x) up to the first failure of either model
+        time to failure                      of free runs that blow up, NaN of a model that never does
+
+    A metric over a measurement at rest is NaN. In the misfit σ is at least what the samples themselves show, and
+    `Criteria.forced` times as large beside a latent force; var ŷ is that of the draws. The figures are those of the
+    mean over draws, the intervals those of the draws.
 
     Args:
         model: The model before.
-        amendments: By equation.
+        amendments: Amendments by equation.
         data: Measurements to compare with.
         part: "train" or "test".
-        free_runs: Integrates free runs; without it there are none.
-        starts: State of each run at its first row, of which each draw has its own; estimated from the data by default.
-        seed: Seed of these draws.
+        free_runs: Integrator of free runs; without it there are none.
+        criteria: Numbers that decide.
     """
-    rows = []
+    rows: list[tuple] = []
+    names_matter = any(each.after.inner.size for each in amendments.values())
     for equation, amendment in amendments.items():
-        if equation not in data.derivatives:
-            continue
-        # Rows that are linear only near a model are near the one that they are compared with, before and after.
-        own = replace(model, rows=model.rows.around(amendment.terms_before()))
-        raw, corrected = own.equation_rows(data, equation), amendment.corrected(data)
-        near = amendment.model(model)
-        measured = near.equation_rows(corrected, equation)
-        size = float(np.mean(measured.measured**2)) * measured.gain**2
-        # Before, nothing was known of the sensors either. A filtered rate is compared with the filter's mean of what
-        # was added.
-        before = _on_rows(raw, amendment, lambda at, own=amendment: own.rates_before(at)[:, None], 1)[:, 0]
-        after = _on_rows(measured, amendment, lambda at, own=amendment: own.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
-        # In the unit of the sensor: rows near another model are over another gain.
-        variance = float(np.var(measured.measured)) * measured.gain**2
-        noise = (amendment.sigma * amendment.gain) ** 2
-        allowed = max(noise, _own_noise(data)) * (FORCED**2 if amendment.forced else 1.0)
-        allowed += measured.gain**2 * float(np.mean(np.var(after, axis=0)))
-
-        def squares(added: np.ndarray, rows=measured) -> np.ndarray:
-            # [n_row] or [n_draw, n_row]; where a path started is nobody's error.
-            left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
-            return (rows.gain * left).reshape(np.shape(added)) ** 2
-
-        def nmse(left: np.ndarray, variance=variance) -> Any:
-            return over(np.mean(left, axis=-1), variance)
-
-        def share(left: np.ndarray, size=size, noise=noise) -> Any:
-            return over(np.maximum(np.mean(left, axis=-1) - noise, 0.0), size)
-
-        def misfit(left: np.ndarray, allowed=allowed) -> Any:
-            # Single samples that are far off say nothing of the others.
-            return np.sqrt(over(np.median(left, axis=-1) / MEDIAN_SQUARED_NORMAL, allowed))
-
-        of = measured.measurement
-        metrics: dict[str, Callable] = {f"{of} NMSE": nmse, "unexplained share": share}
-        if data.samples is not None and len(data.samples.state_names) == 1:
-            metrics[MISFIT] = misfit
-        first, each, mean = squares(before, raw), squares(after), squares(after.mean(axis=0))
-        for metric, f in metrics.items():
-            low, high = np.quantile(f(each), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            rows.append((part, metric, equation, float(f(first)), float(f(mean)), low, high))
-        if amendment.discrepancy is not None and any(each.after.inner.size for each in amendments.values()):
-            # f takes up whatever is left: what the names are worth is theirs alone.
-            alone = replace(amendment, discrepancy=None)
-            after = _on_rows(measured, alone, lambda at, own=alone: own.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
-            low, high = np.quantile(share(squares(after)), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-            left = float(share(squares(after.mean(axis=0))))
-            rows.append((part, NAMED, equation, float(share(first)), left, low, high))
+        if equation in data.derivatives:
+            figures = _figures(model, amendment, data, equation, names_matter, criteria)
+            rows += [(part, metric, equation, *values) for metric, values in figures.items()]
     paths: dict[str, FreePath] = {}
     if free_runs is not None:
-        paths, more = free_runs(data, part, starts, seed)
-        rows += more
+        paths, path_rows = free_runs(data, part)
+        rows += path_rows
     table = pd.DataFrame(rows, columns=["data", "metric", "variable", "before", "after", "lower", "upper"])
     ratio = table["after"] / table["before"].where(table["before"] > 0)
     table["closed"] = (1 - ratio).where(~table["metric"].isin(NO_SHARES))
     return table.set_index(["data", "metric", "variable"]), paths
 
 
-def _own_noise(data: Trajectories) -> float:
-    """Variance of the white noise that samples of one sensor show by themselves; 0 for several, or for rates."""
+def _figures(
+    model: Program, amendment: Amendment, data: Trajectories, equation: str, names_matter: bool, criteria: Criteria
+) -> dict[str, tuple[float, ...]]:
+    """Return one equation's errors by metric: before, after, and the interval after.
+
+    Before, nothing is known of the sensors. Rows that are linear only near a model are near the one compared with them.
+    """
+    raw = replace(model, rows=model.rows.around(amendment.terms_before())).equation_rows(data, equation)
+    rows = amendment.model(model).equation_rows(amendment.corrected(data), equation)
+    added = _on_rows(raw, amendment, lambda at: amendment.rates_before(at)[:, None], 1)[:, 0]
+    before, draws = _squares(raw, added), _draws(rows, amendment)
+    sizes = _Sizes.of(rows, amendment, data, draws, criteria)
+    metrics: dict[str, Callable[[Squares], Any]] = {
+        f"{rows.measurement} NMSE": sizes.nmse,
+        "unexplained share": sizes.share,
+    }
+    if data.samples is not None and len(data.samples.state_names) == 1:
+        metrics[MISFIT] = sizes.misfit
+
+    def compared(metrics: Mapping[str, Callable[[Squares], Any]], draws: np.ndarray) -> dict[str, tuple[float, ...]]:
+        each, mean = _squares(rows, draws), _squares(rows, draws.mean(axis=0))
+        return {
+            name: (float(f(before)), float(f(mean)), *np.quantile(f(each), INTERVAL_ENDS))
+            for name, f in metrics.items()
+        }
+
+    figures = compared(metrics, draws)
+    if amendment.discrepancy is not None and names_matter:
+        # f takes up any gap that is left: names are judged without it.
+        figures |= compared({NAMES_ALONE: sizes.share}, _draws(rows, replace(amendment, discrepancy=None)))
+    return figures
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """Sizes that squared errors [n_row] or [n_draw, n_row] are compared with, in the unit of the sensor.
+
+    Attributes:
+        variance: Variance of the measurement.
+        square: Its mean square.
+        noise: Variance of the noise.
+        allowed: Variance that noise and coefficients allow.
+    """
+
+    variance: float
+    square: float
+    noise: float
+    allowed: float
+
+    @classmethod
+    def of(
+        cls, rows: EquationRows, amendment: Amendment, data: Trajectories, draws: np.ndarray, criteria: Criteria
+    ) -> "_Sizes":
+        """Return the sizes for rows near the amended model, which may have another gain than the sensor."""
+        gain, noise = rows.gain**2, (amendment.sigma * amendment.gain) ** 2
+        allowed = max(noise, _sample_variance(data)) * (criteria.forced**2 if amendment.forced else 1.0)
+        allowed += gain * float(np.mean(np.var(draws, axis=0)))
+        variance, square = float(np.var(rows.measured)), float(np.mean(rows.measured**2))
+        return cls(variance * gain, square * gain, noise, allowed)
+
+    def nmse(self, squares: Squares) -> Any:
+        """Return the mean square over the variance of the measurement."""
+        return relative(np.mean(squares, axis=-1), self.variance)
+
+    def share(self, squares: Squares) -> Any:
+        """Return the unexplained share."""
+        return relative(np.maximum(np.mean(squares, axis=-1) - self.noise, 0.0), self.square)
+
+    def misfit(self, squares: Squares) -> Any:
+        """Return the misfit; by the median, because single samples that are far off say nothing of the others."""
+        return np.sqrt(relative(np.median(squares, axis=-1) / MEDIAN_SQUARED_NORMAL, self.allowed))
+
+
+def _draws(rows: EquationRows, amendment: Amendment) -> Float[np.ndarray, "n_draw n_row"]:
+    """Return draws of the rates that an amendment adds, as rows show them."""
+    return _on_rows(rows, amendment, lambda at: amendment.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
+
+
+def _squares(rows: EquationRows, added: np.ndarray) -> Squares:
+    """Return squared errors; where a path started is no error."""
+    left = rows.noise.without_starts(np.atleast_2d(rows.target - added).T).T
+    return (rows.gain * left).reshape(np.shape(added)) ** 2
+
+
+def _sample_variance(data: Trajectories) -> float:
+    """Return the variance of the white noise that samples of one sensor show; 0 of several sensors, or of rates."""
     samples = data.samples
     if samples is None or len(samples.state_names) > 1:
         return 0.0
@@ -129,7 +170,7 @@ def _own_noise(data: Trajectories) -> float:
 
 
 def _on_rows(rows: EquationRows, amendment: Amendment, evaluate: Evaluate, k: int) -> Float[np.ndarray, "n_row k"]:
-    """What the filter, or the path, makes of what was added: where a term of it jumps, all of it does."""
+    """Return added rates as rows show them, filtered or along the path: if one of their terms jumps, they jump."""
     jumps, columns = None, amendment.jumping
     if columns:
         jumps = Jumps(range(k), evaluate, lambda at: amendment.statistics.evaluate(columns, at))

@@ -126,7 +126,7 @@ class PathSmoother:
             if np.all(self._defined(path)):
                 return path
         after, path, out = tried[0], tried[0].copy(), np.ones(len(before), bool)
-        for part in PARTS:
+        for part in TRIED_SHARES:
             path[out] = before[out] + part * (after[out] - before[out]) if part else before[out]
             out = ~self._defined(path)
             if not np.any(out):

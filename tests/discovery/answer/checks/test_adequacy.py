@@ -9,13 +9,13 @@ from tiny_equation import tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.checks.adequacy import (
-    LEVEL,
     LOO_PIT,
     WHITENESS,
     _loo_pit,
     _whiteness,
     check_hypothesis,
 )
+from bayes_greybox.discovery.decision.criteria import CRITERIA
 from bayes_greybox.discovery.grid.evidence.search import Reach
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
@@ -56,7 +56,7 @@ def test_the_statistics_keep_their_level():
         pit.append(_loo_pit(z).p)
     for p in (white, pit):
         assert kstest(p, "uniform").pvalue > 1e-3
-        assert sum(value < LEVEL for value in p) <= 2
+        assert sum(value < CRITERIA.level for value in p) <= 2
 
 
 def test_right_explanations_are_not_called_into_doubt():

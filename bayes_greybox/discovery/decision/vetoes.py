@@ -1,0 +1,115 @@
+"""The verdict of a study over all its equations: held-out samples and free runs may veto that something is *named*."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayes_greybox.data.columns import derivative_label
+
+from .criteria import CRITERIA, Criteria
+from .decide import VERDICTS, Verdict
+from .probabilities import RECALIBRATE
+
+FREE_RUN, FAILURE = "free-run NRMSE", "time to failure"
+"""Metrics of free runs: error of a state, and time until any run fails."""
+
+MISFIT = "misfit of samples"
+"""Metric: residuals of samples, over the spread that noise and coefficients allow; 1 where all is explained."""
+
+NAMES_ALONE = "unexplained share, names alone"
+"""Metric: the unexplained share after by named effects alone, if the amended model holds f beside them."""
+
+
+def verdict_of(
+    verdicts: Mapping[str, Verdict],
+    gap: pd.DataFrame,
+    lost: Sequence[str] = (),
+    labels: Mapping[str, str] | None = None,
+    criteria: Criteria = CRITERIA,
+) -> tuple[str, tuple[str, ...]]:
+    """Return the verdict of a study, and the reasons against it.
+
+    Args:
+        verdicts: Verdict for each equation; of several equations each reason names its own.
+        gap: Gap table.
+        lost: Reasons why held-out data could not be compared, in words.
+        labels: Name of each equation's left-hand side, `Runs.target_label`; by default the derivative of a state.
+        criteria: Numbers that decide.
+    """
+    code = max((verdict.code for verdict in verdicts.values()), key=VERDICTS.index)
+    labels = labels or {name: derivative_label(name) for name in verdicts}
+    about = {name: f"in {labels[name]}: " if len(verdicts) > 1 else "" for name in verdicts}
+    reasons = [about[name] + text for name, verdict in verdicts.items() for text in verdict.reasons]
+    vetoes: list[str] = []
+    if code == RECALIBRATE or any(verdict.places for verdict in verdicts.values()):
+        vetoes = [*lost, *map(worse_in_words, worsened(gap, criteria))]
+    # Whatever the answer is: that nothing is missing has to hold for held-out samples too.
+    vetoes += [about[name] + left_in_words(misfit) for name, misfit in left_over(gap, criteria).items()]
+    return "partly named" if vetoes and code == "named" else code, (*reasons, *vetoes)
+
+
+def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[str, str, str], ...]:
+    """Return the rows of the gap table whose free run is worse after than before.
+
+    The free-run NRMSE of a state has grown if the error of the mean path exceeds the error before by more than a share
+    `worse` of it. The time to failure has fallen if the median draw fails sooner by more than that share, and so does
+    the upper end of the interval, or the model before never failed.
+
+    Args:
+        gap: Gap table; its free runs on held-out data are compared, or those on training data if there are none.
+        criteria: Numbers that decide.
+
+    Returns:
+        Keys of the rows, (data, metric, variable); a time to failure has the variable "all".
+    """
+    # A state at rest has no error to speak of.
+    rows = [
+        (key, row) for key, row in _rows(gap)
+        if key[1] == FAILURE or (key[1] == FREE_RUN and not np.isnan(row["before"]))
+    ]  # fmt: skip
+    rows = [each for each in rows if each[0][0] == "test"] or rows
+    keys = []
+    for key, row in rows:
+        if key[1] == FREE_RUN:
+            worse = row["after"] > row["before"] + max(criteria.worse * row["before"], criteria.integrator)
+        else:
+            # A run that never fails has NaN.
+            before, after, upper = (
+                np.inf if np.isnan(row[name]) else row[name] for name in ("before", "after", "upper")
+            )
+            worse = after < (1 - criteria.worse) * before and (upper < before or not np.isfinite(before))
+        if worse:
+            keys.append(key)
+    return tuple(keys)
+
+
+def left_over(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> dict[str, float]:
+    """Return the misfit of held-out samples, for each equation that explains the training samples alone.
+
+    A right model explains both; one that bends to the training data does not. Rates have no misfit.
+    """
+    train, test = misfits(gap, "train"), misfits(gap, "test")
+    return {name: left for name, left in test.items() if left > criteria.misfit * max(1.0, train.get(name, 1.0))}
+
+
+def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
+    """Return the misfit of samples after, by equation, on the data "train" or "test"."""
+    return {key[2]: float(row["after"]) for key, row in _rows(gap) if key[:2] == (part, MISFIT)}
+
+
+def worse_in_words(key: tuple[str, str, str]) -> str:
+    """Return the sentence for a row of `worsened`."""
+    _, metric, name = key
+    return f"the free run of {name} gets worse" if metric == FREE_RUN else "the free run fails sooner"
+
+
+def left_in_words(misfit: float) -> str:
+    """Return the sentence for a misfit of `left_over`."""
+    return f"held-out samples are left {misfit:.2g} times as far off as their noise allows"
+
+
+def _rows(gap: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], dict[str, Any]]]:
+    for key, row in zip(gap.index, gap.to_dict("records"), strict=True):
+        yield (str(key[0]), str(key[1]), str(key[2])), {str(name): value for name, value in row.items()}

@@ -1,0 +1,165 @@
+"""The subject of a study: its equations, its data, and the effects that can act in them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+from bayes_greybox.data.samples.averaging import averaged, longest_block
+from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
+from bayes_greybox.physics.catalogue.pairs import pairs_in_data
+from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.simulation.reading import NO_STATES, readable
+from bayes_greybox.running.errors import InputError
+
+from .answer.equation_study import EquationStudy
+from .refusals import check_data, check_rows
+
+KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
+"""Reason why an effect that is in the model is not weighed again."""
+
+REMEMBERS = "it remembers, and rows of "
+OUTPUT_WITHOUT_PATH = f"{REMEMBERS}an output follow no path: what it did before is not in them"
+RATES_WITHOUT_PATH = (
+    f"{REMEMBERS}rates follow no path along which that can be said: give samples, GreyBox(rows=bg.TrajectoryRows()), "
+    'in a file [rows] kind = "trajectory"'
+)
+"""Reasons why effects with memory are not weighed."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Models and data of a study.
+
+    Attributes:
+        given: The user's model.
+        model: The same about the means of stated coefficients.
+        equations: Equations that are studied.
+        train, test: Data with all states and rates that terms are evaluated on.
+        block: Number of samples that were averaged into one.
+        held: True if inputs turned out to be held between samples.
+    """
+
+    given: Program
+    model: Program
+    equations: tuple[str, ...]
+    train: Trajectories
+    test: Trajectories | None
+    block: int = 1
+    held: bool = False
+
+    @classmethod
+    def of(
+        cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool
+    ) -> "Subject":  # fmt: skip
+        """Return model and data that can be studied.
+
+        Raises:
+            InputError: Data or model that cannot be used.
+        """
+        given = model.on(train)
+        model = given.centred()
+        check_rows(model)
+        equations = studied_equations(model, train)
+        check_data(model, equations, train, test, free_runs)
+        block = longest_block(train, test)
+        test = None if test is None else averaged(test, block)
+        return cls(given, model, equations, averaged(train, block), test, block)._completed()
+
+    def with_inputs(self, findings: Mapping[str, EquationStudy]) -> "Subject":
+        """Return the same with the interpolation of inputs that the studies of its equations arrived at."""
+        given, model = self.given, self.model
+        for study in findings.values():
+            given, model = study.source.with_inputs(given), study.source.with_inputs(model)
+        if model is self.model:
+            return self
+        # The path between the samples is another one.
+        return replace(self, given=given, model=model, held=True)._completed()
+
+    def _completed(self) -> "Subject":
+        """Return the same with the states and rates that terms are evaluated on."""
+
+        def completed(data: Trajectories) -> Trajectories:
+            for name in self.equations:
+                data = self.model.rows.complete(data, name, self.model.simulator(data))
+            return data
+
+        return replace(self, train=completed(self.train), test=None if self.test is None else completed(self.test))
+
+    @cached_property
+    def pairs(self) -> Any:
+        """Return position and speed by the data, for a simulation that cannot be read."""
+        return None if readable(self.model.simulation) else pairs_in_data(self.model.simulator(self.train), self.train)
+
+    def bound(
+        self, name: str, catalogue: Sequence[Effect], roles: Mapping[str, str | Sequence[str]] | None
+    ) -> tuple[tuple[BoundEffect, ...], dict[str, str]]:
+        """Return the effects of the catalogue on the columns of an equation, and why others are left out, by slug."""
+        train, model = self.train, self.model
+        formulas = model.simulation if readable(model.simulation) else None
+        columns = roles_of(
+            formulas, train.state_names, train.input_names, name, roles, train.units, self.pairs, train.output_names
+        )  # fmt: skip
+        # A force may be measured as that of a machine or as that on it.
+        effects = [effect.either_way() for effect in catalogue] if train.is_output(name) else catalogue
+        left_out = dict(unbound(effects, columns, train.units))
+        bound, taken = [], {*train.columns, *model.states(train)}
+        no_path = self._no_path(name)
+        for effect in bind_catalogue(effects, columns, train.units):
+            if no_path and effect.effect.hidden:
+                left_out[effect.slug] = no_path
+            elif taken & set(effect.hidden()):
+                left_out[effect.slug] = KNOWN_STATE
+            else:
+                bound.append(effect)
+        return tuple(bound), left_out
+
+    def _no_path(self, name: str) -> str:
+        """Return the reason why effects with memory cannot be weighed; empty if they can."""
+        if self.train.is_output(name):
+            return OUTPUT_WITHOUT_PATH
+        if not self.model.rows.follows_path:
+            return RATES_WITHOUT_PATH
+        return "" if readable(self.model.simulation) else NO_STATES
+
+
+def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
+    """Return the equations of a study: those of the dictionary, or all whose rate or output the simulation misses.
+
+    Raises:
+        InputError: There is none.
+    """
+    if model.dictionary:
+        if len(model.equations) > len(model.blocks):
+            raise InputError(
+                f"A study on rows of samples looks at one equation, not at {', '.join(model.equations)} together: "
+                "leave one in GreyBox(dictionary=...) and put what is known of the others into the simulation. Their "
+                "coefficients can be estimated together by GreyBox.fit."
+            )
+        return model.equations
+    simulation = model.simulator(data)
+    if model.rows.follows_path:
+        equations = tuple(name for name in simulation.equations if not simulation.kinematic(name))
+        if len(equations) != 1:
+            raise InputError(
+                f"A study of samples looks at one equation, and the simulation has {len(equations) or 'none'} that "
+                "could lack something: name the one in question with an empty list of terms, "
+                f"GreyBox(dictionary={{{(equations or ('ydot',))[0]!r}: []}}, ...), or give rates: derivatives=..., or "
+                "data.differentiate()."
+            )
+        return equations
+    names = (*data.derivative_names, *data.output_names)
+    equations = tuple(name for name in names if not simulation.kinematic(name))
+    # Which equations of a function are kinematic cannot be read off it; but the data meet them exactly.
+    missed = tuple(name for name in equations if not model.equation_rows(data, name).nothing_left)
+    if equations and not missed:
+        what = "output" if all(data.is_output(name) for name in equations) else "derivative"
+        raise InputError(f"The simulation equals every measured {what} exactly: there is nothing to look for.")
+    if not equations:
+        raise InputError(
+            "There is no equation to study: the data have no measured derivative of a state whose equation is more "
+            "than another state; give derivatives=..., or compute them with data.differentiate()."
+        )
+    return missed
