@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.errors import InputError
 
@@ -99,9 +99,8 @@ class Subject:
         """Return the effects of the catalogue on the columns of an equation, and why others are left out, by slug."""
         train, model = self.train, self.model
         formulas = model.simulation if readable(model.simulation) else None
-        columns = roles_of(
-            formulas, train.state_names, train.input_names, name, roles, train.units, self.pairs, train.output_names
-        )  # fmt: skip
+        of_data = Columns(train.state_names, train.input_names, train.output_names, train.units)
+        columns = roles_of(formulas, of_data, name, roles, self.pairs)
         # A force may be measured as that of a machine or as that on it.
         effects = [effect.either_way() for effect in catalogue] if train.is_output(name) else catalogue
         left_out = dict(unbound(effects, columns, train.units))

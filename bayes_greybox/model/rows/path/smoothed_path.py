@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.physics.integration.sensitivity import Grid, hermite
 from bayes_greybox.physics.integration.smoothing import (
+    TRIED_SHARES,
     Observed,
     filtered,
     log_likelihoods,
