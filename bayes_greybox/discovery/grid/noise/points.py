@@ -25,8 +25,9 @@ UNNAMED = (LATENT_FORCE, LAW, MEMORY)
 TIME_SCALES = (0.05, 0.2, 1.0, 4.0)
 """Time scales of the latent force, in periods of the motion."""
 
-SENSOR_SCALES = (0.05, 0.2)
-"""Time scales of a sensor's noise, in periods: what is slower than the motion is a drift, which has a regressor."""
+SENSOR_SCALES = (0.05, 0.13, 0.32, 0.8)
+"""Time scales of a sensor's noise, in periods, 0.4 decades apart like the ratios: on a coarser grid a latent force fits
+noise between two of them better. Noise slower than the motion is a drift, which has a regressor."""
 
 LENGTH_SCALES = (0.3, 0.6, 1.2)
 """Length scales of f, in half-widths of the box that the data fill."""
