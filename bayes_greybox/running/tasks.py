@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
 from uuid import uuid4
 
@@ -121,7 +120,11 @@ def _client(stack: ExitStack, workers: int | None, scheduler: str | None) -> tup
 
 
 def _has_dask() -> bool:
-    return find_spec("distributed") is not None
+    try:
+        import distributed  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 def _done(name: str, result: Callable[[], Any]) -> Done:

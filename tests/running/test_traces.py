@@ -66,7 +66,7 @@ names = [str(more.get("fun_name")) for event, more in traced if event.endswith("
 print(json.dumps({"values": values, "said": said, "traced": names}))
 """
 
-TRACED = {"first", "advance", "constrain", "draw_all_of", "draw_all", "one", "every", "follow"}
+TRACED = {"first", "advance", "constrain", "draw_all", "one", "every", "follow"}
 """Functions that these are made of, and the programs of checks and free runs."""
 
 PROGRAMS = ["start", "advance", "constrain", "conditional", "prior", "log_prior"]
@@ -285,7 +285,7 @@ def test_what_a_trace_depends_on_is_in_its_name(folder, design, monkeypatch):
         (numpyro, "__version__", "9.9"),
         (jax, "__version__", "9.9"),
         (nuts, "ITERATIONS_PER_CHUNK", 10),
-        (linalg, "JITTER", 1.0),
+        (linalg, "RELATIVE_JITTER", 1.0),
         (numpyro.distributions.Distribution, "_validate_args", "as never before"),
         (linalg, "jittered_cholesky", linalg.solve_lower),
     )

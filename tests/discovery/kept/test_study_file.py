@@ -10,6 +10,7 @@ import xarray as xr
 from tiny_study import judged
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.kept.file import load_checked
 from bayes_greybox.discovery.answer.amendment import Remainder
 from bayes_greybox.discovery.kept import study_file
 from bayes_greybox.inference.kept import netcdf
@@ -118,7 +119,7 @@ def test_what_has_no_name_is_kept_with_the_f_that_stands_for_it(study, tmp_path)
 
 
 def test_the_posterior_alone_is_read_as_that_of_a_fit(study, file):
-    alone = netcdf.load(file)
+    alone = load_checked(file)
     assert list(alone.idata.children) == list(study.fit.idata.children)
     # For programs that read netCDF, and for the page of the fit.
     assert json.loads(alone.idata.attrs["missing_effects"])["verdict"] == "named"
