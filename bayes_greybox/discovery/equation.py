@@ -21,6 +21,7 @@ from .answer.checks.linearity import check_linearity
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
+from .decision import reasons
 from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
@@ -85,11 +86,16 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     settled = without_sensors(near, verdict)
     checks = [] if verdict.open_ended else check_hypothesis(near, settled, train.units.get("t", ""))
     members = [i for i in settled.members if regressors.columns[i].effect is not None]
-    doubts = [*source.doubts(rows), *(check.text for check in checks if not check.ok)]
-    verdict = verdict.against([*doubts, *rounded_off(regressors, members)])
+    doubts = {
+        reasons.ROWS: source.doubts(rows),
+        reasons.CHECK: [check.text for check in checks if not check.ok],
+        reasons.UNSEEN_SHAPE: rounded_off(regressors, members),
+    }
+    verdict = verdict.against([reasons.Reason(code, text) for code, texts in doubts.items() for text in texts])
     say("mapping the gap")
     coefficients = draw_coefficients(near, verdict, DRAWS, seed)
-    verdict = verdict.against(at_ends(regressors, coefficients, criteria))
+    ends = at_ends(regressors, coefficients, criteria)
+    verdict = verdict.against([reasons.Reason(reasons.END_OF_RANGE, text) for text in ends])
     amendment = _amendment(source, near, verdict, coefficients, train)
     linear: list[Check] = []
     if not verdict.open_ended:

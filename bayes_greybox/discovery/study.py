@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import pandas as pd
@@ -18,7 +18,7 @@ from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_warnings import row_warnings
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.roles import bind_catalogue, roles_of, unbound, unplayed_roles
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.plain_values import plain_rows
@@ -34,6 +34,7 @@ from .answer.gap.free_runs import FreePath, FreeRuns
 from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
 from .decision.criteria import Criteria
+from .decision.reasons import Reason
 from .equation import Question, study_equation
 from .odds import Odds
 from .refusals import check_data, check_rows, check_settings
@@ -106,6 +107,9 @@ class StudyResult:
         config: Text of the configuration file that asked for it; empty where none did.
         explanations: What the likely explanations of each equation say of data to come; none in files of before.
         counted: Rows that count, by equation, without those at which a sensor was at its end; none in files of before.
+        reasons: Coded reasons against the verdict, whose texts `against` has.
+        verdicts: Verdict of each equation by itself; none in files of before.
+        lacking_roles: Roles that no column plays, by the (equation, slug) of the effects that need them.
     """
 
     base: Program
@@ -137,6 +141,15 @@ class StudyResult:
     explanations: Mapping[str, tuple[Explained, ...]] = field(default_factory=dict)
     counted: Mapping[str, int] = field(default_factory=dict)
     quantities: pd.DataFrame = field(default_factory=pd.DataFrame)
+    reasons: tuple[Reason, ...] = ()
+    verdicts: Mapping[str, str] = field(default_factory=dict)
+    lacking_roles: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def criteria(self) -> Criteria:
+        """Criteria that the study was decided with; those of today where its file does not say."""
+        recorded = self.settings.get("thresholds", {})
+        return Criteria(**{each.name: recorded[each.name] for each in fields(Criteria) if each.name in recorded})
 
     def checkable(self, equation: str) -> bool:
         """Whether an equation has rows enough to check its residuals on."""
@@ -219,6 +232,7 @@ def investigate(
     pairs = None if readable(model.simulation) else pairs_in_data(model.simulator(train), train)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
         left_out: dict[tuple[str, str], str] = {}
+        lacking: dict[tuple[str, str], str] = {}
         for name in equations:
 
             def say(text: str, name: str = name) -> None:
@@ -233,6 +247,7 @@ def investigate(
             # A force may be measured as that of a machine or as that on it.
             known = [effect.either_way() for effect in loaded] if train.is_output(name) else loaded
             left_out |= {(name, slug): why for slug, why in unbound(known, columns, train.units).items()}
+            lacking |= {(name, slug): role for slug, role in unplayed_roles(known, columns).items()}
             bound = bind_catalogue(known, columns, train.units)
             if why := _memoryless(model, train, name):
                 left_out |= {(name, effect.slug): why for effect in bound if effect.effect.hidden}
@@ -281,7 +296,7 @@ def investigate(
     warnings = (*sizes, *held, *said, *lost, *model.simulator(train).warnings, *warnings)
     unfollowed = ("no path of the amended model follows held-out samples",) if lost else ()
     labels = {name: train.target_label(name) for name in findings}
-    verdict, against = verdict_of({name: found.verdict for name, found in findings.items()}, gap, unfollowed, labels)
+    verdict, reasons = verdict_of({name: found.verdict for name, found in findings.items()}, gap, unfollowed, labels)
     return StudyResult(
         base=given,
         model=amended_program(given, findings, train),
@@ -296,7 +311,7 @@ def investigate(
         quantities=pd.concat([found.quantities() for found in findings.values()]),
         instrument=pd.concat([found.instrument(train) for found in findings.values()], ignore_index=True),
         checks=pd.concat([found.check_table() for found in findings.values()]),
-        against=against,
+        against=tuple(each.text for each in reasons),
         warnings=warnings,
         corrections=pd.concat([found.corrections(train) for found in findings.values()]),
         where=pd.concat([found.where for found in findings.values()], ignore_index=True),
@@ -330,6 +345,9 @@ def investigate(
         amendments=amendments,
         explanations={name: explained(found) for name, found in findings.items()},
         counted=counted,
+        reasons=reasons,
+        verdicts={name: found.verdict.code for name, found in findings.items()},
+        lacking_roles=lacking,
     )
 
 

@@ -19,6 +19,7 @@ from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
+from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.equation import Question, study_equation
 from bayes_greybox.discovery.grid.noise_grid import NONE, SENSOR, TIME, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
@@ -27,7 +28,8 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.studied import studied_equations
 from bayes_greybox.discovery.study import investigate
-from bayes_greybox.discovery.verdict import verdict_of, worse_in_words
+from bayes_greybox.discovery.verdict import verdict_of as with_reasons
+from bayes_greybox.discovery.verdict import worse_in_words
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS
@@ -108,8 +110,15 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 
 def finding(code, n_place=0, against=()):
     """A verdict with so many effects, and what speaks against it."""
+    reasons = tuple(Reason("check", text) for text in against)
     places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), (), 0.9, "", Share()),) * n_place
-    return Verdict(code, places, None, (), 0.0, 0.0, 0.0, reasons=against, probabilities=None)
+    return Verdict(code, places, None, (), 0.0, 0.0, 0.0, reasons=reasons, probabilities=None)
+
+
+def verdict_of(*given):
+    """The verdict of a study, and the texts of the reasons against it."""
+    verdict, reasons = with_reasons(*given)
+    return verdict, tuple(reason.text for reason in reasons)
 
 
 def blank(kind, equation):

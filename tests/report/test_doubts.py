@@ -12,6 +12,7 @@ from rich.console import Console
 from tiny_study import DELAYED, judged, varied
 
 from bayes_greybox.data.rates.rate_filter import RateFilter
+from bayes_greybox.discovery.summary import answer, tied_sets
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
@@ -19,7 +20,7 @@ from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.report.words.doubts import doubts, p_text
 from bayes_greybox.report.words.formatting import percent_text, probability_text
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import answer, suspect_size, suspects_weighed, tied_sets
+from bayes_greybox.report.words.study import suspect_size, suspects_weighed
 
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}
 
@@ -151,9 +152,7 @@ def test_what_speaks_against_unknown_is_what_has_a_name(study):
 
 
 def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
-    changed = replace(
-        study, left_out={**study.left_out, ("ydot", "sine"): "no column plays the role 'position' (that)"}
-    )
+    changed = replace(study, lacking_roles={("ydot", "sine"): "position", ("ydot", "gravity"): "other_position"})
     (only,) = by_topic(changed, "Not weighed")
     assert only.against is None
     said = (

@@ -22,6 +22,7 @@ from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.suspects.channels import is_fault
+from bayes_greybox.discovery.suspects.memory import kind_and_channel
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
@@ -173,12 +174,18 @@ class EquationStudy:
         return pd.DataFrame(values, index=keys, dtype=float)
 
     def memory(self) -> pd.DataFrame:
-        """Return of what kind it is that has no name: a law of the states, something in time, or what remembers."""
+        """Return the probabilities of what has no name: a law of the states, something in time, or what remembers.
+
+        `kind` and `channel` say the same as the index, as codes; a whole kind has no channel.
+        """
         p = self.probabilities
         found = {REMAINS[kind]: p.by_discrepancy[kind] for kind in REMAINS}
-        found |= {name: value for name, value in p.by_memory.items() if value > 0}
+        memories = {name: value for name, value in p.by_memory.items() if value > 0}
+        codes = [*((kind, "") for kind in REMAINS), *map(kind_and_channel, memories)]
+        found |= memories
         keys = pd.MultiIndex.from_tuples([(self.equation, name) for name in found], names=KEYS)
-        return pd.DataFrame({"probability": list(found.values())}, index=keys, dtype=float)
+        table = pd.DataFrame({"probability": list(found.values())}, index=keys, dtype=float)
+        return table.assign(kind=[kind for kind, _ in codes], channel=[channel for _, channel in codes])
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return what is suspected of the measurement."""

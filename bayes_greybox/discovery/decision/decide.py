@@ -8,7 +8,9 @@ import numpy as np
 from bayes_greybox.discovery.grid.hypotheses import Hypothesis
 from bayes_greybox.discovery.grid.regressors import EFFECT, SENSOR
 
+from . import reasons as codes
 from .probabilities import EFFECTS, NO_GAP, STOPS, UNKNOWN, Probabilities, Share
+from .reasons import Reason
 
 VERDICTS = ("no gap", "instrument", "recalibrate", "named", "one of", "partly named", "unknown")
 """From what asks least of the user's physics to what asks most; of several equations the last one speaks."""
@@ -57,7 +59,7 @@ class Verdict:
         share_left: Share of the gap's square that it carries.
         left: RMS of what remains, scaled.
         negligible: Whether simulation and measurement agree in practice, though something remains.
-        reasons: What speaks against the verdict, in words.
+        reasons: Reasons against the verdict.
     """
 
     code: str
@@ -68,7 +70,7 @@ class Verdict:
     share_left: float
     left: float
     negligible: bool = False
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     probabilities: Probabilities = field(kw_only=True, repr=False)
 
     @property
@@ -81,11 +83,11 @@ class Verdict:
         """Return the effects of the answer, on their columns."""
         return tuple(place.label for place in self.places)
 
-    def against(self, reasons: Sequence[str]) -> "Verdict":
+    def against(self, reasons: Sequence[Reason]) -> "Verdict":
         """Return the verdict with what speaks against it: nothing is *named* against its own checks.
 
         Args:
-            reasons: In words.
+            reasons: Further reasons against it.
         """
         if not reasons:
             return self
@@ -192,7 +194,8 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     sensors = _sensors(probabilities, best)
     more = remains >= criteria.missing and share_left >= criteria.remainder
     stacked = _stacked(probabilities, best)
-    reasons = ((AND_MORE if more else ONE_LAW),) if stacked else ()
+    law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE) if more else Reason(codes.ONE_LAW, ONE_LAW)
+    reasons = (law,) if stacked else ()
     sure = all(min(place.share) >= criteria.named for place in places)
     if more or stacked:
         code = "partly named"

@@ -19,6 +19,7 @@ from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.answer.explained import Component, Explained
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
+from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.regressors.clouds import Cloud
 from bayes_greybox.discovery.regressors.columns import Column, Nearer
 from bayes_greybox.discovery.study import StudyResult
@@ -37,6 +38,7 @@ from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
 from .features import Features
+from .files_of_before import add_codes
 from .known_columns import KnownColumns, kept_amendment, lost
 
 FORMAT = 1
@@ -45,7 +47,7 @@ FORMAT = 1
 CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
     Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
-    Remainder, *ROWS.values(),
+    Reason, Remainder, *ROWS.values(),
 )  # fmt: skip
 """Classes of what a file holds."""
 
@@ -107,6 +109,7 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
+    add_codes(values)
     found = StudyResult(**{**values, **models, "fit": fit})
     require_kinds(found)
     return found

@@ -88,7 +88,13 @@ def is_fault(name: str) -> bool:
     Args:
         name: A suspect's key ("offset of y"), or a slug, which has no spaces.
     """
-    return name.startswith(tuple(f"{kind} of " for kind in (*KINDS, LAG)))
+    return bool(fault_kind(name))
+
+
+def fault_kind(name: str) -> str:
+    """Return the kind of a sensor error, one of `KINDS` or `LAG`, from its key; "" for the slug of an effect."""
+    kind, _, channel = name.partition(" of ")
+    return kind if channel and kind in (*KINDS, LAG) else ""
 
 
 def suspect_columns(

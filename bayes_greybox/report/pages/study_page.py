@@ -10,23 +10,21 @@ from bayes_greybox.discovery.answer.gap.denials import worsened
 from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import added, not_helped, shown_part
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import (
     METRICS,
-    added,
     closed_text,
     metric_value,
     metric_words,
-    not_helped,
-    shown_part,
 )
 
 from . import study_sections as rungs
-from .page import Badge, Card, Finding, Page, Section, Words, write_page
-from .tables import equations_block, footer, verdict_blocks
+from .page import Badge, Card, Details, Finding, Page, Section, Words, write_page
+from .shared import equations_block, footer, settings_section, settings_table, verdict_blocks
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
@@ -72,7 +70,11 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         _convergence(study),
         rungs.corrections(study),
         rungs.ties(study),
-        rungs.settings(study, config or study.config),
+        settings_section(
+            "How this was made",
+            [Details("Settings, seed, versions and times", [settings_table(study.settings)])],
+            config or study.config,
+        ),
     ]
     measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
     return Page(

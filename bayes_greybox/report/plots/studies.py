@@ -10,17 +10,25 @@ from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import (
+    added,
+    added_draws,
+    answer,
+    changed,
+    shown_part,
+    support,
+    tied_sets,
+    trace_bands,
+)
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.plots.gap.responses import plot_responses
-from bayes_greybox.report.plots.study_numbers import normal_band, support
 from bayes_greybox.report.plots.style import AFTER, BEFORE
 from bayes_greybox.report.words.formatting import formula
-from bayes_greybox.report.words.sampled import added_draws
-from bayes_greybox.report.words.study import added, answer, name_of, set_label, shown_part, tied_sets
+from bayes_greybox.report.words.study import name_of, set_label
 from bayes_greybox.running.errors import InputError
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
@@ -28,12 +36,6 @@ MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 
 LEAST_PROBABLE = 0.001
 """Beyond the fewest, hypotheses that are less probable are not drawn."""
-
-PARTS = ("before", "after")
-"""Maps of the gap."""
-
-SAME = 0.01
-"""Maps that differ by less, over what counts as a gap, are one."""
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
@@ -60,9 +62,8 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
 
 
 def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
-    """Which maps of the gap there are: "before" and "after", or the first alone where nothing was changed."""
-    gap = study.maps[equation]
-    return ("before",) if np.allclose(gap.after, gap.before, rtol=0.0, atol=SAME * gap.threshold) else PARTS
+    """Return which maps of the gap there are: "before" and "after", or the first alone where nothing was changed."""
+    return ("before", "after") if changed(study.maps[equation]) else ("before",)
 
 
 def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = None) -> Figure:
@@ -109,7 +110,7 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
     """Gap along the training data before and after, with its 90 % bands."""
     trace = study.traces[equation]
     return plot_gap_over_time(
-        trace.time, normal_band(trace.before, trace.before_sd), normal_band(trace.after, trace.after_sd),
+        trace.time, *trace_bands(trace),
         equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
         **_runs(study.train, trace.run),
     )  # fmt: skip

@@ -1,56 +1,34 @@
-"""What speaks against a study's verdict, and what was looked at and does not: for pages, terminal and record alike."""
+"""Words for the findings about a study's verdict: the same for pages, terminal and record."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.gap.denials import left_over, misfits, worsened
-from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.discovery.decision.probabilities import STOPS
+from bayes_greybox.discovery.contradictions import LARGEST_DELAY, Finding, findings, notable
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.suspects.channels import DELAY_STEPS
-from bayes_greybox.discovery.ties import sorted_by_probability
+from bayes_greybox.discovery.summary import free_run_errors
 from bayes_greybox.discovery.verdict import left_in_words, worse_in_words
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
-from .remainder import remembered
-from .sampled import sampled_elsewhere
-from .study import (
-    added,
-    answer,
-    free_run_errors,
-    free_run_part,
-    metric_value,
-    name_of,
-    not_helped,
-    not_weighed,
-    rows_of,
-    worse_runs,
-)
+from .formatting import estimate, listed, number, numbers_in, p_text, probability_text, share_text
+from .study import metric_value, name_of, remembered
 
-NEGLIGIBLE = Criteria().remainder
-"""Share of the gap from which on what remains beside an answer speaks against it."""
-
-NOTABLE = 1 - Criteria().named
-"""Another explanation speaks against the verdict from this probability on."""
-
-FAR = 3.0
-"""A delay of more than so many of its prior standard deviations is hardly one."""
-
-FINE = {
+PASSED = {
     "whiteness": "residuals are white ({})",
     "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
     "motion": "the samples move as is said of their rate ({})",
     "linearity": "samples are linear enough in what was found, within its posterior ({})",
 }
-"""What a check that is passed says, by the first word of its name, with its p-value or k-hat."""
+"""Words for a check that passed, by the first word of its name, with its p-value or k-hat."""
 
-TOPICS = {"motion": "Motion", "linearity": "Linear rows"}
-"""What a check looks at, by the first word of its name, where that is not the residuals."""
+TOPICS = {
+    "residuals not tested": "Residuals", "other explanations": "Other explanations", "remains": "What remains",
+    "runner-up": "Runner-up", "hardly late": "Measurement", "possible errors": "Measurement",
+    "no further error": "Measurement", "rows": "Rows", "not weighed": "Not weighed", "tie": "Ties", "no tie": "Ties",
+    "held-out samples": "Held-out samples", "free run": "Free run", "sampler": "Sampler",
+}  # fmt: skip
+"""Topics of findings by their codes."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +36,9 @@ class Doubt:
     """One thing that could speak against a verdict.
 
     Attributes:
-        topic: What was looked at, in a word or two.
-        text: What was found, in words with its numbers.
-        against: Whether it speaks against the verdict; None where it could not be looked at.
+        topic: Subject in a word or two.
+        text: Finding in words, with its numbers.
+        against: True if it speaks against the verdict; None if it could not be looked at.
     """
 
     topic: str
@@ -69,158 +47,178 @@ class Doubt:
 
 
 def doubts(study: StudyResult) -> list[Doubt]:
-    """Checks, the free run, what remains, runner-up, ties, the measurement, what was not weighed, and the sampler.
+    """Return the findings about a study's verdict in words, in the order of `findings`.
 
     Args:
         study: The study.
     """
-    found: list[Doubt] = []
-    for equation in study.maps or study.hypotheses.index.unique(0):
-        about = f" of {study.train.target_label(equation)}" if len(study.maps) > 1 else ""
-        parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
-        found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
-    rows = [Doubt("Rows", text, True) for text in study.warnings]
-    rows += [Doubt("Not weighed", text, None) for text in not_weighed(study)]
-    more = (*_ties(study), *_held_out(study), _free_run(study), _sampler(study))
-    return [_said(each) for each in (*found, *rows, *more)]
+    return [_in_words(study, each) for each in findings(study)]
 
 
-def _said(doubt: Doubt) -> Doubt:
-    return replace(doubt, text=doubt.text[:1].upper() + doubt.text[1:])
+def _in_words(study: StudyResult, finding: Finding) -> Doubt:
+    text = TEXTS[finding.code](study, finding)
+    topic = _check_topic(finding) if finding.code == "check" else TOPICS[finding.code]
+    if finding.equation and len(study.maps) > 1:
+        topic = f"{topic} of {study.train.target_label(finding.equation)}"
+    return Doubt(topic, text[:1].upper() + text[1:], finding.against)
 
 
-def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    table = rows_of(study.checks, equation)
-    for name, row in zip(table.index, table.to_dict("records"), strict=True):
-        p = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
-        kind, _, state = name.partition(" of ")
-        topic = f"{TOPICS[kind]}{f' of {state}' if state else ''}" if kind in TOPICS else "Residuals"
-        yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
-    if not any(name in FINE and name not in TOPICS for name in table.index):
-        why = "there is a rest beside what has a name, of any shape or a process in time, which takes up what the "
-        why = f"{why}tests would find" if study.checkable(equation) else "the rows that count are too few"
-        yield Doubt("Residuals", f"not tested: {why}", None)
+def _check_topic(finding: Finding) -> str:
+    # Checks of the motion, in older files, are about one state each.
+    kind, _, state = finding.values["name"].partition(" of ")
+    topic = {"motion": "Motion", "linearity": "Linear rows"}.get(kind, "Residuals")
+    return f"{topic} of {state}" if state else topic
 
 
-def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    """What remains beside the answer, and the likeliest other explanation."""
-    table = sorted_by_probability(rows_of(study.hypotheses, equation))
-    own, records = answer(study, equation), table.to_dict("index")
-    if "unknown" in records:
-        p, remembers = float(records["unknown"]["probability"]), remembered(study, equation)
-        if own == "unknown":
-            # Unknown is the answer, so that what speaks against it is all else.
-            text = f"what has a name, or needs none, has probability {probability_text(1 - p)} in all"
-            also = f"; what is missing {remembers}" if remembers else ""
-            yield Doubt("Other explanations", f"{text}{also}", p < 0.5)
-        else:
-            text = f"the probability that something unknown is missing is {probability_text(p)}"
-            text += f"; if so, it {remembers}" if remembers else ""
-            share = float(records[own]["share_left"]) if own in records else math.nan
-            left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
-            yield Doubt("What remains", f"{text}{left}", p >= NOTABLE or share >= NEGLIGIBLE)
-    name, row = next(((str(name), row) for name, row in records.items() if name != own), ("", {}))
-    if name:
-        p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, name))
-        text = f"{name_of(study, name)} with probability {probability_text(q)}, the answer {probability_text(p)}"
-        if q > p and own in STOPS and name not in STOPS:
-            text += f"; but it leaves {share_text(row['share_left'])} of the gap to something else"
-        yield Doubt("Runner-up", text, q >= NOTABLE)
+def _check(study: StudyResult, finding: Finding) -> str:
+    row, name = finding.values, finding.values["name"]
+    value = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
+    return PASSED[name.split(" of ")[0]].format(value) if row["ok"] else f"{row['text']} ({name}, {value})"
 
 
-def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    """Suspects that are not in the model, but likely; and delays that are too large for delays."""
-    rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
-    odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
-    if odd:
-        texts = "; ".join(numbers_in(row["text"]) for row in odd)
-        yield Doubt("Measurement", f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {texts}", True)
-    likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
-    if likely:
-        texts = "; ".join(
-            f"{numbers_in(row['text'])} (probability {probability_text(row['probability'])})" for row in likely
-        )
-        yield Doubt("Measurement", f"not taken for true, but possible: {texts}", True)
-    elif not odd:
-        yield Doubt("Measurement", f"no further suspect is as likely as {probability_text(NOTABLE)}", False)
+def _not_tested(study: StudyResult, finding: Finding) -> str:
+    if not finding.values["enough"]:
+        return "not tested: the rows that count are too few"
+    rest = "there is a rest beside what has a name, of any shape or a process in time"
+    return f"not tested: {rest}, which takes up what the tests would find"
 
 
-def _ties(study: StudyResult) -> Iterator[Doubt]:
-    for tie in study.ties:
-        own, *others = (within(name_of(study, slug)) for slug in tie["slugs"])
-        yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
-    if not study.ties and added(study).size:
-        yield Doubt("Ties", "no other effect of the catalogue could stand in the place of what was named", False)
+def _other_explanations(study: StudyResult, finding: Finding) -> str:
+    remembers = remembered(study, finding.equation)
+    p = probability_text(finding.values["probability"])
+    also = f"; what is missing {remembers}" if remembers else ""
+    return f"what has a name, or needs none, has probability {p} in all{also}"
 
 
-def _held_out(study: StudyResult) -> Iterator[Doubt]:
-    """What held-out samples say of the model after; nothing of rates."""
-    left = left_over(study.gap)
-    for name, misfit in misfits(study.gap, "test").items():
-        if name in left:
-            yield Doubt("Held-out samples", left_in_words(misfit), True)
-        else:
-            text = f"what is left of them is {number(misfit, 2)} times what their noise and the coefficients leave open"
-            yield Doubt("Held-out samples", text, False)
+def _remains(study: StudyResult, finding: Finding) -> str:
+    remembers, share = remembered(study, finding.equation), finding.values["share"]
+    p = probability_text(finding.values["probability"])
+    also = f"; if so, it {remembers}" if remembers else ""
+    left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
+    return f"the probability that something unknown is missing is {p}{also}{left}"
 
 
-def _free_run(study: StudyResult) -> Doubt:
+def _runner_up(study: StudyResult, finding: Finding) -> str:
+    values = finding.values
+    p, q = probability_text(values["answer"]), probability_text(values["probability"])
+    text = f"{name_of(study, values['name'])} with probability {q}, the answer {p}"
+    left = f"; but it leaves {share_text(values['share'])} of the gap to something else" if "share" in values else ""
+    return f"{text}{left}"
+
+
+def _hardly_late(study: StudyResult, finding: Finding) -> str:
+    texts = "; ".join(numbers_in(row["text"]) for row in finding.values["rows"])
+    return f"more than {LARGEST_DELAY:g} samples are hardly a delay: {texts}"
+
+
+def _possible_errors(study: StudyResult, finding: Finding) -> str:
+    texts = [
+        f"{numbers_in(row['text'])} (probability {probability_text(row['probability'])})"
+        for row in finding.values["rows"]
+    ]
+    return f"not taken for true, but possible: {'; '.join(texts)}"
+
+
+def _no_further_error(study: StudyResult, finding: Finding) -> str:
+    return f"no further suspect is as likely as {probability_text(notable(study))}"
+
+
+def role_text(role: str, count: int) -> str:
+    """Return that effects were not weighed because no column plays a role, and how to give it."""
+    many = f"{count} effects were" if count > 1 else "1 effect was"
+    how = f"give roles={{{role!r}: ...}}, in a file [study.roles] {role}"
+    return f"{many} not weighed: no column plays the role {role!r}; {how}"
+
+
+def _tie(study: StudyResult, finding: Finding) -> str:
+    own, *others = (within(name_of(study, slug)) for slug in finding.values["slugs"])
+    return f"these data do not tell {own} from {' or '.join(others)}"
+
+
+def _held_out(study: StudyResult, finding: Finding) -> str:
+    misfit = finding.values["misfit"]
+    if finding.against:
+        return left_in_words(misfit)
+    return f"what is left of them is {number(misfit, 2)} times what their noise and the coefficients leave open"
+
+
+FREE_RUN = {
+    "no better": "the free run of {states} does not get better",
+    "nothing added": "nothing was added, so it stays as it is",
+    "by sensors": "no effect was added, and what was found of the sensors does this",
+    # Where nothing has a name the model after holds f.
+    "by f": "no name was added, and f of any shape does this",
+    "better": "its error shrinks",
+}
+"""Words for the change of free runs, which their errors follow."""
+
+
+def _free_run(study: StudyResult, finding: Finding) -> str:
+    values = finding.values
+    if values["change"] == "not integrated":
+        return "not integrated, so it has no veto"
+    where = "on held-out data" if values["part"] == "test" else "on the training data"
+    if values["change"] != "worse":
+        text = FREE_RUN[values["change"]].format(states=listed(values["states"]))
+        return f"{text} {where}: {_errors(study, values['states'])}"
+    states = "; ".join(f"the free run of {name} gets worse" for name in values["states"])
+    texts = [f"{states} {where}: {_errors(study, values['states'])}"] if states else []
+    return "; ".join([*texts, *([f"{_sooner(study, values['sooner'])} {where}"] if values["sooner"] else [])])
+
+
+def _errors(study: StudyResult, states: Iterable[str]) -> str:
     errors = free_run_errors(study.gap)
-    where = "on held-out data" if free_run_part(study.gap) == "test" else "on the training data"
-    if not len(errors):
-        return Doubt("Free run", "not integrated, so it has no veto", None)
-
-    def change(names: Any) -> str:
-        parts = [
-            f"{name} {share_text(errors.loc[name, 'before'])} → {share_text(errors.loc[name, 'after'])}"
-            for name in names
-        ]
-        return f"{where}: {', '.join(parts)}"
-
-    worse, failing = worse_runs(study.gap), _fails_sooner(study)
-    if worse or failing:
-        states = [f"the free run of {name} gets worse" for name in worse]
-        texts = [f"{'; '.join(states)} {change(worse)}"] if worse else []
-        return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
-    idle = not_helped(study.gap)
-    if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
-        # What the integrator alone makes of it is no change.
-        alike = all(share_text(row["before"]) == share_text(row["after"]) for row in errors.to_dict("records"))
-        if alike or set(idle) == set(errors.index):
-            return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
-        if study.verdict == "instrument":
-            text = f"no effect was added, and what was found of the sensors does this {change(errors.index)}"
-            return Doubt("Free run", text, False)
-        # Where nothing has a name the model after holds f.
-        return Doubt("Free run", f"no name was added, and f of any shape does this {change(errors.index)}", False)
-    if idle:
-        return Doubt("Free run", f"the free run of {listed(idle)} does not get better {change(idle)}", True)
-    return Doubt("Free run", f"its error shrinks {change(errors.index)}", False)
+    ends = {name: [share_text(errors.loc[name, column]) for column in ("before", "after")] for name in states}
+    return ", ".join(f"{name} {before} → {after}" for name, (before, after) in ends.items())
 
 
-def _fails_sooner(study: StudyResult) -> str:
-    """What the free run's time to failure says; the veto decides, so that no page denies what the sentence says."""
-    for key in worsened(study.gap):
-        if key[1] == "time to failure":
-            after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
-            said = {name: metric_value(study, key[1], value) for name, value in (("after", after), ("before", before))}
-            earlier = f"after {said['before']}" if math.isfinite(before) else said["before"]
-            return f"{worse_in_words(key)}: the amended model's after {said['after']}, the simulation's {earlier},"
-    return ""
+def _sooner(study: StudyResult, key: tuple[str, str, str]) -> str:
+    after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
+    said = metric_value(study, key[1], before)
+    earlier = f"after {said}" if math.isfinite(before) else said
+    later = metric_value(study, key[1], after)
+    return f"{worse_in_words(key)}: the amended model's after {later}, the simulation's {earlier},"
 
 
-def _sampler(study: StudyResult) -> Doubt:
-    if study.fit is None:
-        return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
-    verdict, elsewhere = convergence(study.fit), sampled_elsewhere(study)
-    if elsewhere:
-        also = "" if verdict.mixed else f", and it did not converge: {' '.join(verdict.reasons)}"
-        return Doubt(
-            "Sampler", f"the amended model's fit disagrees with the tables: {'; '.join(elsewhere)}{also}", True
-        )
-    if verdict.ok:
-        return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
-    if verdict.mixed:
-        text = f"the chains of the amended model's fit agree, though more draws are wanted: {' '.join(verdict.reasons)}"
-        return Doubt("Sampler", text, False)
-    return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
+SAMPLER = {
+    "not sampled": "not sampled: coefficients are those of the closed form",
+    "converged": "every convergence check of the amended model's fit passed",
+    "few draws": "the chains of the amended model's fit agree, though more draws are wanted: {}",
+    "not converged": "the amended model's fit did not converge: {}",
+}
+"""Words for the state of the sampler, with reasons."""
+
+
+def _sampler(study: StudyResult, finding: Finding) -> str:
+    values = finding.values
+    reasons = " ".join(values.get("reasons", ()))
+    if values["state"] != "apart":
+        return SAMPLER[values["state"]].format(reasons)
+    texts = [_apart(*each) for each in values["apart"]]
+    also = f", and it did not converge: {reasons}" if reasons else ""
+    return f"the amended model's fit disagrees with the tables: {'; '.join(texts)}{also}"
+
+
+def _apart(row: Mapping[str, Any], mean: float, sd: float) -> str:
+    told = estimate(row["mean"], row["sd"], row["unit"])
+    return f"its coefficient of {within(row['name'])} is {estimate(mean, sd, row['unit'])}, not {told}"
+
+
+TEXTS: dict[str, Callable[[StudyResult, Finding], str]] = {
+    "check": _check,
+    "residuals not tested": _not_tested,
+    "other explanations": _other_explanations,
+    "remains": _remains,
+    "runner-up": _runner_up,
+    "hardly late": _hardly_late,
+    "possible errors": _possible_errors,
+    "no further error": _no_further_error,
+    "rows": lambda study, finding: finding.values["text"],
+    "not weighed": lambda study, finding: role_text(**finding.values),
+    "tie": _tie,
+    "no tie": lambda study, finding: "no other effect of the catalogue could stand in the place of what was named",
+    "held-out samples": _held_out,
+    "free run": _free_run,
+    "sampler": _sampler,
+}
+"""Words of findings by their codes."""

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterable
 
+from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.fleet.shared import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, probability_text, quantity, unit_text
-from .study import LIKELY
 
 
 def fleet_sentence(fleet: Fleet) -> str:
@@ -107,7 +107,11 @@ def _who(shared: Shared, of: str) -> str:
 def _perhaps(shared: Shared, what: str) -> str:
     """That assets of which none is sure may lack an effect, and what else it may be."""
     n, more = len(shared.likely), len(shared.possible) - len(shared.likely)
-    lack = f"most likely {'lacks' if n == 1 else 'lack'}" if min(shared.likely.values()) >= LIKELY else "may lack"
+    lack = (
+        f"most likely {'lacks' if n == 1 else 'lack'}"
+        if min(shared.likely.values()) >= Criteria.missing
+        else "may lack"
+    )
     p = f"probability {likely_text(shared.likely.values())}{f'; {more} more may' if more else ''}"
     fault = f", or else a sensor is at fault ({', '.join(shared.faults)})" if shared.faults else ""
     return f"{lack} {what} ({p}){fault}"

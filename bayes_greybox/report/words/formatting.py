@@ -95,6 +95,11 @@ def share_text(share: float | np.floating) -> str:
     return f"<\u00a0{_LEAST_SHARE:.2%}".replace("%", "\u00a0%") if abs(share) < _LEAST_SHARE else percent_text(share)
 
 
+def known_share(share: float) -> str:
+    """Return a share in percent; a dash where it is not known."""
+    return "–" if math.isnan(share) else share_text(share)
+
+
 def share_interval(lower: float | np.floating, upper: float | np.floating) -> str:
     """The interval of a share, `1.2 to 3.4 %`; one text where both ends read alike."""
     ends = [share_text(lower), share_text(upper)]

@@ -1,25 +1,54 @@
-"""What was stated of coefficients, in tables."""
+"""Words for what was stated of coefficients, in tables."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from bayes_greybox.physics.coefficient import Coefficient
 
-from .formatting import probability_text
+from .formatting import estimate, exact_text, probability_text
+
+MATTERS = 0.5
+"""Probability from which on a term is more likely to matter than not, and stands in the first table."""
+
+
+def is_learned(prior: Coefficient | None) -> bool:
+    """Return whether a coefficient was estimated."""
+    return prior is None or prior.learned
+
+
+def is_given(column: str, prior: Coefficient | None) -> bool:
+    """Return whether the probability of a term says nothing, as its coefficient was stated.
+
+    Args:
+        column: Name of the probability: `probability_column` of the table.
+        prior: Statement about the coefficient, if there was one.
+    """
+    return prior is not None and (not prior.learned or (column == "inclusion" and prior.certain))
 
 
 def term_probability(row: Mapping[Any, Any], column: str, prior: Coefficient | None) -> str:
-    """The probability of a term in a coefficient table; "given" where it was stated and nothing was learned of it.
+    """Return the probability of a term in a coefficient table; "given" where nothing was learned of it.
 
     Args:
-        row: Of the table.
-        column: `probability_column` of the table.
-        prior: What was stated of the coefficient, if anything was.
+        row: Row of the table.
+        column: Name of the probability: `probability_column` of the table.
+        prior: Statement about the coefficient, if there was one.
     """
-    given = prior is not None and (not prior.learned or (column == "inclusion" and prior.certain))
-    return "given" if given else probability_text(row[column])
+    return "given" if is_given(column, prior) else probability_text(row[column])
+
+
+def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = True) -> str:
+    """Return mean and standard deviation of a coefficient, or its value where it was fixed.
+
+    Args:
+        row: Row of the table.
+        prior: Statement about the coefficient, if there was one.
+        unit: Whether the unit is written.
+    """
+    of = row["unit"] if unit else ""
+    return estimate(row["mean"], row["sd"], of) if is_learned(prior) else exact_text(row["mean"], of)
 
 
 def stated_text(prior: Coefficient | None) -> str:
-    """What was stated of a coefficient: "N(−40, 10²), ≤ 0", "= −2"."""
+    """Return the statement about a coefficient: "N(−40, 10²), ≤ 0", "= −2"."""
     return "" if prior is None else str(prior).replace("-", "−")
