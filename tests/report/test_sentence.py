@@ -30,6 +30,7 @@ def gap_table(run=(9.0, 0.1, 0.1), **parts):
 CLOSED = gap_table(test=(0.4, 0.1))
 
 
+CORRELATED = Reason(CHECK, "residuals hang together over 0.4 s", "x")
 DOUBTED = Reason(ONE_LAW, decide.ONE_LAW, "x")
 FRICTION = [("Coulomb friction", 0.5, ()), ("Viscous damping", 0.36, ())]
 
@@ -51,9 +52,7 @@ def test_a_doubt_of_the_shape_alone_does_not_say_that_something_is_left():
     shape = Reason(UNSEEN_SHAPE, "rates that a filter computed do not show how it is where it jumps", "x")
     one = [("Coulomb friction", 0.98, ())]
     assert "that is not all" not in said("partly named", one, against=[shape])
-    assert "that is not all" in said(
-        "partly named", one, against=[shape, Reason(CHECK, "residuals hang together", "x")]
-    )
+    assert "that is not all" in said("partly named", one, against=[shape, CORRELATED])
 
 
 def effects(*rows, equation="x"):
@@ -380,9 +379,7 @@ def test_the_gaps_of_several_equations_are_added_up():
 
 
 def test_partly_named_with_failed_checks_says_what_failed():
-    text = said(
-        "partly named", [("Cubic spring", 0.87, ())], against=[Reason(CHECK, "residuals hang together over 0.4 s", "x")]
-    )
+    text = said("partly named", [("Cubic spring", 0.87, ())], against=[CORRELATED])
     assert "cubic spring in d(x)/dt (probability 0.870), but that is not all; adding it closes 75.0 %" in text
     assert text.endswith("Against it: residuals hang together over 0.4 s.")
 
