@@ -8,7 +8,7 @@ import numpy as np
 import page_rules
 import pandas as pd
 import pytest
-from bayes_greybox.report.pages.tables import settings_rows
+from bayes_greybox.report.pages.shared import settings_rows
 from tiny_study import judged
 
 from bayes_greybox.cli.ending import exit_code

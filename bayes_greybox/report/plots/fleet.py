@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.discovery.answer.interval import REACH
 from bayes_greybox.discovery.fleet.pooling import Pooled
-from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
+from bayes_greybox.report.plots import style
 
 MOST = 60
 """Assets in one figure; of more, as many from the smallest to the largest."""
@@ -17,7 +17,7 @@ LONG = 28
 """Letters of a name in a figure."""
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_pooled(
     names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
 ) -> Figure:
@@ -34,20 +34,20 @@ def plot_pooled(
     order = np.argsort(mean)
     order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int))]
     shown = [name if len(name) <= LONG else f"{name[: LONG - 1]}…" for name in map(str, names)]
-    figure = new_figure(width, 1.3 + 0.24 * len(order))
+    figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
-    ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
+    ax.axvspan(whole.lower, whole.upper, color=style.LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
     own = np.asarray(mean)[order]
     ax.errorbar(
-        own, place + 0.13, xerr=REACH * np.asarray(sd)[order], fmt="o", ms=3.5, color=BLUE, label="its own data"
+        own, place + 0.13, xerr=REACH * np.asarray(sd)[order], fmt="o", ms=3.5, color=style.BLUE, label="its own data"
     )
     ax.errorbar(
         np.asarray(whole.each)[order], place - 0.13, xerr=REACH * np.asarray(whole.each_sd)[order], fmt="s", ms=3,
-        color=DARK, label="pooled",
+        color=style.DARK, label="pooled",
     )  # fmt: skip
-    ax.set_yticks(place, [plain(shown[int(i)]) for i in order])
+    ax.set_yticks(place, [style.plain(shown[int(i)]) for i in order])
     ax.set_ylim(-0.7, len(order) - 0.3)
-    ax.set_xlabel(plain(label))
+    ax.set_xlabel(style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)
     return figure

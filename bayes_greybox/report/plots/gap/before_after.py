@@ -11,20 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.posterior.over_time import N_BIN, name_run, rows_of_runs
-from bayes_greybox.report.plots.style import (
-    AFTER,
-    BEFORE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
 from .gap_map import SURE, draw_threshold
@@ -46,7 +34,7 @@ _MOST_MARKERS = 400
 _LONG, _CLOSE_UP = 2000, 200
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_over_time(
     time: Float[np.ndarray, " n_obs"],
     before: Float[np.ndarray, "3 n_obs"],
@@ -86,28 +74,28 @@ def plot_gap_over_time(
     # One line over the other would hide it, and the legend speak of what nobody sees.
     same = np.allclose(before, after, rtol=1e-6, atol=1e-6 * float(np.nanmax(np.abs(after))), equal_nan=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
-        ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
         if same:
-            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "before and after")
+            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
         else:
-            _draw_band(ax, time[chosen], before[:, chosen], BEFORE, "before")
-            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "after")
+            _draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
+            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
         if probability is not None:
             sure = probability[chosen] > SURE
             stretches = _stretches(time[chosen], sure)
             at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE:g}"
-            ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
+            ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=style.DARK,
                       linewidth=5, label=label if len(stretches) else "")  # fmt: skip
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01, y=0.12)
     panels[0].set_title(f"Gap in the equation for {plain(equation)}{note}")
-    _label(panels, with_unit("gap", unit), with_unit("time", time_unit), axes is None)
-    return figure_of(panels[0])
+    _label(panels, style.with_unit("gap", unit), style.with_unit("time", time_unit), axes is None)
+    return style.figure_of(panels[0])
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_free_run(
     time: Float[np.ndarray, " n_obs"],
     measured: Float[np.ndarray, " n_obs"],
@@ -155,20 +143,22 @@ def plot_free_run(
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
-    if figure_of(panels[0]).get_figwidth() < _NARROW:
+    if style.figure_of(panels[0]).get_figwidth() < _NARROW:
         holds = fill(holds, _LABEL)
-    shown = [(after, AFTER, "model" if before is None else "after", holds)]
+    shown = [(after, style.AFTER, "model" if before is None else "after", holds)]
     if before is not None:
-        shown.insert(0, (before, BEFORE, "before", ""))
+        shown.insert(0, (before, style.BEFORE, "before", ""))
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         t, seen = time[chosen], measured[chosen]
         for values, look, label, band in shown:
             _draw_band(ax, t, values[:, chosen], look, label, band)
         if len(t) <= _MOST_MARKERS:
-            ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
+            ax.plot(t, seen, "o", color=style.DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
         else:
             kept = extreme_rows(seen, N_BIN)
-            ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as)
+            ax.plot(
+                t[kept], seen[kept], color=style.DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as
+            )
         ax.set_ylim(low - margin, high + margin)
         for values, look, *_ in shown:
             _mark_failure(ax, t, values[0, chosen], look["color"])
@@ -178,8 +168,8 @@ def plot_free_run(
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
     panels[0].set_title(f"Free run of {plain(state)}{note}")
-    _label(panels, with_unit(state, unit), with_unit("time", time_unit), axes is None)
-    return figure_of(panels[0])
+    _label(panels, style.with_unit(state, unit), style.with_unit("time", time_unit), axes is None)
+    return style.figure_of(panels[0])
 
 
 def seen_as(data: Trajectories, state: str) -> str:
@@ -194,8 +184,8 @@ def seen_as(data: Trajectories, state: str) -> str:
 
 def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndarray | None) -> list[Axes]:
     if axes is not None:
-        return given_axes(axes, len(rows), "one a run")
-    figure = new_figure(width, 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows)))
+        return style.given_axes(axes, len(rows), "one a run")
+    figure = style.new_figure(width, 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows)))
     return list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
 
 
@@ -216,8 +206,8 @@ def _draw_band(
     kept = extreme_rows(mean, N_BIN)
     whole = len(kept) == len(mean)
     # Dashes of swings that are too many to be told apart are noise.
-    style = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
-    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **style})
+    line = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
+    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **line})
 
 
 def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:
@@ -247,7 +237,7 @@ def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]
 def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     panels[-1].set_xlabel(time)
     if own and len(panels) > 1:
-        figure_of(panels[0]).supylabel(quantity, fontsize=10)
+        style.figure_of(panels[0]).supylabel(quantity, fontsize=10)
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
@@ -256,8 +246,8 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     order += [label for label in handles if label not in order]
     # What a band holds is a long label.
     widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
-    narrow = figure_of(panels[0]).get_figwidth() < widest
-    place_legend(
+    narrow = style.figure_of(panels[0]).get_figwidth() < widest
+    style.place_legend(
         panels[0],
         own,
         [handles[label] for label in order],

@@ -11,21 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
-from bayes_greybox.report.plots.style import (
-    AFTER,
-    BEFORE,
-    DARK,
-    GREY,
-    SIGNED,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import quantity
 
@@ -35,7 +22,7 @@ SURE = 0.9
 _MOST_POINTS = 2000
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_map(
     grid: tuple[Float[np.ndarray, " n_0"], Float[np.ndarray, " n_1"]],
     maps: Mapping[str, tuple[Float[np.ndarray, "n_0 n_1"], Float[np.ndarray, "n_0 n_1"]]],
@@ -70,30 +57,30 @@ def plot_gap_map(
         The figure.
     """
     if axes is None:
-        panels = list(np.ravel(new_figure(5.4 * len(maps), 4.5).subplots(1, len(maps), squeeze=False)))
+        panels = list(np.ravel(style.new_figure(5.4 * len(maps), 4.5).subplots(1, len(maps), squeeze=False)))
     else:
-        panels = given_axes(axes, len(maps), "one a map")
+        panels = style.given_axes(axes, len(maps), "one a map")
     seen = _seen(inside, (len(grid[0]), len(grid[1])))
     end = float(limit) if limit else max(float(np.abs(gap[seen]).max()) for gap, _ in maps.values()) or 1.0
     bold = False
     framed = colours if colours is not None else [None] * len(maps)
     for ax, colour, (title, (gap, probability)) in zip(panels, framed, maps.items(), strict=True):
-        bold = _draw_map(ax, grid, gap, probability, seen, end, with_unit("gap", unit)) or bold
+        bold = _draw_map(ax, grid, gap, probability, seen, end, style.with_unit("gap", unit)) or bold
         if samples is not None:
             shown = samples[every_nth(len(samples), _MOST_POINTS)]
-            ax.plot(shown[:, 0], shown[:, 1], "o", color=DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
-        ax.set_xlabel(with_unit(variables[0], units[0]))
-        ax.set_ylabel(with_unit(variables[1], units[1]))
+            ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
+        ax.set_xlabel(style.with_unit(variables[0], units[0]))
+        ax.set_ylabel(style.with_unit(variables[1], units[1]))
         ax.set_title(title)
         if colour is not None:
             ax.set_title(title, color=colour, fontweight="bold")
             ax.spines[:].set(visible=True, edgecolor=colour, linewidth=2.0)
     event = f"|gap| > {quantity(threshold, unit)}"
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
-    return figure_of(panels[0])
+    return style.figure_of(panels[0])
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_curve(
     grid: Float[np.ndarray, " n_0"],
     before: Float[np.ndarray, " n_0"],
@@ -130,13 +117,13 @@ def plot_gap_curve(
     Returns:
         The figure.
     """
-    (ax,) = [new_figure(6.6, 3.9).subplots()] if axes is None else given_axes(axes, 1, "the curves")
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    (ax,) = [style.new_figure(6.6, 3.9).subplots()] if axes is None else style.given_axes(axes, 1, "the curves")
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     draw_threshold(ax, threshold)
     seen = _seen(inside, grid.shape)
     for values, sure, look, label in (
-        (before, probability > SURE, BEFORE, "before"),
-        (after, after_probability > SURE, AFTER, "after"),
+        (before, probability > SURE, style.BEFORE, "before"),
+        (after, after_probability > SURE, style.AFTER, "after"),
     ):
         if not seen.all():
             ax.plot(grid, values, color=look["color"], linewidth=1.0, linestyle=(0, (1, 2)))
@@ -145,22 +132,22 @@ def plot_gap_curve(
         ax.plot(grid, bold, linewidth=3.4, solid_capstyle="butt", dash_capstyle="butt", **look)
     if samples is not None:
         shown = samples[every_nth(len(samples), _MOST_POINTS)]
-        ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=DARK, alpha=0.45,
+        ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=style.DARK, alpha=0.45,
                 markersize=7, markeredgewidth=0.6)  # fmt: skip
     ax.margins(x=0.02)
-    ax.set_xlabel(with_unit(variable, variable_unit))
-    ax.set_ylabel(with_unit("gap", unit))
+    ax.set_xlabel(style.with_unit(variable, variable_unit))
+    ax.set_ylabel(style.with_unit("gap", unit))
     ax.set_title(title)
     handles: list[Artist] = [*ax.get_legend_handles_labels()[0]]
-    handles.append(Line2D([], [], color=GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE:g}"))
-    place_legend(ax, axes is None, handles)
-    return figure_of(ax)
+    handles.append(Line2D([], [], color=style.GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE:g}"))
+    style.place_legend(ax, axes is None, handles)
+    return style.figure_of(ax)
 
 
 def draw_threshold(ax: Axes, threshold: float | np.floating) -> None:
     """The pair of lines that a gap has to leave to count as one."""
     for sign, label in ((1.0, "± threshold"), (-1.0, "_")):
-        ax.axhline(sign * float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
+        ax.axhline(sign * float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
 
 
 def _seen(inside: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -178,10 +165,10 @@ def _draw_map(
 ) -> bool:
     """One map; says whether it has an outline."""
     x, y = grid
-    mesh = ax.pcolormesh(x, y, gap.T, cmap=SIGNED, vmin=-end, vmax=end, shading="nearest", rasterized=True)
+    mesh = ax.pcolormesh(x, y, gap.T, cmap=style.SIGNED, vmin=-end, vmax=end, shading="nearest", rasterized=True)
     over, under = gap.max() > end, gap.min() < -end
     extend = "both" if over and under else "max" if over else "min" if under else "neither"
-    figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
+    style.figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
     fade_outside(ax, x, y, seen)
     ax.set_xlim(x[0], x[-1])
     ax.set_ylim(y[0], y[-1])
@@ -191,10 +178,12 @@ def _draw_map(
 def _explain(ax: Axes, bold: bool, event: str, samples: bool, outside: bool, own: bool) -> None:
     handles: list[Artist] = []
     if bold:
-        handles.append(Line2D([], [], color=DARK, linewidth=2.0, label=plain(f"around P({event}) > {SURE:g}")))
+        handles.append(
+            Line2D([], [], color=style.DARK, linewidth=2.0, label=style.plain(f"around P({event}) > {SURE:g}"))
+        )
     if samples:
-        handles.append(Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data"))
+        handles.append(Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data"))
     if outside:
-        handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="////", label="no data"))
+        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data"))
     if handles:
-        place_legend(ax, own, handles)
+        style.place_legend(ax, own, handles)

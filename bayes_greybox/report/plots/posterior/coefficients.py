@@ -10,21 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    LIGHT,
-    ORANGE,
-    STYLE,
-    figure_of,
-    formula_or_name,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import PROBABILITIES, estimate, formula, number, probability_text, unit_text
 from bayes_greybox.running.errors import InputError
 
@@ -34,7 +20,7 @@ _LINEAR_RATIO = 30.0
 _LINEAR_DECADES = 1.0
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_coefficients(
     table: pd.DataFrame,
     *,
@@ -87,8 +73,8 @@ def plot_coefficients(
                 bars.set_xticklabels([])
     marks = [mark for forest, _ in pairs for mark in forest.get_lines() if mark.get_label() == "true value"]
     if marks:
-        place_legend(pairs[0][0], axes is None, marks[:1])
-    return figure_of(pairs[0][0])
+        style.place_legend(pairs[0][0], axes is None, marks[:1])
+    return style.figure_of(pairs[0][0])
 
 
 def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
@@ -130,7 +116,7 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
     heights = [0.29 * len(block) + 0.8 for block in blocks]
     longest = max(len(str(term)) for block in blocks for term in block.index)
     width = min(8.0 + 0.05 * max(0, longest - 12), 11.0) + (0.0 if with_bars else -1.6)
-    figure = new_figure(width, sum(heights) + 0.35)
+    figure = style.new_figure(width, sum(heights) + 0.35)
     columns, ratios = (2, [3.0, 1.1]) if with_bars else (1, [1.0])
     grid = figure.subplots(len(blocks), columns, squeeze=False, height_ratios=heights, width_ratios=ratios)
     return [(row[0], row[1] if with_bars else None) for row in grid]
@@ -138,8 +124,8 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
 
 def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
     if not with_bars:
-        return [(ax, None) for ax in given_axes(axes, n_equation, "one an equation")]
-    flat = given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
+        return [(ax, None) for ax in style.given_axes(axes, n_equation, "one an equation")]
+    flat = style.given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
     return list(zip(flat[::2], flat[1::2], strict=True))
 
 
@@ -168,13 +154,13 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
         threshold = _power_of_ten(0.01 * float(np.max(np.abs([mean, lower, upper]))) or 1.0)
     values = np.concatenate([mean, lower, upper, true[np.isfinite(true)], [0.0]])
     shown = {unit_text(units.get(term)) for term in terms}
-    about = with_unit("coefficient", shown.pop()) if len(shown) == 1 else "coefficient, each in its own unit"
+    about = style.with_unit("coefficient", shown.pop()) if len(shown) == 1 else "coefficient, each in its own unit"
     label = _set_scale(ax, float(values.min()), float(values.max()), threshold, about)
     several = "each in its own" in about
-    ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
-    ax.hlines(rows, lower, upper, color=BLUE, linewidth=2.2, zorder=2)
-    ax.plot(mean, rows, "o", color=BLUE, markersize=5.5, zorder=3, label="mean")
+    ax.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
+    ax.hlines(rows, lower, upper, color=style.BLUE, linewidth=2.2, zorder=2)
+    ax.plot(mean, rows, "o", color=style.BLUE, markersize=5.5, zorder=3, label="mean")
     if np.isfinite(true).any():
         ax.plot(
             true,
@@ -182,14 +168,14 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
             "D",
             markersize=9,
             markerfacecolor="none",
-            markeredgecolor=ORANGE,
+            markeredgecolor=style.ORANGE,
             zorder=4,
             label="true value",
         )
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
-        text = plain(estimate(value, sd, units.get(term) if several else ""))
-        ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=DARK)
-    ax.set_yticks(rows, [formula_or_name(formula(term), latex.get(term)) for term in terms])
+        text = style.plain(estimate(value, sd, units.get(term) if several else ""))
+        ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=style.DARK)
+    ax.set_yticks(rows, [style.formula_or_name(formula(term), latex.get(term)) for term in terms])
     ax.set_ylim(len(terms) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
@@ -240,7 +226,7 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
     # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.
     marks = ("= ", "N(") if source == "inclusion" else ("= ",)
     given = np.array([stated.get(str(term), "").startswith(marks) for term in block.index])
-    ax.barh(rows[~given], probability[~given], height=0.55, color=BLUE)
+    ax.barh(rows[~given], probability[~given], height=0.55, color=style.BLUE)
     for row, value in enumerate(probability):
         text = "given" if given[row] else probability_text(value)
         ax.text(1.04, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)

@@ -13,19 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    SIGNED,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
 from bayes_greybox.running.errors import InputError
@@ -33,7 +21,7 @@ from bayes_greybox.running.errors import InputError
 _MOST_POINTS = 2000
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_discrepancy_over_states(
     grid: DiscrepancyGrid,
     *,
@@ -64,15 +52,15 @@ def plot_discrepancy_over_states(
     if n_variable not in (1, 2):
         raise InputError(f"A discrepancy is drawn over 1 or 2 variables, but the grid spans {n_variable}.")
     if axes is None:
-        figure = new_figure(6.6, 3.9) if n_variable == 1 else new_figure(10.0, 4.5)
+        figure = style.new_figure(6.6, 3.9) if n_variable == 1 else style.new_figure(10.0, 4.5)
         panels = list(np.ravel(figure.subplots(1, n_variable, squeeze=False)))
     else:
-        panels = given_axes(axes, n_variable, "the curve" if n_variable == 1 else "mean and sd")
+        panels = style.given_axes(axes, n_variable, "the curve" if n_variable == 1 else "mean and sd")
     if n_variable == 1:
         _draw_curve(panels[0], grid, points, axes is None)
     else:
         _draw_maps(panels, grid, points, float(noise), axes is None)
-    return figure_of(panels[0])
+    return style.figure_of(panels[0])
 
 
 def _title(grid: DiscrepancyGrid, what: str) -> str:
@@ -83,21 +71,21 @@ def _title(grid: DiscrepancyGrid, what: str) -> str:
 
 def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
     x = grid.axes[0]
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     # The faded copy runs underneath everywhere, so the two parts meet without a gap.
-    ax.fill_between(x, grid.lower, grid.upper, color=BLUE, alpha=0.12, linewidth=0)
-    ax.plot(x, grid.mean, color=BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
+    ax.fill_between(x, grid.lower, grid.upper, color=style.BLUE, alpha=0.12, linewidth=0)
+    ax.plot(x, grid.mean, color=style.BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
     band = ax.fill_between(
         x,
         grid.lower,
         grid.upper,
         where=grid.inside.tolist(),
-        color=BLUE,
+        color=style.BLUE,
         alpha=0.28,
         linewidth=0,
     )
     band.set_label(f"{level_text(grid.level)} interval")
-    ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=BLUE, linewidth=2.0, label="mean")
+    ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=style.BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
     shown = points[every_nth(len(points), _MOST_POINTS), 0]
     ax.plot(
@@ -105,27 +93,27 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
         np.full(len(shown), 0.02),
         "|",
         transform=ax.get_xaxis_transform(),
-        color=DARK,
+        color=style.DARK,
         alpha=0.45,
         markersize=7,
         markeredgewidth=0.6,
         label="data",
     )
-    ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
-    ax.set_ylabel(with_unit("discrepancy f", grid.unit))
+    ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
+    ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
     wanted = ["mean", band.get_label(), "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
     known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
-    place_legend(ax, own, [known[label] for label in wanted])
+    style.place_legend(ax, own, [known[label] for label in wanted])
 
 
 def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, own: bool) -> None:
     x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
-    _draw_map(panels[0], grid, grid.mean, SIGNED, (-limit, limit), with_unit("mean of f", grid.unit))
+    _draw_map(panels[0], grid, grid.mean, style.SIGNED, (-limit, limit), style.with_unit("mean of f", grid.unit))
     largest = max(noise, _first_positive(grid.sd[seen]))
-    _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), with_unit("sd of f", grid.unit))
+    _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), style.with_unit("sd of f", grid.unit))
     levels = np.linspace(-limit, limit, 9)
     _lines(panels[0], grid, grid.mean, levels, 0.6)
     # Positive where the interval lies on one side of zero.
@@ -137,14 +125,14 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
             shown[:, 0],
             shown[:, 1],
             "o",
-            color=DARK,
+            color=style.DARK,
             markersize=1.6,
             alpha=0.35,
             markeredgewidth=0,
             label="data",
         )
-        ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
-        ax.set_ylabel(with_unit(grid.variables[1], grid.units[1]))
+        ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
+        ax.set_ylabel(style.with_unit(grid.variables[1], grid.units[1]))
         ax.set_xlim(x[0], x[-1])
         ax.set_ylim(y[0], y[-1])
     panels[0].set_title(_title(grid, "Discrepancy f"))
@@ -171,7 +159,7 @@ def _draw_map(
     )
     above, below = values.max() > limits[1], values.min() < limits[0]
     extend = "both" if above and below else "max" if above else "min" if below else "neither"
-    figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
+    style.figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
     fade_outside(ax, x, y, grid.inside)
 
 
@@ -192,7 +180,7 @@ def outline(
     framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
     along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
                      for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
-    ax.contour(along, across, framed.T, levels=[level], colors=[DARK], linewidths=2.0)
+    ax.contour(along, across, framed.T, levels=[level], colors=[style.DARK], linewidths=2.0)
     return True
 
 
@@ -217,7 +205,7 @@ def _lines(ax: Axes, grid: DiscrepancyGrid, values: np.ndarray, levels: np.ndarr
     inner = levels[(levels > shown.min()) & (levels < shown.max())]
     if inner.size:
         # Negative levels are dashed, so that the sign survives in grayscale.
-        ax.contour(x, y, shown.T, levels=inner, colors=[DARK], linewidths=linewidth)
+        ax.contour(x, y, shown.T, levels=inner, colors=[style.DARK], linewidths=linewidth)
     return bool(inner.size)
 
 
@@ -227,12 +215,14 @@ def _pale_map() -> Colormap:
 
 
 def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
-    handles: list[Artist] = [Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")]
+    handles: list[Artist] = [
+        Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data")
+    ]
     level = level_text(grid.level)
     if bold:
         handles.append(
-            Line2D([], [], color=DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
+            Line2D([], [], color=style.DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
         )
     if not grid.inside.all():
-        handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="////", label="no data: extrapolated"))
-    place_legend(ax, own, handles)
+        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data: extrapolated"))
+    style.place_legend(ax, own, handles)

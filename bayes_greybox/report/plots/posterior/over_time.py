@@ -8,18 +8,7 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 from bayes_greybox.report.words.formatting import level_text
 
@@ -29,7 +18,7 @@ N_BIN = 1200
 _LONGEST_NAME = 24
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_discrepancy_over_time(
     time: Float[np.ndarray, " n_obs"],
     mean: Float[np.ndarray, " n_obs"],
@@ -68,28 +57,28 @@ def plot_discrepancy_over_time(
     """
     rows, note = rows_of_runs(len(time), run)
     if axes is None:
-        figure = new_figure(8.0, 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows)))
+        figure = style.new_figure(8.0, 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows)))
         panels = list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
     else:
-        panels = given_axes(axes, len(rows), "one a run")
+        panels = style.given_axes(axes, len(rows), "one a run")
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
-        ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
         if sigma is not None:
-            ax.axhline(float(sigma), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
-            ax.axhline(-float(sigma), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)))
+            ax.axhline(float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
+            ax.axhline(-float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)))
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
     panels[0].set_title(f"Discrepancy f in the equation for {plain(equation)}{note}")
-    panels[-1].set_xlabel(with_unit("time", time_unit))
-    label = with_unit("discrepancy f", unit)
+    panels[-1].set_xlabel(style.with_unit("time", time_unit))
+    label = style.with_unit("discrepancy f", unit)
     if axes is None and len(rows) > 1:
-        figure_of(panels[0]).supylabel(label, fontsize=10)
+        style.figure_of(panels[0]).supylabel(label, fontsize=10)
     else:
         panels[0].set_ylabel(label)
-    place_legend(panels[0], axes is None)
-    return figure_of(panels[0])
+    style.place_legend(panels[0], axes is None)
+    return style.figure_of(panels[0])
 
 
 def rows_of_runs(n_obs: int, run: Int[np.ndarray, " n_obs"] | None) -> tuple[list[np.ndarray], str]:
@@ -112,12 +101,14 @@ def draw_posterior(
 ) -> None:
     """Mean line and band of a quantity along time, thinned where the record is long."""
     band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval")
+    ax.fill_between(
+        band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval"
+    )
     kept = extreme_rows(mean, N_BIN)
     ax.plot(
         time[kept],
         mean[kept],
-        color=BLUE,
+        color=style.BLUE,
         linewidth=1.6 if len(kept) == len(mean) else 0.9,
         zorder=3,
         label=name,
@@ -127,5 +118,5 @@ def draw_posterior(
 def name_run(ax: Axes, index: int, run_names: Sequence[str] | None) -> None:
     """Write the run's name above the panel, at the right, clear of the curves."""
     name = f"run {index}" if run_names is None else str(run_names[index])
-    name = plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
-    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=DARK)
+    name = style.plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
+    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)
