@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.missing_effects import Study
-from bayes_greybox.report.folders.holding import CONFIG, RECORD, command_of
+from bayes_greybox.report.folders.holding import CONFIG, RECORD_FILE, command_of
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.running.stages import stage
@@ -41,7 +41,7 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
         # Imported here because it is slow, and the verdict does not wait for it.
         from bayes_greybox.report.pages.study_page import study_html
 
-        write_json(part / RECORD, {"command": "discover", **record})
+        write_json(part / RECORD_FILE, {"command": "discover", **record})
         study_html(study, part / PAGE)
     if figures:
         with stage("Drawing"):
@@ -56,7 +56,7 @@ def set_aside(folder: Path) -> None:
     Args:
         folder: The asset's folder, which need not exist.
     """
-    for name in (RECORD, PAGE):
+    for name in (RECORD_FILE, PAGE):
         with suppress(OSError):
             (folder / name).replace(folder / f"{EARLIER}{name}")
 
@@ -67,7 +67,7 @@ def put_back(folder: Path) -> None:
     Args:
         folder: The asset's folder, which need not exist.
     """
-    for name in (RECORD, PAGE):
+    for name in (RECORD_FILE, PAGE):
         if not (folder / name).exists():
             with suppress(OSError):
                 (folder / f"{EARLIER}{name}").replace(folder / name)
@@ -87,7 +87,8 @@ def remove_results(folder: Path) -> None:
     put_back(folder)
     if command_of(folder) != "discover":
         return
-    own = [*_figures(folder / RECORD), STUDY, PAGE, RECORD, MARK, *(f"{EARLIER}{name}" for name in (RECORD, PAGE))]
+    written = (RECORD_FILE, PAGE)
+    own = [*_figures(folder / RECORD_FILE), STUDY, MARK, *written, *(f"{EARLIER}{name}" for name in written)]
     own += [CONFIG] if copied else []
     for name in own:
         with suppress(OSError):

@@ -8,7 +8,7 @@ from typing import Any
 
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.inference.kept.netcdf import versions
-from bayes_greybox.report.folders.holding import RECORD
+from bayes_greybox.report.folders.holding import RECORD_FILE
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.errors import InputError
@@ -86,7 +86,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
     folder = Path(place)
     settings = asset.settings().with_sampling(**sampling)
     study_into(settings, folder, progress=False)
-    text = (folder / RECORD).read_bytes()
+    text = (folder / RECORD_FILE).read_bytes()
     with staged(folder) as part:
         # Last, and of this very record: results of another run in this folder are not taken for this one's.
         write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
@@ -108,7 +108,7 @@ def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """The record of a study that was done before and is of the same."""
     try:
-        said, text = json.loads((folder / MARK).read_text(encoding="utf-8")), (folder / RECORD).read_bytes()
+        said, text = json.loads((folder / MARK).read_text(encoding="utf-8")), (folder / RECORD_FILE).read_bytes()
         if said != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
         return json.loads(text)

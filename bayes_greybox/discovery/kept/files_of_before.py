@@ -13,7 +13,7 @@ from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW
 from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.suspects.memory import kind_and_channel
 
-TEXTS = {ONE_LAW: codes.ONE_LAW, AND_MORE: codes.ONE_LAW_AND_MORE, SAMPLES_TELL: codes.UNSEEN_SHAPE}
+REASON_ENDINGS = {ONE_LAW: codes.ONE_LAW, AND_MORE: codes.ONE_LAW_AND_MORE, SAMPLES_TELL: codes.UNSEEN_SHAPE}
 """Codes by how the texts of reasons end."""
 
 UNPLAYED = re.compile(r"no column plays the role '(\w+)'")
@@ -47,4 +47,6 @@ def with_kinds(memory: pd.DataFrame) -> pd.DataFrame:
 def _reason(text: str, about: Mapping[str, str]) -> Reason:
     equation = next((name for name, start in about.items() if start and text.startswith(start)), "")
     equation = equation or (next(iter(about)) if len(about) == 1 else "")
-    return Reason(next((code for end, code in TEXTS.items() if text.endswith(end)), codes.CHECK), text, equation)
+    return Reason(
+        next((code for end, code in REASON_ENDINGS.items() if text.endswith(end)), codes.CHECK), text, equation
+    )

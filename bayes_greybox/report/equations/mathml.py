@@ -17,7 +17,7 @@ _D = '<mi mathvariant="normal">d</mi>'
 
 
 def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
-    """One equation as formulas that a line may break between: the left-hand side, then each summand with its sign.
+    """Return one equation as formulas that a line may break between: left-hand side, then each signed summand.
 
     Args:
         system: The equations.

@@ -1,19 +1,17 @@
 """The page of a comparison: the model that predicts best and how sure that is, then what each model says."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.criticism.convergence import SHORT, Verdict, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.formatting import (
@@ -28,10 +26,19 @@ from bayes_greybox.report.words.formatting import (
     probability_column,
     weight_text,
 )
-from bayes_greybox.report.words.stated import MATTERS, is_learned, size_text, term_probability
+from bayes_greybox.report.words.stated import LIKELY_TO_MATTER, is_learned, size_text, term_probability
 
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import fit_settings, folded, footer, settings_rows, settings_section, settings_table, summary_table
+from .shared import (
+    Folding,
+    fit_settings,
+    folded,
+    footer,
+    settings_rows,
+    settings_section,
+    settings_table,
+    summary_table,
+)
 
 
 def comparison_html(
@@ -62,7 +69,7 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
     badges, alerts = _trust(fits, table)
-    terms = _Terms.of(fits)
+    estimates = _estimates(fits)
     return Page(
         title=f"Comparison: {_verdict(table).text.lower()}",
         kind="bayes_greybox · comparison of models",
@@ -72,8 +79,8 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
         alerts=alerts,
         sections=[
             _ranking(table),
-            _terms(terms),
-            _coefficients(terms),
+            _terms(fits, estimates),
+            _coefficients(fits, estimates),
             _convergence(fits),
             _settings(fits, made, config),
         ],
@@ -165,148 +172,111 @@ def _ranking(table: pd.DataFrame) -> Section:
 
 
 @dataclass(frozen=True)
-class _Terms:
-    """Terms of several models.
+class _Estimate:
+    """Coefficient of a term under a model, in words.
 
     Attributes:
-        fits: The fits by name.
-        tables: Their tables of coefficients.
-        columns: Names of their probabilities.
+        key: Equation and term.
+        model: Name of the model.
+        value: Probability that the term matters.
+        probability: The same in words.
+        size: Mean and standard deviation.
+        ends: Ends of the 90 % interval.
     """
 
-    fits: Mapping[str, Posterior]
-    tables: Mapping[str, Any]
-    columns: Mapping[str, str]
-
-    @classmethod
-    def of(cls, fits: Mapping[str, Posterior]) -> "_Terms":
-        """Return the terms of fits."""
-        tables = {name: inclusion(fit) for name, fit in fits.items()}
-        return cls(fits, tables, {name: probability_column(table) for name, table in tables.items()})
-
-    @property
-    def data(self) -> Trajectories:
-        """Data of all models."""
-        return next(iter(self.fits.values())).data
-
-    @property
-    def equations(self) -> tuple[str, ...]:
-        """Equations of all models."""
-        return next(iter(self.fits.values())).model.equations
-
-    def keys(self) -> list[tuple[str, str]]:
-        """Return every (equation, term) of any model, those of an equation together."""
-        keys = list(dict.fromkeys((str(a), str(b)) for table in self.tables.values() for a, b in table.index))
-        order = list(dict.fromkeys(name for name, _ in keys))
-        return sorted(keys, key=lambda key: order.index(key[0]))
-
-    def models(self, key: tuple[str, str]) -> list[str]:
-        """Return the models that have a term."""
-        return [name for name, table in self.tables.items() if key in table.index]
-
-    def probability(self, name: str, key: tuple[str, str]) -> float:
-        """Return the probability of a term under a model; 0 where the model does not have it."""
-        table = self.tables[name]
-        return float(table.loc[key, self.columns[name]]) if key in table.index else 0.0
-
-    def matters(self, key: tuple[str, str]) -> bool:
-        """Return whether a term is more likely to matter than not under some model."""
-        return max(self.probability(name, key) for name in self.models(key)) > MATTERS
-
-    def prior(self, name: str, key: tuple[str, str]) -> Coefficient | None:
-        """Return the statement about the coefficient of a term under a model."""
-        fit = self.fits[name]
-        return fit.model.stated(key[0], fit.data).priors.get(key[1])
-
-    def row(self, name: str, key: tuple[str, str]) -> dict[Any, Any]:
-        """Return the row of a term in the table of a model."""
-        return self.tables[name].loc[key].to_dict()
-
-    def folded(self, records: Mapping[bool, Sequence[Any]], names: "_Folded", table: Callable) -> list[Any]:
-        """Return the table of records that matter, and the folded one of the others."""
-        return folded((records[True], names.shown), (records[False], names.hidden, names.opens), table, names.nothing)
+    key: tuple[str, str]
+    model: str
+    value: float
+    probability: str
+    size: str
+    ends: str
 
 
-class _Folded(NamedTuple):
-    """Captions of a table, of the folded table below it, its opening line, and words where there is no first table."""
+def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
+    """Return the coefficients of every term, those of an equation together, under each model that has it."""
+    tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
+    keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
+    order = list(dict.fromkeys(equation for equation, _ in keys))
+    found = []
+    for key in sorted(keys, key=lambda key: order.index(key[0])):
+        for name, fit in fits.items():
+            if key not in tables[name].index:
+                continue
+            row, column = tables[name].loc[key].to_dict(), probability_column(tables[name])
+            prior = fit.model.stated(key[0], fit.data).priors.get(key[1])
+            given = "" if is_learned(prior) else " (given)"
+            ends = "–" if given else interval(row["lower"], row["upper"])
+            p, size = term_probability(row, column), f"{size_text(row, prior)}{given}"
+            found.append(_Estimate(key, name, float(row[column]), p, size, ends))
+    return found
 
-    shown: str
-    hidden: str
-    opens: str
-    nothing: str = ""
 
-
-def _terms(terms: _Terms) -> Section:
+def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
     """Return the section of the probability of each term, one column for each model."""
-    first = next(iter(terms.fits))
+    first, *_ = fits
+    data, equations = fits[first].data, fits[first].model.equations
+    by_key = {each.key: {own.model: own for own in estimates if own.key == each.key} for each in estimates}
+    titles = {name: PROBABILITIES[probability_column(inclusion(fit))] for name, fit in fits.items()}
 
-    def cell(name: str) -> Callable[[tuple[str, str]], str]:
-        return lambda key: (
-            term_probability(terms.row(name, key), terms.columns[name], terms.prior(name, key))
-            if name in terms.models(key)
-            else "–"
-        )
+    def cell(name: str) -> Callable[[Any], str]:
+        return lambda key: by_key[key][name].probability if name in by_key[key] else "–"
 
     columns = {
         "`term": lambda key: formula(key[1]),
-        "equation": lambda key: terms.data.target_label(key[0]),
-        **{f"#{name}: {PROBABILITIES[terms.columns[name]]}": cell(name) for name in terms.fits},
+        "equation": lambda key: data.target_label(key[0]),
+        **{f"#{name}: {title}": cell(name) for name, title in titles.items()},
     }
 
-    def drawn(keys: Sequence[Any], caption: str) -> Table:
-        return table_of(keys, columns, caption, lambda key: terms.probability(first, key) > MATTERS, terms.equations)
+    def best(key: Any) -> bool:
+        return first in by_key[key] and by_key[key][first].value > LIKELY_TO_MATTER
 
-    names = _Folded(
-        "Terms more likely to matter than not under some model; those of the best one are marked",
-        "Terms that are likely absent under every model",
-        "{} likely absent under every model",
-        "Under no model is a term more likely to matter than not.",
+    blocks = folded(
+        _by_whether_it_matters(by_key, estimates),
+        Folding(
+            "Terms more likely to matter than not under some model; those of the best one are marked",
+            "Terms that are likely absent under every model",
+            "{} likely absent under every model",
+            "Under no model is a term more likely to matter than not.",
+        ),
+        lambda keys, caption: table_of(keys, columns, caption, best, equations),
     )
-    records = {likely: [key for key in terms.keys() if terms.matters(key) is likely] for likely in (True, False)}
-    moved = terms.data.target_in_words(*terms.equations, article="the ")
+    moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
         f"the others it is the probability of moving {moved} by more than 1 % (RMS) of what the simulation leaves. A "
         "dash: not in the model."
     )
-    return Section("terms", "Which terms matter under each model?", lead, terms.folded(records, names, drawn))
+    return Section("terms", "Which terms matter under each model?", lead, blocks)
 
 
-def _coefficients(terms: _Terms) -> Section:
+def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
     """Return the section of the estimates of each term under each model that has it, one below the other."""
-
-    def size(record: tuple[tuple[str, str], str]) -> str:
-        key, name = record
-        prior = terms.prior(name, key)
-        return f"{size_text(terms.row(name, key), prior)}{'' if is_learned(prior) else ' (given)'}"
-
-    def ends(record: tuple[tuple[str, str], str]) -> str:
-        key, name = record
-        row = terms.row(name, key)
-        return interval(row["lower"], row["upper"]) if is_learned(terms.prior(name, key)) else "–"
-
+    fit = next(iter(fits.values()))
     columns = {
-        "`term": lambda record: formula(record[0][1]),
-        "equation": lambda record: terms.data.target_label(record[0][0]),
-        "model": lambda record: record[1],
-        "#coefficient": size,
-        "#90 % interval": ends,
+        "`term": lambda each: formula(each.key[1]),
+        "equation": lambda each: fit.data.target_label(each.key[0]),
+        "model": lambda each: each.model,
+        "#coefficient": lambda each: each.size,
+        "#90 % interval": lambda each: each.ends,
     }
-
-    def drawn(records: Sequence[Any], caption: str) -> Table:
-        return table_of(records, columns, caption, equations=terms.equations)
-
-    names = _Folded(
-        "Coefficients of the terms more likely to matter than not under some model",
-        "Coefficients of the other terms",
-        "Coefficients of terms likely absent under every model",
+    blocks = folded(
+        _by_whether_it_matters(estimates, estimates),
+        Folding(
+            "Coefficients of the terms more likely to matter than not under some model",
+            "Coefficients of the other terms",
+            "Coefficients of terms likely absent under every model",
+        ),
+        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
     )
-    records = {
-        likely: [(key, name) for key in terms.keys() if terms.matters(key) is likely for name in terms.models(key)]
-        for likely in (True, False)
-    }
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
-    return Section("coefficients", "Coefficients", lead, terms.folded(records, names, drawn))
+    return Section("coefficients", "Coefficients", lead, blocks)
+
+
+def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate]) -> tuple[list[Any], list[Any]]:
+    """Return the records, by key or with one, of terms that matter under some model, and all others."""
+    likely = {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
+    every = [(each, (each.key if isinstance(each, _Estimate) else each) in likely) for each in records]
+    return [each for each, inside in every if inside], [each for each, inside in every if not inside]
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:

@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
@@ -18,8 +18,8 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.folders.copies import CONFIGURATION
-from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.tables import records_of, table_of
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -32,22 +32,12 @@ from bayes_greybox.report.words.formatting import (
     share_interval,
     share_text,
 )
-from bayes_greybox.report.words.stated import MATTERS, is_learned, size_text, stated_text, term_probability
+from bayes_greybox.report.words.stated import LIKELY_TO_MATTER, is_learned, size_text, stated_text, term_probability
 
 from .free_run_section import trial_sections
-from .page import (
-    Badge,
-    Card,
-    Details,
-    Items,
-    Page,
-    Pictures,
-    Section,
-    Words,
-    picture,
-    write_page,
-)
+from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import (
+    Folding,
     equations_block,
     fit_settings,
     folded,
@@ -84,7 +74,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
 
 
 def fit_page(fit: Posterior, config: str | None = None) -> Page:
-    """The report of a fit.
+    """Return the report of a fit.
 
     Args:
         fit: The fit.
@@ -102,7 +92,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         settings_section(
             "How this was made",
             [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])],
-            config or fit.idata.attrs.get(CONFIGURATION),
+            config or fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE),
         ),
     ]
     doubt = SHORT if verdict.short else "The sampler did not converge; do not rely on these numbers."
@@ -132,7 +122,7 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
-        terms = [formula(str(term)) for term in rows.index[rows[column] > MATTERS]]
+        terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
         found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         discrepancy = ""
         if fit.model.discrepancy:
@@ -195,33 +185,29 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     columns = {
         "`term": lambda row: formula(str(row["term"])),
         "equation": lambda row: row_label(fit, str(row["equation"])),
-        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column, prior(row)),
+        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
         "#coefficient": lambda row: size_text(row, prior(row)),
         "#90 % interval": learned(lambda row: interval(row["lower"], row["upper"])),
         "#shrinkage": learned(lambda row: number(row["shrinkage"], 2)),
     }
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
-    clear = table[column] > MATTERS
+    clear = table[column] > LIKELY_TO_MATTER
 
-    def drawn(records: Sequence[Any], caption: str) -> Table:
-        return table_of(records, columns, caption, equations=fit.model.equations)
-
-    above = []
-    if clear.any():
-        shown = figures.coefficients(fit, least=MATTERS)
-        above = [Pictures([picture(shown, "Coefficients with intervals and probabilities", wide=True)])]
     blocks = folded(
-        (records_of(table[clear]), "Terms more likely to matter than not"),
-        (
-            records_of(table[~clear]),
+        (records_of(table[clear]), records_of(table[~clear])),
+        Folding(
+            "Terms more likely to matter than not",
             "Terms that are likely absent, or too small to matter",
             "{} no more likely to matter than not",
+            "No term is more likely to matter than not.",
         ),
-        drawn,
-        "No term is more likely to matter than not.",
-        above,
+        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
     )
+    if clear.any():
+        drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
+        alt = "Coefficients with intervals and probabilities"
+        blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 

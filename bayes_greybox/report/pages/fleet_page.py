@@ -44,7 +44,7 @@ def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str]
 
 
 def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
-    """The report of a fleet.
+    """Return the report of a fleet.
 
     Args:
         fleet: The fleet.

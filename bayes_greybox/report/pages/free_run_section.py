@@ -6,6 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from bayes_greybox.criticism.bands import band_sources
 from bayes_greybox.criticism.trial import Trial, trial
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report import plots as figures
@@ -24,15 +25,15 @@ def free_run_section(
     further: Sequence[Any] = (),
     shown: str = "against the measurements",
 ) -> Section:
-    """Free runs as a section.
+    """Return free runs as a section.
 
     Args:
         title: Its title.
-        lead: What was started where, on which data; what bands hold is said after it.
+        lead: Sentence on the data and the starts, which one on the bands follows.
         drawn: Draws the figure of each state at a width in inches.
-        holds: What the bands hold, in the words of their legends.
+        holds: Contents of the bands, as their legends have them.
         further: Blocks above the figures.
-        shown: What the figures show beside the free run.
+        shown: Contents of the figures beside the free run.
     """
     pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
     bands = f" Bands hold 90 % of the posterior draws{_varied(holds)}; a cross marks where a run failed."
@@ -41,7 +42,7 @@ def free_run_section(
 
 
 def trial_sections(fit: Posterior) -> list[Section]:
-    """How a fit does on held-out data, and its free run over them; over the training data where none were held out.
+    """Return the section of a fit's errors and free run on held-out data, or else on the training data.
 
     Args:
         fit: The fit.
@@ -86,7 +87,7 @@ def _errors(found: Trial) -> dict[str, float]:
 
 
 def _failures(found: Trial) -> list[str]:
-    """Which runs blew up, and when."""
+    """Return the runs that blew up, and when, as a sentence."""
     assert found.run is not None
     run, unit = found.run, found.run.data.unit("t") or ""
     failed = [
@@ -103,6 +104,6 @@ def _rate(fit: Posterior, name: str) -> str:
 
 
 def _varied(holds: Iterable[str]) -> str:
-    """What varies between the draws, as a clause."""
-    held = {each.partition(": ")[2] for each in holds} - {""}
+    """Return the quantities that vary between the draws, as a clause."""
+    held = {band_sources(each) for each in holds} - {""}
     return f", which vary in {held.pop()}" if held else ""

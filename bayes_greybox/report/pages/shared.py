@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from bayes_greybox.criticism.convergence import SHORT, convergence
 from bayes_greybox.criticism.judged import quantity_name
@@ -43,7 +43,7 @@ def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def row_label(fit: Posterior, name: str) -> str:
-    """Return what the rows of an equation are of: a rate, an output, or samples that several equations share."""
+    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
     return fit.data.target_label(name) if name in fit.model.equations else "the samples"
 
 
@@ -57,28 +57,37 @@ def fit_settings(fit: Posterior) -> dict[str, Any]:
     return {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
 
 
+class Folding(NamedTuple):
+    """Words of a table and of the folded one below it.
+
+    Attributes:
+        shown: Caption of the table of what matters.
+        hidden: Caption of the table of all else.
+        opens: Line that opens it, with a place for the number of terms.
+        nothing: Words in the place of the first table where nothing matters; "" for none.
+    """
+
+    shown: str
+    hidden: str
+    opens: str
+    nothing: str = ""
+
+
 def folded(
-    shown: tuple[Sequence[Any], str],
-    hidden: tuple[Sequence[Any], str, str],
-    table: Callable[[Sequence[Any], str], Table],
-    nothing: str,
-    above: Sequence[Any] = (),
+    records: tuple[Sequence[Any], Sequence[Any]], words: Folding, table: Callable[[Sequence[Any], str], Table]
 ) -> list[Any]:
-    """Return a table of the records that matter, and one of the others that a reader opens.
+    """Return a table of the records that matter, and one of all others that a reader opens.
 
     Args:
-        shown: Records that matter, and the caption of their table.
-        hidden: Other records, the caption of their table, and the line that opens it, "{} likely absent".
+        records: Records that matter, and all others.
+        words: Words of both tables.
         table: Function that makes a table of records and a caption.
-        nothing: Words in the place of the first table where no record matters; "" for none.
-        above: Blocks above the first table.
     """
-    records, caption = shown
-    blocks: list[Any] = [*above, table(records, caption)] if records else [Words(nothing)] if nothing else []
-    others, caption, summary = hidden
-    if others:
-        few = f"{len(others)} terms" if len(others) > 1 else "1 term"
-        blocks.append(Details(summary.format(few), [table(others, caption)]))
+    shown, hidden = records
+    blocks: list[Any] = [table(shown, words.shown)] if shown else [Words(words.nothing)] if words.nothing else []
+    if hidden:
+        few = f"{len(hidden)} terms" if len(hidden) > 1 else "1 term"
+        blocks.append(Details(words.opens.format(few), [table(hidden, words.hidden)]))
     return blocks
 
 

@@ -15,12 +15,7 @@ from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import (
-    METRICS,
-    closed_text,
-    metric_value,
-    metric_words,
-)
+from bayes_greybox.report.words.study import METRICS, closed_text, metric_value, metric_words
 
 from . import study_sections as rungs
 from .page import Badge, Card, Details, Finding, Page, Section, Words, write_page
@@ -53,7 +48,7 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
 
 
 def study_page(study: StudyResult, config: str | None = None) -> Page:
-    """The report of a study.
+    """Return the report of a study.
 
     Args:
         study: The study.
@@ -106,7 +101,7 @@ def _badges(study: StudyResult) -> list[Badge]:
 
 
 def _findings(study: StudyResult) -> list[Finding]:
-    """What speaks against the verdict first."""
+    """Return the findings, those first that speak against the verdict."""
     tones = {True: "bad", None: "quiet", False: "good"}
     found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
     return sorted(found, key=lambda finding: finding.tone != "bad")
@@ -159,7 +154,7 @@ def _cards(study: StudyResult) -> list[Card]:
 
 
 def _convergence(study: StudyResult) -> Section:
-    """Whether the amended model's fit can be trusted."""
+    """Return the section of the convergence of the amended model's fit."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
         text = "The amended model was not sampled: its numbers are those of the Laplace approximation."

@@ -16,7 +16,7 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
-from bayes_greybox.report.plots.gap.gap_map import SURE
+from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.formatting import (
@@ -265,9 +265,9 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
     if equation not in study.traces:
         return shown
-    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE:g}"
+    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE_GAP:g}"
     probability = study.traces[equation].probability
-    sure = probability is not None and bool((probability > SURE).any())
+    sure = probability is not None and bool((probability > SURE_GAP).any())
     bars = f"Thick bars at the bottom: {event}" if sure else f"Nowhere is {event}"
     along = time_picture(
         lambda width: figures.gap_over_time(study, equation, width),

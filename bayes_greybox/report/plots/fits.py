@@ -35,7 +35,7 @@ from bayes_greybox.running.errors import InputError
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:
-    """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
+    """Return every figure of a fit by file name: coefficients, predictions, discrepancy, trade-off, checks."""
     figures = {"coefficients": coefficients(fit)}
     for name in fit.model.equations:
         figures[f"predicted_{name}" if len(fit.model.equations) > 1 else "predicted"] = predicted(fit, name)
@@ -55,7 +55,7 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
 
 
 def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
-    """Forest of the coefficients with inclusion, beside the true values if they are known.
+    """Draw the coefficients with their probabilities, beside the true values if they are known.
 
     Args:
         fit: Fit.
@@ -71,14 +71,14 @@ def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.
 
 
 def calibration(found: Calibration) -> Figure:
-    """ECDF differences of the ranks with their simultaneous band, and reliability of P(included)."""
+    """Draw ECDF differences of the ranks with their simultaneous band, and the reliability of P(included)."""
     band = found.band
     reliability = {name: part.bins for name, part in found.inclusion.items()}
     return plot_calibration(found.ecdf_differences, band.lower, band.upper, found.tests, reliability)
 
 
 def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Predicted against measured rate, or output, over the training data, with the band of a measurement."""
+    """Draw predicted against measured rate, or output, over the training data, with the band of a measurement."""
     equation = equation or fit.model.equations[0]
     shown = predict(fit, fit.data, level)[equation]
     return plot_predicted(
@@ -96,10 +96,10 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
-    """A state as measured and as the fitted model runs it from its start alone; the legend says what the band holds.
+    """Draw a state as measured and as the fitted model runs it from its start alone.
 
     Args:
-        run: What `fit.simulate(data)` returned.
+        run: Result of `fit.simulate(data)`.
         state: Name of the state.
         width: Width of the figure in inches.
     """
@@ -115,14 +115,14 @@ def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
 def discrepancy_over_states(
     fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
 ) -> Figure:
-    """Posterior of f over one or two of its variables."""
+    """Draw the posterior of f over one or two of its variables."""
     equation = equation or next(iter(fit.equations))
     grid = discrepancy_grid(fit, equation, variables, level=level)
     return plot_discrepancy_over_states(grid, noise=_noise(fit, equation))
 
 
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Posterior of f along the training data, against the noise level."""
+    """Draw the posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
     return plot_discrepancy_over_time(
@@ -139,7 +139,7 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
 
 
 def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
-    """Posterior pairs of the coefficient that f can stand in for most."""
+    """Draw posterior pairs of the coefficient that f can stand in for most."""
     pair = strongest_trade_off(fit, equation or next(iter(fit.equations)))
     return plot_tradeoff(
         pair.theta,
@@ -152,7 +152,7 @@ def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def predictive(fit: Posterior, equation: str | None = None) -> Figure:
-    """Distribution of the measured rate, or output, beside data sets drawn from the prior and from the posterior.
+    """Draw the distribution of the measured rate, or output, beside data drawn from prior and posterior.
 
     Raises:
         InputError: The fit holds no predictive draws, which are left out for long records.
@@ -176,13 +176,13 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
-    """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
+    """Draw the leave-one-out probabilities of the measurements against a uniform distribution."""
     pit = checks(fit).loo_pit[equation or next(iter(fit.equations))]
     return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
 
 
 def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
-    """Autocorrelation of the whitened residuals."""
+    """Draw the autocorrelation of the whitened residuals."""
     white = checks(fit).whiteness[equation or next(iter(fit.equations))]
     return plot_autocorrelation(
         white.lag,
@@ -196,18 +196,18 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def sensitivity(fit: Posterior) -> Figure:
-    """Power-scaling sensitivity of coefficients and inclusion probabilities."""
+    """Draw the power-scaling sensitivity of coefficients and inclusion probabilities."""
     labels = {name: _label(fit, name) for name in fit.equations}
     return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
 
 
 def _label(fit: Posterior, name: str) -> str:
-    """What rows are of: a rate, an output, or samples that several equations share."""
+    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
     return fit.data.target_label(name) if name in fit.model.equations else "samples"
 
 
 def _noise(fit: Posterior, equation: str) -> float:
-    """Posterior mean of the noise's standard deviation."""
+    """Return the posterior mean of the noise's standard deviation."""
     return float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
 
 

@@ -10,10 +10,10 @@ from bayes_greybox.discovery.answer.interval import REACH
 from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.report.plots import style
 
-MOST = 60
-"""Assets in one figure; of more, as many from the smallest to the largest."""
+MOST_ASSETS = 60
+"""Largest number of assets in one figure; of more, as many from the smallest to the largest."""
 
-LONG = 28
+LONGEST_ASSET_NAME = 28
 """Letters of a name in a figure."""
 
 
@@ -21,19 +21,21 @@ LONG = 28
 def plot_pooled(
     names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
 ) -> Figure:
-    """A forest of one coefficient: each asset's own estimate, what it is once all are known, and the whole.
+    """Draw a forest of one coefficient: each asset's own estimate, its pooled one, and their mean.
 
     Args:
-        names: Of the assets.
+        names: Names of the assets.
         mean: Posterior mean in each.
         sd: Its standard deviation.
         whole: Their pooling.
-        label: Of the axis, with the unit.
-        width: Inches.
+        label: Label of the axis, with the unit.
+        width: Width in inches.
     """
     order = np.argsort(mean)
-    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int))]
-    shown = [name if len(name) <= LONG else f"{name[: LONG - 1]}…" for name in map(str, names)]
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
+    shown = [
+        name if len(name) <= LONGEST_ASSET_NAME else f"{name[: LONGEST_ASSET_NAME - 1]}…" for name in map(str, names)
+    ]
     figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))

@@ -18,7 +18,7 @@ _PRINTED = {"weight": weight_text, "worst_k": pareto, "refits": number}
 
 
 def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Iterator[RenderableType]:
-    """Verdict of each fit, then the comparison, best first, with what to beware of."""
+    """Yield the verdict of each fit, the comparison, best first, and its notes."""
     for name, fit in fits.items():
         yield verdict_text(fit, f"{name}: ")
     left_out = f"leaving out {table.attrs['folds']}; " if "folds" in table.attrs else ""

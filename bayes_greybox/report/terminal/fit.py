@@ -29,11 +29,11 @@ from bayes_greybox.report.words.stated import is_learned, size_text, stated_text
 
 from .tables import drawn, verdict_text
 
-_LEVEL = 0.9
+_INTERVAL_LEVEL = 0.9
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Verdict in words, then the learned equations, coefficients, discrepancy and error on held-out data.
+    """Yield verdict, learned equations, coefficients, discrepancy and error on held-out data, to print.
 
     Args:
         fit: The fit.
@@ -45,11 +45,11 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield verdict_text(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
-    table = inclusion(fit, _LEVEL)
+    table = inclusion(fit, _INTERVAL_LEVEL)
     for equation in fit.model.equations:
         priors = fit.model.stated(equation, fit.data).priors
         yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
-    yield _discrepancy(discrepancy_table(fit, _LEVEL))
+    yield _discrepancy(discrepancy_table(fit, _INTERVAL_LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
@@ -64,9 +64,9 @@ def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coeffici
 
     columns = {
         "term": lambda row: formula(row["term"]),
-        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column, priors.get(row["term"])),
+        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
         "#coefficient": lambda row: size_text(row, priors.get(row["term"]), unit=False),
-        f"#{level_text(_LEVEL)} interval": ends,
+        f"#{level_text(_INTERVAL_LEVEL)} interval": ends,
         "unit": lambda row: unit_text(row["unit"]),
     }
     stated = [f"{formula(term)} {stated_text(priors[term])}" for term in map(str, table.index) if term in priors]
@@ -82,7 +82,7 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         return lambda row: share_text(row[part])
 
     columns = {"equation": lambda row: row["equation"], **{f"#{title}": share(part) for title, part in parts.items()}}
-    title = f"Shares of the variance, with the {level_text(_LEVEL)} interval of the discrepancy's"
+    title = f"Shares of the variance, with the {level_text(_INTERVAL_LEVEL)} interval of the discrepancy's"
     trades = ", ".join(
         f"{number(row['correlation'], 2)} ({formula(row['term'])})" for row in table.to_dict("index").values()
     )

@@ -27,7 +27,7 @@ def drawn(table: Table, below: str = "", styles: Sequence[str] = (), header: boo
         table: The table; its caption stands above it.
         below: Text below it: beside it there is no room on a narrow terminal.
         styles: Style of the first cell of each row.
-        header: Whether to write the headings.
+        header: If true, the headings are written.
     """
     rows = plain_table(table.caption)
     rows.show_header = header

@@ -22,7 +22,7 @@ PASSED = {
 }
 """Words for a check that passed, by the first word of its name, with its p-value or k-hat."""
 
-TOPICS = {
+FINDING_TOPICS = {
     "residuals not tested": "Residuals", "other explanations": "Other explanations", "remains": "What remains",
     "runner-up": "Runner-up", "hardly late": "Measurement", "possible errors": "Measurement",
     "no further error": "Measurement", "rows": "Rows", "not weighed": "Not weighed", "tie": "Ties", "no tie": "Ties",
@@ -56,8 +56,8 @@ def doubts(study: StudyResult) -> list[Doubt]:
 
 
 def _in_words(study: StudyResult, finding: Finding) -> Doubt:
-    text = TEXTS[finding.code](study, finding)
-    topic = _check_topic(finding) if finding.code == "check" else TOPICS[finding.code]
+    text = FINDING_TEXTS[finding.code](study, finding)
+    topic = _check_topic(finding) if finding.code == "check" else FINDING_TOPICS[finding.code]
     if finding.equation and len(study.maps) > 1:
         topic = f"{topic} of {study.train.target_label(finding.equation)}"
     return Doubt(topic, text[:1].upper() + text[1:], finding.against)
@@ -142,7 +142,7 @@ def _held_out(study: StudyResult, finding: Finding) -> str:
     return f"what is left of them is {number(misfit, 2)} times what their noise and the coefficients leave open"
 
 
-FREE_RUN = {
+RUN_TEXTS = {
     "no better": "the free run of {states} does not get better",
     "nothing added": "nothing was added, so it stays as it is",
     "by sensors": "no effect was added, and what was found of the sensors does this",
@@ -159,7 +159,7 @@ def _free_run(study: StudyResult, finding: Finding) -> str:
         return "not integrated, so it has no veto"
     where = "on held-out data" if values["part"] == "test" else "on the training data"
     if values["change"] != "worse":
-        text = FREE_RUN[values["change"]].format(states=listed(values["states"]))
+        text = RUN_TEXTS[values["change"]].format(states=listed(values["states"]))
         return f"{text} {where}: {_errors(study, values['states'])}"
     states = "; ".join(f"the free run of {name} gets worse" for name in values["states"])
     texts = [f"{states} {where}: {_errors(study, values['states'])}"] if states else []
@@ -180,7 +180,7 @@ def _sooner(study: StudyResult, key: tuple[str, str, str]) -> str:
     return f"{worse_in_words(key)}: the amended model's after {later}, the simulation's {earlier},"
 
 
-SAMPLER = {
+SAMPLER_TEXTS = {
     "not sampled": "not sampled: coefficients are those of the closed form",
     "converged": "every convergence check of the amended model's fit passed",
     "few draws": "the chains of the amended model's fit agree, though more draws are wanted: {}",
@@ -193,7 +193,7 @@ def _sampler(study: StudyResult, finding: Finding) -> str:
     values = finding.values
     reasons = " ".join(values.get("reasons", ()))
     if values["state"] != "apart":
-        return SAMPLER[values["state"]].format(reasons)
+        return SAMPLER_TEXTS[values["state"]].format(reasons)
     texts = [_apart(*each) for each in values["apart"]]
     also = f", and it did not converge: {reasons}" if reasons else ""
     return f"the amended model's fit disagrees with the tables: {'; '.join(texts)}{also}"
@@ -204,7 +204,7 @@ def _apart(row: Mapping[str, Any], mean: float, sd: float) -> str:
     return f"its coefficient of {within(row['name'])} is {estimate(mean, sd, row['unit'])}, not {told}"
 
 
-TEXTS: dict[str, Callable[[StudyResult, Finding], str]] = {
+FINDING_TEXTS: dict[str, Callable[[StudyResult, Finding], str]] = {
     "check": _check,
     "residuals not tested": _not_tested,
     "other explanations": _other_explanations,

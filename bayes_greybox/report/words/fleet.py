@@ -1,4 +1,4 @@
-"""What a fleet of studies says, in sentences."""
+"""Sentences about a fleet of studies."""
 
 from collections.abc import Iterable
 
@@ -10,7 +10,7 @@ from .formatting import formula, listed, number, probability_text, quantity, uni
 
 
 def fleet_sentence(fleet: Fleet) -> str:
-    """The fleet in a few words: how many assets lack what, whether that is one cause, and what is wrong in others."""
+    """Return a fleet in a few words: how many assets lack something, its causes, and other faults."""
     n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
         return f"None of {_assets(failed)} could be studied."
@@ -18,30 +18,30 @@ def fleet_sentence(fleet: Fleet) -> str:
 
 
 def shared_text(shared: Shared) -> str:
-    """An effect's heading: its name, formula and equation."""
+    """Return the heading of an effect: its name, formula and equation."""
     return f"{shared.name}, {formula(shared.expression)}, in the equation of {shared.equation}"
 
 
 def lacks_text(asset: AssetStudy) -> str:
-    """What an asset lacks, and what it may lack; a dash for nothing."""
+    """Return the effects that an asset lacks, and those that it may lack; a dash for nothing."""
     return ", ".join([*asset.lacks, *(f"perhaps {within(name)}" for name in asset.may_lack)]) or "–"
 
 
 def likely_text(probabilities: Iterable[float]) -> str:
-    """How likely something is in some assets: 0.758, or 0.612 to 0.758; a dash for none."""
+    """Return probabilities in some assets as their range: 0.758, or 0.612 to 0.758; a dash for none."""
     known = sorted(probabilities)
     return " to ".join(dict.fromkeys(map(probability_text, (known[0], known[-1])))) if known else "–"
 
 
 def unit_of(shared: Shared) -> str:
-    """The unit of an effect's coefficient, or all that it has where assets differ; a dash where it is not known."""
+    """Return the unit of an effect's coefficient, all of them where assets differ; a dash where it is not known."""
     if shared.one_unit:
         return unit_text(shared.unit) or "–"
     return " or ".join(dict.fromkeys(unit_text(unit) or "not known" for unit in shared.units)) or "–"
 
 
 def why_not_pooled(shared: Shared) -> str:
-    """Why the coefficients of several assets are not pooled, as a clause; "" where they are, or where one is alone."""
+    """Return why the coefficients of several assets are not pooled, as a clause; "" where they are."""
     if len(shared.assets) < 2 or shared.whole is not None:
         return ""
     if not shared.one_unit:
@@ -53,7 +53,7 @@ def why_not_pooled(shared: Shared) -> str:
 
 
 def not_pooled(fleet: Fleet) -> list[str]:
-    """A sentence on each effect whose coefficients are not pooled."""
+    """Return a sentence on each effect whose coefficients are not pooled."""
     said = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
     return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in said))
 
@@ -96,7 +96,7 @@ def _lacking(fleet: Fleet) -> str:
 
 
 def _who(shared: Shared, of: str) -> str:
-    """How many assets lack an effect, and in how many more it is not told from something else."""
+    """Return the number of assets that lack an effect, and of those that may."""
     sure, more = len(shared.assets), len(shared.possible)
     what = f"{within(shared.name)} in the equation of {shared.equation}"
     if not sure:
@@ -105,7 +105,7 @@ def _who(shared: Shared, of: str) -> str:
 
 
 def _perhaps(shared: Shared, what: str) -> str:
-    """That assets of which none is sure may lack an effect, and what else it may be."""
+    """Return that assets of which none is sure may lack an effect, or else have a fault of a sensor."""
     n, more = len(shared.likely), len(shared.possible) - len(shared.likely)
     lack = (
         f"most likely {'lacks' if n == 1 else 'lack'}"
@@ -118,7 +118,7 @@ def _perhaps(shared: Shared, what: str) -> str:
 
 
 def _count(shared: Shared) -> str:
-    """How many assets lack an effect: 2; or 2, 1 more may; or 1 may."""
+    """Return the number of assets that lack an effect: 2; or 2, 1 more may; or 1 may."""
     sure, may = len(shared.assets), len(shared.possible)
     return ", ".join([*([str(sure)] if sure else []), *([f"{may} {'more ' if sure else ''}may"] if may else [])])
 

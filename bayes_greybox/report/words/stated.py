@@ -7,7 +7,7 @@ from bayes_greybox.physics.coefficient import Coefficient
 
 from .formatting import estimate, exact_text, probability_text
 
-MATTERS = 0.5
+LIKELY_TO_MATTER = 0.5
 """Probability from which on a term is more likely to matter than not, and stands in the first table."""
 
 
@@ -16,25 +16,14 @@ def is_learned(prior: Coefficient | None) -> bool:
     return prior is None or prior.learned
 
 
-def is_given(column: str, prior: Coefficient | None) -> bool:
-    """Return whether the probability of a term says nothing, as its coefficient was stated.
-
-    Args:
-        column: Name of the probability: `probability_column` of the table.
-        prior: Statement about the coefficient, if there was one.
-    """
-    return prior is not None and (not prior.learned or (column == "inclusion" and prior.certain))
-
-
-def term_probability(row: Mapping[Any, Any], column: str, prior: Coefficient | None) -> str:
+def term_probability(row: Mapping[Any, Any], column: str) -> str:
     """Return the probability of a term in a coefficient table; "given" where nothing was learned of it.
 
     Args:
         row: Row of the table.
         column: Name of the probability: `probability_column` of the table.
-        prior: Statement about the coefficient, if there was one.
     """
-    return "given" if is_given(column, prior) else probability_text(row[column])
+    return "given" if row.get("given", False) else probability_text(row[column])
 
 
 def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = True) -> str:
@@ -43,7 +32,7 @@ def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = Tr
     Args:
         row: Row of the table.
         prior: Statement about the coefficient, if there was one.
-        unit: Whether the unit is written.
+        unit: If true, the unit is written.
     """
     of = row["unit"] if unit else ""
     return estimate(row["mean"], row["sd"], of) if is_learned(prior) else exact_text(row["mean"], of)

@@ -49,10 +49,7 @@ METRICS: dict[str, tuple[str, str]] = {
         "Error of the predicted rate {target}",
         "Mean square error over the variance of the measured rate.",
     ),
-    "output NMSE": (
-        "Error of the predicted {target}",
-        "Mean square error over the variance of the measured {target}.",
-    ),
+    "output NMSE": ("Error of the predicted {target}", "Mean square error over the variance of the measured {target}."),
     "sample NMSE": (
         "Error of the predicted samples, as forces on {target}",
         "Mean square error over the variance of the samples, whatever the path started from.",
@@ -83,14 +80,14 @@ TWICE = 2.0
 MOST_CLOSED = 0.9999
 """Largest share of a gap that is called closed: what is left may only be less than the noise shows."""
 
-REMAINS = {
+REMAINDER_TEXTS = {
     "law": "is a law of the states",
     "time": "is something in time, of the machine or of its sensor",
     "memory": "remembers",
 }
 """Words for the kinds of what remains without a channel."""
 
-CHANGES = {"drift": "changes with time", "law": "follows another law"}
+CHANNEL_TEXTS = {"drift": "changes with time", "law": "follows another law"}
 """Words for what remains of a channel, by its kind; all others remember."""
 
 
@@ -162,9 +159,9 @@ def remembered(study: StudyResult, equation: str) -> str:
         if each.kind == QUANTITY:
             continue
         if each.of:
-            texts.append(f"{CHANGES.get(each.kind, 'remembers')} ({each.kind} of {each.of}, probability {p})")
+            texts.append(f"{CHANNEL_TEXTS.get(each.kind, 'remembers')} ({each.kind} of {each.of}, probability {p})")
         else:
-            texts.append(f"{REMAINS[each.kind]} (probability {p})")
+            texts.append(f"{REMAINDER_TEXTS[each.kind]} (probability {p})")
     return "; ".join(texts)
 
 

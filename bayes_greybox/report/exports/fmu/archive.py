@@ -19,18 +19,18 @@ from ..names import identifiers
 from .description import description
 
 COMPILERS = ("cc", "gcc", "clang")
-"""Those that are looked for, in order."""
+"""Names of C compilers that are looked for, in order."""
 
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-"""Of the standard, which come with FMPy."""
+"""Headers of the standard, which come with FMPy."""
 
 
 def fmu_archive(model: ExportedModel, name: str) -> bytes:
-    """The content of NAME.fmu: FMI 2.0, both kinds, for the system that this runs on; sources are in it.
+    """Return the content of NAME.fmu: FMI 2.0, both kinds, for this operating system, with its sources.
 
     Args:
         model: The model.
-        name: What it is called.
+        name: Name of the FMU.
 
     Raises:
         InputError: FMPy is not installed; there is no C compiler; a simulation that is a function.
@@ -53,7 +53,7 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
 
 
 def packed(content: Mapping[str, bytes]) -> bytes:
-    """An FMU of its files by their names, without times, so that the same files are the same FMU.
+    """Return an FMU of its files by their names, without times, so that the same files give the same FMU.
 
     Args:
         content: Files.
@@ -66,7 +66,7 @@ def packed(content: Mapping[str, bytes]) -> bytes:
 
 
 def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
-    """The library that a C compiler makes.
+    """Return the library that a C compiler makes of sources.
 
     Args:
         compiler: The compiler.
@@ -90,7 +90,7 @@ def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
 
 
 def c_compiler() -> str:
-    """The C compiler of this system.
+    """Return the C compiler of this system.
 
     Raises:
         InputError: There is none.
@@ -105,7 +105,7 @@ def c_compiler() -> str:
 
 
 def installed_fmpy() -> Any:
-    """FMPy, with the headers of the standard.
+    """Return FMPy, which comes with the headers of the standard.
 
     Raises:
         InputError: It is not installed.
@@ -119,17 +119,17 @@ def installed_fmpy() -> Any:
 
 
 def standard_headers(fmpy: Any) -> dict[str, bytes]:
-    """The headers of the standard by name.
+    """Return the headers of the standard by name.
 
     Args:
-        fmpy: Of `installed_fmpy`.
+        fmpy: Package that `installed_fmpy` returned.
     """
     folder = Path(fmpy.__file__).parent / "c-code"
     return {each: (folder / each).read_bytes() for each in HEADERS}
 
 
 def _sizes(model: ExportedModel, program: str, guid: str) -> str:
-    """What fmi2.c has to know of model.c."""
+    """Return the definitions that fmi2.c needs of model.c."""
     place = {each.name: k for k, each in enumerate(model.states)}
     place |= {each.name: 2 * len(model.states) + k for k, each in enumerate(model.inputs)}
 

@@ -14,7 +14,7 @@ from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import estimate, level_text
 from bayes_greybox.running.errors import InputError
 
-_N_BIN = 40
+_HISTOGRAM_BINS = 40
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Coefficient:
     """A coefficient to draw.
 
     Attributes:
-        name: What the panel is headed with.
+        name: Heading of the panel.
         term: The term it multiplies.
         mean: Posterior mean, in `unit`.
         sd: Posterior standard deviation, in `unit`.
@@ -44,20 +44,14 @@ class Coefficient:
 
 @mpl.rc_context(style.STYLE)
 def plot_posteriors(
-    coefficients: Sequence[Coefficient],
-    *,
-    level: float = 0.9,
-    axes: Sequence[Axes] | np.ndarray | None = None,
+    coefficients: Sequence[Coefficient], *, level: float = 0.9, axes: Sequence[Axes] | np.ndarray | None = None
 ) -> Figure:
-    """Histogram of the draws of each coefficient, with its mean and interval, one panel each.
+    """Draw a histogram of the draws of each coefficient, with its mean and interval, one panel each.
 
     Args:
-        coefficients: What to draw.
+        coefficients: Coefficients to draw.
         level: Probability that the intervals hold.
         axes: Axes to draw into, one a coefficient.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: There are no coefficients.
@@ -65,11 +59,7 @@ def plot_posteriors(
     if not coefficients:
         raise InputError("No effect was added, so there is no coefficient to draw.")
     n = len(coefficients)
-    if axes is None:
-        figure = style.new_figure(5.4, 0.5 + 1.75 * n)
-        panels = list(np.ravel(figure.subplots(n, 1, squeeze=False)))
-    else:
-        panels = style.given_axes(axes, n, "one a coefficient")
+    panels = style.panels_of(axes, n, "one a coefficient", (5.4, 0.5 + 1.75 * n))
     for ax, item in zip(panels, coefficients, strict=True):
         _draw(ax, item)
     below = panels[-1]
@@ -79,7 +69,7 @@ def plot_posteriors(
 
 def _draw(ax: Axes, item: Coefficient) -> None:
     if item.draws is not None and np.ptp(item.draws) > 0:
-        ax.hist(item.draws, bins=_N_BIN, color=style.BLUE, alpha=0.35)
+        ax.hist(item.draws, bins=_HISTOGRAM_BINS, color=style.BLUE, alpha=0.35)
     low, high = ax.get_xlim() if item.draws is not None else (item.lower, item.upper)
     pad = 0.15 * (item.upper - item.lower) or 0.1 * abs(item.mean) or 1.0
     low, high = min(low, item.lower - pad), max(high, item.upper + pad)

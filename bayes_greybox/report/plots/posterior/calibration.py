@@ -26,7 +26,7 @@ def plot_calibration(
     tests: pd.DataFrame,
     reliability: Mapping[str, pd.DataFrame] | None = None,
 ) -> Figure:
-    """One panel for each ranked quantity, then one for the inclusion probabilities of each equation.
+    """Draw a panel for each ranked quantity, then one for the inclusion probabilities of each equation.
 
     A curve that leaves the band, drawn in orange where its test failed, says that the posterior is wrong: an arch above
     zero that the draws are too large, one below that they are too small, an S that they are too wide or too narrow.

@@ -27,23 +27,18 @@ def plot_predictive(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Distribution function of the measured derivative, and of data sets drawn from the prior and the posterior.
+    """Draw distribution functions of the measured derivative, and of data drawn from prior and posterior.
 
     Args:
         measured: measured derivative, in `unit`.
         posterior: posterior predictive data sets.
         prior: prior predictive data sets.
         equation: name of the state whose derivative is drawn.
-        label: what is drawn instead, such as an output.
+        label: name of another drawn quantity, such as an output.
         unit: unit of the derivative.
         axes: axes to draw into: prior, posterior.
-
-    Returns:
-        The figure.
     """
-    panels = (
-        style.new_figure(9.0, 3.6).subplots(1, 2) if axes is None else style.given_axes(axes, 2, "prior, posterior")
-    )
+    panels = style.panels_of(axes, 2, "prior, posterior", (9.0, 3.6), nrows=1, ncols=2)
     steps = (np.arange(len(measured)) + 0.5) / len(measured)
     for ax, drawn, name in zip(panels, (prior, posterior), ("prior", "posterior"), strict=True):
         shown = drawn[np.unique(np.linspace(0, len(drawn) - 1, _MOST_CURVES).round().astype(int))]
@@ -70,7 +65,7 @@ def plot_loo_pit(
     p: float | np.floating,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Distribution function of the LOO-PIT values less that of the uniform distribution, with its band.
+    """Draw the distribution function of the LOO-PIT values less the uniform one, with its band.
 
     A curve that rises on the left and falls on the right comes from predictions that are too narrow, the opposite from
     predictions that are too wide.
@@ -81,11 +76,8 @@ def plot_loo_pit(
         band: half-width of the band that holds the whole curve in 99 % of well-specified data sets.
         p: p-value of uniformity.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = style.new_figure(5.6, 3.4).subplots() if axes is None else style.given_axes(axes, 1, "the curve")[0]
+    (ax,) = style.panels_of(axes, 1, "the curve", (5.6, 3.4))
     # The distribution function jumps at each value, and less uniform it falls between them.
     u = np.concatenate([[0.0], np.repeat(np.sort(value), 2), [1.0]])
     share = np.repeat(np.arange(len(value) + 1) / len(value), 2)
@@ -95,7 +87,7 @@ def plot_loo_pit(
     ax.set_xlim(0.0, 1.0)
     ax.set_xlabel("LOO-PIT value")
     ax.set_ylabel("share below, less uniform")
-    ax.set_title(f"Leave-one-out predictions of {plain(equation)} ({p_text(float(p))})")
+    ax.set_title(f"Leave-one-out predictions of {style.plain(equation)} ({p_text(float(p))})")
     style.place_legend(ax, axes is None)
     return style.figure_of(ax)
 
@@ -112,7 +104,7 @@ def plot_autocorrelation(
     by_frequency: bool = False,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Autocorrelation of the whitened residuals with the bound that white noise keeps.
+    """Draw the autocorrelation of the whitened residuals with the bound that white noise keeps.
 
     Args:
         lag: lags.
@@ -121,13 +113,10 @@ def plot_autocorrelation(
         equation: name of the state whose derivative is modelled.
         p: p-value of whiteness.
         standing_out: lags to mark.
-        by_frequency: whether the lags are steps of frequency.
+        by_frequency: if true, the lags are steps of frequency.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = style.new_figure(5.6, 3.4).subplots() if axes is None else style.given_axes(axes, 1, "the bars")[0]
+    (ax,) = style.panels_of(axes, 1, "the bars", (5.6, 3.4))
     ax.fill_between(lag, -bound, bound, color=style.LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
     ax.axhline(0.0, color=style.GREY, linewidth=0.8)
     marked = np.isin(lag, standing_out)
@@ -138,7 +127,7 @@ def plot_autocorrelation(
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
     ax.set_ylabel("autocorrelation")
-    ax.set_title(f"Whitened residuals of {plain(equation)} ({p_text(float(p))})")
+    ax.set_title(f"Whitened residuals of {style.plain(equation)} ({p_text(float(p))})")
     style.place_legend(ax, axes is None)
     return style.figure_of(ax)
 
@@ -151,22 +140,15 @@ def plot_sensitivity(
     labels: Mapping[str, str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Sensitivity of each quantity to prior and likelihood, against the threshold.
+    """Draw the sensitivity of each quantity to prior and likelihood, against the threshold.
 
     Args:
         table: indexed by (equation, quantity), with columns prior and likelihood.
         threshold: sensitivities above it are worth a look.
-        labels: what each equation gives; by default the derivative of a state.
+        labels: left-hand side of each equation; by default the derivative of a state.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = (
-        style.new_figure(6.4, 1.4 + 0.26 * len(table)).subplots()
-        if axes is None
-        else style.given_axes(axes, 1, "the dots")[0]
-    )
+    (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
     rows = np.arange(len(table))
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
     labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})

@@ -30,7 +30,7 @@ def plot_coefficients(
     scale: Literal["auto", "linear", "symlog"] = "auto",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Mean and interval of each coefficient, its value in figures, and the probability that it matters.
+    """Draw mean and interval of each coefficient, its value in figures, and the probability that it matters.
 
     One row of panels for each unit of an equation, as numbers of different units have no common axis. The bars show
     `inclusion` where the table has it, and otherwise `outside_rope` under its own name; without either column there
@@ -38,7 +38,7 @@ def plot_coefficients(
 
     Args:
         table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
-            outside_rope (probabilities), unit (text) and latex (text).
+            outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text).
         equation: draw this equation only.
         truth: true coefficients, `{(equation, term): value}` or `{equation: {term: value}}`; terms without
             one get no marker.
@@ -46,9 +46,6 @@ def plot_coefficients(
         scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
         axes: axes to draw into, in reading order: per equation the coefficients, whatever their units, and, where
             there are probabilities, the bars.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: a column is missing, the table is empty, or it does not hold the equation.
@@ -64,7 +61,7 @@ def plot_coefficients(
         true = _for_equation(truth, name)
         _draw_forest(forest, block, true, _units_of(name, block, units), scale)
         if k == 0 or names[k - 1] != name:
-            forest.set_title(f"Coefficients in the equation for {plain(name)}")
+            forest.set_title(f"Coefficients in the equation for {style.plain(name)}")
         if bars is not None:
             _draw_bars(bars, block, source)
             if k + 1 < len(names) and names[k + 1] == name:
@@ -92,7 +89,7 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
 def _by_unit(
     names: list[str], blocks: list[pd.DataFrame], units: Mapping[Any, Any] | None
 ) -> tuple[list[str], list[pd.DataFrame]]:
-    """Each equation's terms by the unit of their coefficients, in the order in which the units come."""
+    """Return each equation's terms by the unit of their coefficients, in the order in which the units come."""
     parts = []
     for name, block in zip(names, blocks, strict=True):
         known = _units_of(name, block, units)
@@ -183,7 +180,7 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
 
 
 def _set_scale(ax: Axes, low: float, high: float, threshold: float | None, label: str) -> str:
-    """Scale, limits and ticks of the coefficients' axis, which spans low ≤ 0 ≤ high; returns its whole label."""
+    """Set scale, limits and ticks of an axis that spans low ≤ 0 ≤ high, and return its whole label."""
     if threshold is None:
         pad = 0.08 * (high - low) or 1.0
         ax.set_xlim(low - pad, high + pad)
@@ -208,7 +205,7 @@ def _power_of_ten(value: float) -> float:
 
 
 def _linear_range(mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, true: np.ndarray) -> float | None:
-    """Half width of the linear part of a symmetric-log axis; None where a linear axis shows everything."""
+    """Return the half width of the linear part of a symmetric-log axis; None where a linear axis will do."""
     clear = np.abs(mean[(lower * upper > 0) & (mean != 0)])
     largest = np.nanmax(np.abs(np.stack([mean, lower, upper, true])))
     if clear.size == 0 or largest <= _LINEAR_RATIO * clear.min():
@@ -222,10 +219,7 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
         return
     rows = np.arange(len(block))
     probability = block[source].to_numpy(dtype=float)
-    stated = _column(block, "stated")
-    # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.
-    marks = ("= ", "N(") if source == "inclusion" else ("= ",)
-    given = np.array([stated.get(str(term), "").startswith(marks) for term in block.index])
+    given = block["given"].to_numpy(bool) if "given" in block else np.zeros(len(block), bool)
     ax.barh(rows[~given], probability[~given], height=0.55, color=style.BLUE)
     for row, value in enumerate(probability):
         text = "given" if given[row] else probability_text(value)

@@ -23,7 +23,7 @@ _LINE = 40
 
 @mpl.rc_context(style.STYLE)
 def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
-    """Expected log predictive density of each model, its difference to the best, and its weight.
+    """Draw the expected log predictive density of each model, its difference to the best, and its weight.
 
     Models whose worst Pareto k is above the table's threshold are marked, because their elpd may be off.
 
@@ -31,9 +31,6 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
         table: indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and
             worst_k; what `compare` puts into its `attrs` ("folds", "threshold") is shown.
         axes: axes to draw into: elpd, difference.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: a column is missing or the table is empty.
@@ -43,12 +40,9 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     if missing or table.empty:
         lack = f"lacks the column {missing[0]!r}" if missing else "has no rows"
         raise InputError(f"The comparison table {lack}; pass the table that compare() returns.")
-    if axes is None:
-        longest = max(len(str(name)) for name in table.index)
-        width = 8.4 + 0.06 * min(max(0, longest - 14), 40)
-        left, right = style.new_figure(width, 1.25 + 0.36 * len(table)).subplots(1, 2, width_ratios=[1.25, 1.0])
-    else:
-        left, right = style.given_axes(axes, 2, "elpd, difference")
+    longest = max(len(str(name)) for name in table.index)
+    size = (8.4 + 0.06 * min(max(0, longest - 14), 40), 1.25 + 0.36 * len(table))
+    left, right = style.panels_of(axes, 2, "elpd, difference", size, nrows=1, ncols=2, width_ratios=[1.25, 1.0])
     rows = np.arange(len(table))
     elpd, se, difference, diff_se, weight, worst_k = (table[name].to_numpy(dtype=float) for name in needed)
     threshold = table.attrs.get("threshold", _WORST_K)

@@ -13,26 +13,19 @@ from bayes_greybox.report.plots import style
 
 @mpl.rc_context(style.STYLE)
 def plot_confounding(terms: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
-    """Posterior means less the true coefficient with the mean posterior SD, and coverage of the 90 % intervals.
+    """Draw errors of posterior means with mean posterior SDs, and coverage of the 90 % intervals.
 
     Args:
         terms: indexed by (situation, kernel, measure, term), with columns bias, sd, projection, coverage and
             coverage_projection.
         axes: axes to draw into: bias and coverage for each situation in turn.
-
-    Returns:
-        The figure.
     """
     situations = list(dict.fromkeys(terms.index.get_level_values("situation")))
     parts = [terms.xs(name, level="situation") for name in situations]
-    if axes is None:
-        figure = style.new_figure(9.5, 1.4 + 0.24 * len(terms))
-        heights = [len(part) for part in parts]
-        panels = list(
-            figure.subplots(len(parts), 2, width_ratios=[1.8, 1.0], height_ratios=heights, squeeze=False).flat
-        )
-    else:
-        panels = style.given_axes(axes, 2 * len(parts), "bias and coverage of each situation")
+    panels = style.panels_of(
+        axes, 2 * len(parts), "bias and coverage of each situation", (9.5, 1.4 + 0.24 * len(terms)),
+        nrows=len(parts), ncols=2, width_ratios=[1.8, 1.0], height_ratios=[len(part) for part in parts],
+    )  # fmt: skip
     for i, (name, part) in enumerate(zip(situations, parts, strict=True)):
         left, right = panels[2 * i : 2 * i + 2]
         rows = np.arange(len(part))

@@ -14,7 +14,7 @@ from bayes_greybox.report.words.formatting import level_text
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.
-N_BIN = 1200
+RECORD_BINS = 1200
 _LONGEST_NAME = 24
 
 
@@ -34,7 +34,7 @@ def plot_discrepancy_over_time(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior of the discrepancy f along time, against the noise standard deviation.
+    """Draw the posterior of the discrepancy f along time, against the noise standard deviation.
 
     A long record is thinned for drawing to the extremes of neighbouring rows, so peaks stay.
 
@@ -51,16 +51,10 @@ def plot_discrepancy_over_time(
         time_unit: unit of time.
         unit: unit of f.
         axes: axes to draw into, one a drawn run.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
-    if axes is None:
-        figure = style.new_figure(8.0, 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows)))
-        panels = list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
-    else:
-        panels = style.given_axes(axes, len(rows), "one a run")
+    height = 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows))
+    panels = style.panels_of(axes, len(rows), "one a run", (8.0, height), sharey=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
@@ -70,7 +64,7 @@ def plot_discrepancy_over_time(
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
-    panels[0].set_title(f"Discrepancy f in the equation for {plain(equation)}{note}")
+    panels[0].set_title(f"Discrepancy f in the equation for {style.plain(equation)}{note}")
     panels[-1].set_xlabel(style.with_unit("time", time_unit))
     label = style.with_unit("discrepancy f", unit)
     if axes is None and len(rows) > 1:
@@ -82,7 +76,7 @@ def plot_discrepancy_over_time(
 
 
 def rows_of_runs(n_obs: int, run: Int[np.ndarray, " n_obs"] | None) -> tuple[list[np.ndarray], str]:
-    """Rows of each run that gets a panel, and a note for the title where some runs get none."""
+    """Return the rows of each run that gets a panel, and a note for the title where some runs get none."""
     if run is None:
         return [np.arange(n_obs)], ""
     runs = np.unique(run)
@@ -99,19 +93,14 @@ def draw_posterior(
     level: float | np.floating,
     name: str = "mean",
 ) -> None:
-    """Mean line and band of a quantity along time, thinned where the record is long."""
-    band_time, low, high = outer_band(time, lower, upper, N_BIN)
+    """Draw mean and band of a quantity along time, thinned where the record is long."""
+    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
     ax.fill_between(
         band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval"
     )
-    kept = extreme_rows(mean, N_BIN)
+    kept = extreme_rows(mean, RECORD_BINS)
     ax.plot(
-        time[kept],
-        mean[kept],
-        color=style.BLUE,
-        linewidth=1.6 if len(kept) == len(mean) else 0.9,
-        zorder=3,
-        label=name,
+        time[kept], mean[kept], color=style.BLUE, linewidth=1.6 if len(kept) == len(mean) else 0.9, zorder=3, label=name
     )
 
 

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import extreme_rows
 
-from .over_time import N_BIN, draw_posterior, name_run, rows_of_runs
+from .over_time import RECORD_BINS, draw_posterior, name_run, rows_of_runs
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000
@@ -36,7 +36,7 @@ def plot_predicted(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Predicted and measured derivative along time, and beside it predicted against measured.
+    """Draw predicted and measured derivative along time, and beside it predicted against measured.
 
     The scatter holds every row; along time at most six runs are drawn, thinned to the extremes of
     neighbouring rows where they are long.
@@ -48,16 +48,13 @@ def plot_predicted(
         lower: lower end of the predictive interval.
         upper: upper end of the predictive interval.
         equation: name of the state whose derivative is predicted.
-        label: what is predicted instead, such as an output.
+        label: name of another predicted quantity, such as an output.
         level: probability that the interval holds.
         run: run of each row, 0..n_run-1; all one run by default.
         run_names: name of each run.
         time_unit: unit of time.
         unit: unit of the derivative.
         axes: axes to draw into: one a drawn run, then the scatter.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
     if axes is None:
@@ -76,7 +73,7 @@ def plot_predicted(
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
     panels[len(panels) // 2].set_ylabel(style.with_unit(quantity, unit))
-    panels[0].set_title(f"Predicted and measured {plain(quantity)}{note}")
+    panels[0].set_title(f"Predicted and measured {style.plain(quantity)}{note}")
     panels[-1].set_xlabel(style.with_unit("time", time_unit))
     style.place_legend(panels[0], axes is None)
     _draw_across(across, measured, mean, quantity, unit)
@@ -88,16 +85,12 @@ def _draw_measured(ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[
         size = _marker_size(len(time))
         ax.plot(time, measured, "o", color=style.DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
         return
-    kept = extreme_rows(measured, N_BIN)
+    kept = extreme_rows(measured, RECORD_BINS)
     ax.plot(time[kept], measured[kept], color=style.GREY, linewidth=0.8, label="measured")
 
 
 def _draw_across(
-    ax: Axes,
-    measured: Float[np.ndarray, " n_obs"],
-    mean: Float[np.ndarray, " n_obs"],
-    quantity: str,
-    unit: str | None,
+    ax: Axes, measured: Float[np.ndarray, " n_obs"], mean: Float[np.ndarray, " n_obs"], quantity: str, unit: str | None
 ) -> None:
     low, high = (float(edge) for edge in (min(measured.min(), mean.min()), max(measured.max(), mean.max())))
     pad = 0.05 * (high - low) or 1.0
@@ -107,14 +100,7 @@ def _draw_across(
         ax.plot(measured, mean, "o", color=style.BLUE, markersize=size, alpha=0.5, markeredgewidth=0, label="rows")
     else:
         cells = ax.hexbin(
-            measured,
-            mean,
-            gridsize=60,
-            bins="log",
-            mincnt=1,
-            cmap="cividis_r",
-            extent=view + view,
-            linewidths=0.2,
+            measured, mean, gridsize=60, bins="log", mincnt=1, cmap="cividis_r", extent=view + view, linewidths=0.2
         )
         style.figure_of(ax).colorbar(cells, ax=ax, label="rows in the cell", shrink=0.8)
     ax.axline((low, low), slope=1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="1:1")

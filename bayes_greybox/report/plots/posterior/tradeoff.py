@@ -13,8 +13,8 @@ from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import number
 
-_MOST_POINTS = 4000
-_N_BIN = 40
+_MOST_DRAWS = 4000
+_MARGINAL_BINS = 40
 _N_CELL = 30
 
 
@@ -29,7 +29,7 @@ def plot_tradeoff(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
+    """Draw posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
 
     Both axes have the same unit and the same width. A discrepancy that steals from the term shows as a cloud
     along the line θ + f = constant; one that is orthogonal to it as a flat line at zero.
@@ -42,9 +42,6 @@ def plot_tradeoff(
         correlation: posterior correlation of the two, to print; NaN where one of them does not vary.
         unit: unit of the coefficient.
         axes: axes to draw into: the pairs, the distribution of θ (above), that of f (right).
-
-    Returns:
-        The figure.
     """
     if axes is None:
         figure = style.new_figure(5.8, 5.8)
@@ -67,7 +64,7 @@ def plot_tradeoff(
     pairs.set_ylabel(style.with_unit(f"amount of {term} that f imitates", unit))
     _draw_marginal(above, theta, zero, x_view, "vertical")
     _draw_marginal(right, projection, zero, y_view, "horizontal")
-    above.set_title(f"θ–f trade-off in the equation for {plain(equation)}{_correlation_text(correlation)}")
+    above.set_title(f"θ–f trade-off in the equation for {style.plain(equation)}{_correlation_text(correlation)}")
     return style.figure_of(pairs)
 
 
@@ -94,7 +91,7 @@ def _draw_pairs(
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     on_line = (0.0, float(np.median(theta + projection)))
     ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
-    kept = every_nth(len(theta), _MOST_POINTS)
+    kept = every_nth(len(theta), _MOST_DRAWS)
     for chosen, colour, label in ((~zero, style.BLUE, "draws"), (zero, style.ORANGE, "draws with θ exactly 0")):
         if chosen.any():
             x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
@@ -110,7 +107,7 @@ def _draw_pairs(
 def _draw_contours(
     ax: Axes, x: Float[np.ndarray, " n_draw"], y: Float[np.ndarray, " n_draw"], width: float | np.floating
 ) -> None:
-    """Outlines of the densest cells that hold half and nine tenths of the draws."""
+    """Draw outlines of the densest cells that hold half and nine tenths of the draws."""
     if len(x) < 200 or min(np.ptp(x), np.ptp(y)) < 0.01 * width:
         return
     # Counted along the principal axes of the cloud: cells along x and y would blur a narrow ridge.
@@ -144,7 +141,7 @@ def _draw_marginal(
 ) -> None:
     ax.hist(
         [draws[~zero], draws[zero]],
-        bins=np.linspace(*view, _N_BIN + 2).tolist(),
+        bins=np.linspace(*view, _MARGINAL_BINS + 2).tolist(),
         color=[style.BLUE, style.ORANGE],
         stacked=True,
         orientation="vertical" if orientation == "vertical" else "horizontal",
