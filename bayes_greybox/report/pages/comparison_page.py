@@ -14,6 +14,7 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, size_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     count_text,
@@ -26,7 +27,6 @@ from bayes_greybox.report.words.formatting import (
     probability_column,
     weight_text,
 )
-from bayes_greybox.report.words.stated import LIKELY_TO_MATTER, is_learned, size_text, term_probability
 
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import (
@@ -59,13 +59,7 @@ def comparison_html(
 
 
 def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: str | None = None) -> Page:
-    """Return the report of a comparison.
-
-    Args:
-        fits: The fits by name.
-        table: Result of `compare` for them, best first.
-        config: Text of the configuration file that asked for it.
-    """
+    """Return the report of a comparison; see `comparison_html`."""
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
     badges, alerts = _trust(fits, table)

@@ -20,6 +20,14 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words.fit import (
+    LIKELY_TO_MATTER,
+    is_learned,
+    row_label,
+    size_text,
+    stated_text,
+    term_probability,
+)
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -32,7 +40,6 @@ from bayes_greybox.report.words.formatting import (
     share_interval,
     share_text,
 )
-from bayes_greybox.report.words.stated import LIKELY_TO_MATTER, is_learned, size_text, stated_text, term_probability
 
 from .free_run_section import trial_sections
 from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
@@ -42,7 +49,6 @@ from .shared import (
     fit_settings,
     folded,
     footer,
-    row_label,
     settings_section,
     settings_table,
     verdict_blocks,
@@ -65,7 +71,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
     Args:
         fit: The fit.
         path: Destination.
-        config: Text of the configuration file that asked for it; what the fit knows of it by default.
+        config: Text of the configuration file that asked for it; by default the one that the fit holds.
 
     Raises:
         InputError: The destination cannot be written.
@@ -74,12 +80,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
 
 
 def fit_page(fit: Posterior, config: str | None = None) -> Page:
-    """Return the report of a fit.
-
-    Args:
-        fit: The fit.
-        config: Text of the configuration file that asked for it; what the fit knows of it by default.
-    """
+    """Return the report of a fit; see `fit_html`."""
     verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
     sections = [
         *_study(fit),

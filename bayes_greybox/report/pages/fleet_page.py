@@ -35,7 +35,7 @@ def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str]
     Args:
         fleet: The fleet.
         path: Destination.
-        pages: Where each asset's own report lies, from the folder of this one.
+        pages: Path of each asset's own report, from the folder of this one.
 
     Raises:
         InputError: The destination cannot be written.
@@ -44,12 +44,7 @@ def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str]
 
 
 def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
-    """Return the report of a fleet.
-
-    Args:
-        fleet: The fleet.
-        pages: Where each asset's own report lies.
-    """
+    """Return the report of a fleet; see `fleet_html`."""
     alerts = [f"{each.asset} could not be studied: {each.sentence}" for each in fleet.failed]
     alerts += [f"The sampler did not converge for {e.asset}." for e in fleet.studied if e.converged is False]
     cause = fleet.causes[0] if len(fleet.causes) == 1 else None

@@ -15,6 +15,7 @@ from bayes_greybox.report.equations.latex import equations_latex
 from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
 from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.words.fit import row_label
 from bayes_greybox.report.words.formatting import count_text, number, unit_text
 
 from .page import Code, Details, Equation, Equations, Items, Section, Words
@@ -40,11 +41,6 @@ def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name
 def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return name and value of each setting, nested or not."""
     return [(" / ".join(path), value) for path, value in _flat(settings, ())]
-
-
-def row_label(fit: Posterior, name: str) -> str:
-    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
-    return fit.data.target_label(name) if name in fit.model.equations else "the samples"
 
 
 def fit_settings(fit: Posterior) -> dict[str, Any]:

@@ -48,12 +48,7 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
 
 
 def study_page(study: StudyResult, config: str | None = None) -> Page:
-    """Return the report of a study.
-
-    Args:
-        study: The study.
-        config: Text of the configuration file that asked for it; that of the study by default.
-    """
+    """Return the report of a study; see `study_html`."""
     sections = [
         rungs.where(study),
         rungs.what(study),

@@ -103,21 +103,10 @@ __all__ = [
     "trade_off",
 ]
 
-_OF_STUDIES = (
-    "added_coefficients",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "next_experiment",
-    "ranking",
-    "rounds",
-    "study_figures",
-)
-
 
 def __getattr__(name: str) -> Any:
     # The figures of a fit do without all that a study imports.
-    if name in _OF_STUDIES:
+    if name in __all__:
         from . import studies
 
         return getattr(studies, name)

@@ -15,6 +15,7 @@ from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.criticism.trade_off import strongest_trade_off
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
@@ -30,6 +31,7 @@ from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_ov
 from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
 from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.words.fit import row_label
 from bayes_greybox.report.words.formatting import formula, probability_column
 from bayes_greybox.running.errors import InputError
 
@@ -88,9 +90,9 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
         shown.measurement.lower,
         shown.measurement.upper,
         equation=equation,
-        label=_label(fit, equation),
+        label=row_label(fit, equation, "samples"),
         level=level,
-        **_runs(fit),
+        **_runs(fit.data),
         **_units(fit, equation),
     )
 
@@ -104,11 +106,10 @@ def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
         width: Width of the figure in inches.
     """
     data, band = run.data, run.states[state]
-    several = {"run": data.run, "run_names": list(data.run_names)} if data.n_run > 1 else {}
     return plot_free_run(
         data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
         state=state, holds=run.holds, seen_as=seen_as(data, state), unit=data.unit(state), time_unit=data.unit("t"),
-        width=width, **several,
+        width=width, **_runs(data),
     )  # fmt: skip
 
 
@@ -133,7 +134,7 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
         equation=equation,
         sigma=_noise(fit, equation),
         level=level,
-        **_runs(fit),
+        **_runs(fit.data),
         **_units(fit, equation),
     )
 
@@ -168,7 +169,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    label, unit = _label(fit, equation), target_unit(equation, fit.data)
+    label, unit = row_label(fit, equation, "samples"), target_unit(equation, fit.data)
     if fit.data.samples is not None and fit.equations[equation].rows.gain != 1.0:
         units = {fit.data.samples.unit(name) for name in fit.data.samples.state_names}
         label, unit = "samples", (units.pop() or "") if len(units) == 1 else ""
@@ -197,13 +198,8 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 
 def sensitivity(fit: Posterior) -> Figure:
     """Draw the power-scaling sensitivity of coefficients and inclusion probabilities."""
-    labels = {name: _label(fit, name) for name in fit.equations}
+    labels = {name: row_label(fit, name, "samples") for name in fit.equations}
     return plot_sensitivity(checks(fit).sensitivity, threshold=THRESHOLD, labels=labels)
-
-
-def _label(fit: Posterior, name: str) -> str:
-    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
-    return fit.data.target_label(name) if name in fit.model.equations else "samples"
 
 
 def _noise(fit: Posterior, equation: str) -> float:
@@ -211,10 +207,8 @@ def _noise(fit: Posterior, equation: str) -> float:
     return float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
 
 
-def _runs(fit: Posterior) -> dict:
-    if fit.data.n_run == 1:
-        return {}
-    return {"run": fit.data.run, "run_names": list(fit.data.run_names)}
+def _runs(data: Trajectories) -> dict[str, Any]:
+    return {} if data.n_run == 1 else {"run": data.run, "run_names": list(data.run_names)}
 
 
 def _units(fit: Posterior, equation: str) -> dict:

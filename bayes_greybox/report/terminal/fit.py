@@ -14,6 +14,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words.fit import is_learned, size_text, stated_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -25,7 +26,6 @@ from bayes_greybox.report.words.formatting import (
     unit_text,
 )
 from bayes_greybox.report.words.remarks import data_remarks
-from bayes_greybox.report.words.stated import is_learned, size_text, stated_text, term_probability
 
 from .tables import drawn, verdict_text
 

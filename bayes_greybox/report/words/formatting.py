@@ -11,32 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.writing import formula, unit_text
-
-__all__ = [
-    "PROBABILITIES",
-    "Concise",
-    "concise",
-    "count_text",
-    "estimate",
-    "formula",
-    "interval",
-    "level_text",
-    "listed",
-    "nats",
-    "number",
-    "p_text",
-    "pareto",
-    "percent_text",
-    "probability_column",
-    "probability_text",
-    "quantity",
-    "share_interval",
-    "share_text",
-    "unbroken",
-    "unit_text",
-    "weight_text",
-]
+from bayes_greybox.data.writing import formula as formula
+from bayes_greybox.data.writing import unit_text as unit_text
 
 PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""

@@ -1,14 +1,20 @@
-"""Words for what was stated of coefficients, in tables."""
+"""Words for the terms and the rows of a fit, in tables."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 
 from .formatting import estimate, exact_text, probability_text
 
 LIKELY_TO_MATTER = 0.5
 """Probability from which on a term is more likely to matter than not, and stands in the first table."""
+
+
+def row_label(fit: Posterior, name: str, samples: str = "the samples") -> str:
+    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
+    return fit.data.target_label(name) if name in fit.model.equations else samples
 
 
 def is_learned(prior: Coefficient | None) -> bool:
