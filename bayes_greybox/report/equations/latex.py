@@ -12,11 +12,7 @@ _POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def equations_latex(system: LearnedSystem) -> str:
-    """Return all equations of the model, also those of the simulation alone, in an `aligned` environment.
-
-    Args:
-        system: The equations.
-    """
+    """Return all equations of the model, also those of the simulation alone, in an `aligned` environment."""
     rows = [f"{left_latex(system, name)} &= {right_latex(system, name)}" for name in system.names]
     return "\n".join([r"\begin{aligned}", " \\\\\n".join(rows), r"\end{aligned}"])
 

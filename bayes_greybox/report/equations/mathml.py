@@ -17,12 +17,7 @@ _D = '<mi mathvariant="normal">d</mi>'
 
 
 def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
-    """Return one equation as formulas that a line may break between: left-hand side, then each signed summand.
-
-    Args:
-        system: The equations.
-        name: A state or an output.
-    """
+    """Return one equation as formulas that a line may break between: left-hand side, then each signed summand."""
     shown = to_mathml(symbol(name))
     if not system.is_output(name):
         time = to_mathml(symbol(system.data.time_name))

@@ -42,12 +42,7 @@ class Piece:
 
 
 def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
-    """Yield the summands of an equation's right-hand side: simulation, given and learned terms, f.
-
-    Args:
-        system: The equations.
-        name: A state or an output.
-    """
+    """Yield the summands of an equation's right-hand side: simulation, given and learned terms, f."""
     simulated: Any = system.simulation.own_formula(name)
     for part in simulated.as_ordered_terms() if simulated != 0 else ():
         negative = bool(part.could_extract_minus_sign())

@@ -27,9 +27,6 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
     The right-hand side of an equation is its `simulation` plus the sum of `mean` times `expression` over its `terms`,
     plus f where `discrepancy` says that it is left. `given` lists the terms of the simulation whose coefficients were
     fixed. Formulas are those of configuration files.
-
-    Args:
-        system: The equations.
     """
     data, code = system.data, any(system.simulation.formula(name).atoms(AppliedUndef) for name in system.names)
     names = (*system.states, *system.inputs)

@@ -22,11 +22,7 @@ GIVEN_NOTE = "2(given) was given, not estimated."
 
 
 def equations_text(system: LearnedSystem) -> str:
-    """Return the learned equations, a line each, with inner parameters, and the rule by which terms stand in them.
-
-    Args:
-        system: The equations.
-    """
+    """Return the learned equations, a line each, with inner parameters, and the rule by which terms stand in them."""
     if not system.learned:
         return ""
     lines = [equation_text(system, name) for name in system.shown]
@@ -66,9 +62,6 @@ def as_simulation(system: LearnedSystem) -> str:
     """Return the whole model as the expressions of a configuration's [simulation]; "" where it has code.
 
     Coefficients are means, with the digits that their standard deviations justify. f is not in it.
-
-    Args:
-        system: The equations.
     """
     lines = []
     for name in system.names:

@@ -45,9 +45,6 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
 def require_ending(path: Path) -> None:
     """Refuse a file whose ending is no language's.
 
-    Args:
-        path: Destination.
-
     Raises:
         InputError: Another ending than those of `LANGUAGES`.
     """

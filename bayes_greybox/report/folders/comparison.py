@@ -81,9 +81,6 @@ def save_comparison(
 def load_comparison(folder: Path) -> SavedComparison:
     """Read what `save_comparison` wrote.
 
-    Args:
-        folder: The folder.
-
     Raises:
         InputError: Not the folder of a comparison; a fit is no longer where it was, or no longer the same.
     """

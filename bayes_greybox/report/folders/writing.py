@@ -26,9 +26,6 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     What a killed process left half-written is removed. If the work fails, the folders that were made for it and are
     still empty go again.
 
-    Args:
-        path: The folder.
-
     Yields:
         The folder.
 

@@ -193,9 +193,6 @@ def render(page: Page) -> str:
 def require_place(path: str | os.PathLike[str]) -> None:
     """Refuse the destination of a page that cannot be written, before the work for it.
 
-    Args:
-        path: Destination.
-
     Raises:
         InputError: There is no such folder, or nothing can be written to it.
     """

@@ -114,11 +114,7 @@ def verdict_blocks(fit: Posterior) -> list[Any]:
 
 
 def equations_block(system: LearnedSystem) -> Equations | None:
-    """Return learned equations for the top of a page; None where nothing was learned.
-
-    Args:
-        system: The equations.
-    """
+    """Return learned equations for the top of a page; None where nothing was learned."""
     if not system.learned:
         return None
     shown = [Equation(equation_mathml(system, name), equation_text(system, name)) for name in system.shown]

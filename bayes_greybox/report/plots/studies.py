@@ -39,11 +39,7 @@ LEAST_PROBABLE = 0.001
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
-    """Return every figure of a study by file name: gap, ranking, sets, coefficients, free runs.
-
-    Args:
-        study: The study.
-    """
+    """Return every figure of a study by file name: gap, ranking, sets, coefficients, free runs."""
     figures: dict[str, Figure] = {}
     several = len(study.maps) > 1
     for equation in study.maps:

@@ -36,11 +36,7 @@ FINDING_MARKS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–
 
 
 def study_tables(study: StudyResult) -> Iterator[RenderableType]:
-    """Yield verdict, equations, findings, measurement, regions, effects, and the gap before and after, to print.
-
-    Args:
-        study: The study.
-    """
+    """Yield verdict, equations, findings, measurement, regions, effects, and the gap before and after, to print."""
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")

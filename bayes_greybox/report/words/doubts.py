@@ -47,11 +47,7 @@ class Doubt:
 
 
 def doubts(study: StudyResult) -> list[Doubt]:
-    """Return the findings about a study's verdict in words, in the order of `findings`.
-
-    Args:
-        study: The study.
-    """
+    """Return the findings about a study's verdict in words, in the order of `findings`."""
     return [_in_words(study, each) for each in findings(study)]
 
 

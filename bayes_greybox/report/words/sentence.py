@@ -33,9 +33,6 @@ def sentence(study: StudyResult) -> str:
     """Return the verdict so that someone who never heard of evidence knows what to do.
 
     What was found of the measurement, and what speaks against the verdict, follow it.
-
-    Args:
-        study: The study.
     """
     parts = [_answer(study)]
     measured = measurement_in_words(study)

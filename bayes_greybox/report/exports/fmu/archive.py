@@ -28,10 +28,6 @@ HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
 def fmu_archive(model: ExportedModel, name: str) -> bytes:
     """Return the content of NAME.fmu: FMI 2.0, both kinds, for this operating system, with its sources.
 
-    Args:
-        model: The model.
-        name: Name of the FMU.
-
     Raises:
         InputError: FMPy is not installed; there is no C compiler; a simulation that is a function.
     """
