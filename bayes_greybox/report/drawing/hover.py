@@ -26,7 +26,7 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
         figure: The figure, as it will be saved.
     """
     width, height = (72.0 * size for size in figure.get_size_inches())
-    found = []
+    axes_read = []
     axes: list[Any] = list(figure.axes)
     for k, ax in enumerate(axes):
         lines, shown = _lines(ax, k), _map(ax)
@@ -41,21 +41,21 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
             "y": _ends(ax.get_ylim()),
             "names": [_label(figure, ax, "x"), _label(figure, ax, "y")],
         }
-        found.append(about | ({"map": shown} if shown else {"lines": lines}))
-    return found
+        axes_read.append(about | ({"map": shown} if shown else {"lines": lines}))
+    return axes_read
 
 
 def _lines(ax: Any, k: int) -> dict[str, str]:
     """Return the labels of the lines that run from left to right, by the id that they are given."""
-    found = {}
+    labels = {}
     for j, line in enumerate(ax.get_lines()):
         label, x = str(line.get_label()), np.asarray(line.get_xdata(orig=False), float)
         if not label.startswith("_") and len(x) >= FEWEST_POINTS and line.get_transform() == ax.transData:
             known = x[np.isfinite(x)]
             if np.all(np.diff(known) >= 0) and np.ptp(known) > 0:
                 line.set_gid(f"line{k}x{j}")
-                found[f"line{k}x{j}"] = label
-    return found
+                labels[f"line{k}x{j}"] = label
+    return labels
 
 
 def _map(ax: Any) -> dict[str, Any] | None:

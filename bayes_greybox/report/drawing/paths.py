@@ -18,7 +18,7 @@ def short_path(commands: str) -> str:
     small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL_SHAPE
     if small or re.search(r"[A-KN-Ya-kn-y]", commands.replace("e-", "")):
         places = 2 if small else 1
-        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda found: _short(float(found[0]), places), commands)
+        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda match: _short(float(match[0]), places), commands)
         return re.sub(r"\s+", " ", re.sub(r"\s*([A-Za-z])\s*", r"\1", text)).strip()
     return "".join(_strokes(commands))
 

@@ -49,5 +49,5 @@ def _piece(piece: Piece) -> str:
 
 
 def _unit(unit: str) -> str:
-    raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{{{found[0].translate(_POWER_DIGITS)}}}", unit)
+    raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{{{match[0].translate(_POWER_DIGITS)}}}", unit)
     return raised.replace("%", r"\%").replace(" ", r"\ ").replace("·", r"\cdot ")

@@ -43,13 +43,13 @@ def equation_text(system: LearnedSystem, name: str) -> str:
 
 def inner_text(system: LearnedSystem, name: str) -> list[str]:
     """Return the inner parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
-    found = []
+    lines = []
     for each in system.learned[name].inner:
         negative, size = concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
         text = f"{each.name} = {'−' if negative else ''}{size}{f' {unit}' if unit else ''}"
-        found.append(f"{text} ({each.effect})")
-    return found
+        lines.append(f"{text} ({each.effect})")
+    return lines
 
 
 def note(system: LearnedSystem) -> str:

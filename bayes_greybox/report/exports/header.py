@@ -26,7 +26,7 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
     lines += [text for text in (model.notes.verdict, model.rule, *model.notes.remarks) if text]
     lines += ["Coefficients are posterior means, with standard deviation and 90 % interval."]
     lines += [
-        f"Not in it, as it has no formula: f of {name}, {said}." for name, said in model.notes.discrepancy.items()
+        f"Not in it, as it has no formula: f of {name}, {text}." for name, text in model.notes.discrepancy.items()
     ]
     unit = unit_text(model.time)
     if in_seconds and model.per_second != 1.0:
@@ -43,8 +43,8 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
             unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
             lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.about}{start}")
     for name, inner in model.inner:
-        said = estimate(inner.value.mean, inner.value.sd, inner.unit)
-        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {said}, a number in the formula.")
+        text = estimate(inner.value.mean, inner.value.sd, inner.unit)
+        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {text}, a number in the formula.")
     for a, b, value in model.correlations:
         lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
     return lines

@@ -41,8 +41,8 @@ def python_program(model: ExportedModel, name: str) -> str:
     known = _names(model, PYTHON_WORDS)
     names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
     printer = PythonPrinter(names)
-    said = header(model, known, ("x[{}]", "u[{}]"))
-    lines = [part for line in said for part in comment(one_line(line), "# ")]
+    heading = header(model, known, ("x[{}]", "u[{}]"))
+    lines = [part for line in heading for part in comment(one_line(line), "# ")]
     lines += ["", "import numpy", ""]
     for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
         lines.append(f"{label} = {tuple(each.name for each in group)!r}")
@@ -87,8 +87,8 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     slots += [("p", [each.name for each in model.factors])] if tunable else []
     arguments = ", ".join(["double t", *(f"const double *{slot}" for slot, _ in slots)])
     printer = CPrinter(names)
-    said = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
-    lines = ["/*", *(part for line in said for part in comment(within_c(line), " * ")), " */"]
+    heading = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
+    lines = ["/*", *(part for line in heading for part in comment(within_c(line), " * ")), " */"]
     lines += ["#include <math.h>", ""]
     bodies = [(each, _sum(printer, each)) for each in model.formulas]
     every = " ".join(text for _, text in bodies)
@@ -124,8 +124,8 @@ def modelica_program(model: ExportedModel, name: str) -> str:
     called = _called(model, name, MODELICA_WORDS)
     names = _names(model, [*MODELICA_WORDS, called])
     printer = ModelicaPrinter(names)
-    said = header(model, names, ("state {}", "input {}"), in_seconds=True)
-    lines = [part for line in said for part in comment(ascii_text(line), "// ")]
+    heading = header(model, names, ("state {}", "input {}"), in_seconds=True)
+    lines = [part for line in heading for part in comment(ascii_text(line), "// ")]
     lines += [f"model {called}"]
     for each in model.factors:
         lines.append(f"  parameter Real {each.name} = {float(each.value.mean)!r} {quoted(uncertainty(each))};")

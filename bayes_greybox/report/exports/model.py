@@ -324,7 +324,7 @@ def _correlations(
     system: LearnedSystem, factors: Sequence[tuple[Factor, LearnedTerm]]
 ) -> tuple[tuple[str, str, float], ...]:
     """Return posterior correlations of coefficients of one equation, over the draws that have just its terms."""
-    found = []
+    pairs = []
     for name, equation in system.learned.items():
         place = {term.name: k for k, term in enumerate(equation.drawn.terms)}
         own = [
@@ -342,10 +342,10 @@ def _correlations(
         if not np.all(spread > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
-        found += [
+        pairs += [
             (own[i][0], own[k][0], float(corr[i, k]))
             for i in range(len(own))
             for k in range(i + 1, len(own))
             if abs(corr[i, k]) >= LEAST_CORRELATION
         ]
-    return tuple(found)
+    return tuple(pairs)

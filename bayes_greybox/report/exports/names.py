@@ -18,13 +18,13 @@ def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
         wanted: In order.
         taken: Names that nothing may have.
     """
-    used, found = set(taken), []
+    used, names = set(taken), []
     for name in wanted:
         while name in used:
             name = f"{name}_"
         used.add(name)
-        found.append(name)
-    return found
+        names.append(name)
+    return names
 
 
 def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, str]:
@@ -42,7 +42,7 @@ def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, st
 
 def ascii_text(text: str) -> str:
     """Return text in ASCII, on one line: ± as +-, m² as m^2; a letter without a likeness by its name."""
-    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{''.join(_RAISED_DIGITS[c] for c in found[0])}", text)
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{''.join(_RAISED_DIGITS[c] for c in match[0])}", text)
     return "".join(_ASCII_SIGNS.get(char) or _letter(char) for char in one_line(text))
 
 

@@ -83,14 +83,14 @@ def _file_html(file: Path, path: Path | None, config: str | None = None) -> tupl
     """Write the page of a saved fit or study; by default where the command that saved it puts its own."""
     tree = netcdf.read(file)
     with made_of(file):
-        found = study_of(tree) if holds_study(tree) else checked_of(tree)
-    if isinstance(found, StudyResult):
+        result = study_of(tree) if holds_study(tree) else checked_of(tree)
+    if isinstance(result, StudyResult):
         page = path or file.with_name("gap.html")
-        study_html(found, page, config)
-        return {} if found.fit is None else {file.stem: found.fit}, page
+        study_html(result, page, config)
+        return {} if result.fit is None else {file.stem: result.fit}, page
     page = path or file.with_suffix(".html")
-    fit_html(found, page, config)
-    return {file.stem: found}, page
+    fit_html(result, page, config)
+    return {file.stem: result}, page
 
 
 def _is_study(file: Path) -> bool:

@@ -191,7 +191,7 @@ def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
     tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
     keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
     order = list(dict.fromkeys(equation for equation, _ in keys))
-    found = []
+    estimates = []
     for key in sorted(keys, key=lambda key: order.index(key[0])):
         for name, fit in fits.items():
             if key not in tables[name].index:
@@ -201,8 +201,8 @@ def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
             given = "" if is_learned(prior) else " (given)"
             ends = "–" if given else interval(row["lower"], row["upper"])
             p, size = term_probability(row, column), f"{size_text(row, prior)}{given}"
-            found.append(_Estimate(key, name, float(row[column]), p, size, ends))
-    return found
+            estimates.append(_Estimate(key, name, float(row[column]), p, size, ends))
+    return estimates
 
 
 def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:

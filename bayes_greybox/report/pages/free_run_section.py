@@ -49,21 +49,21 @@ def trial_sections(fit: Posterior) -> list[Section]:
     Returns:
         The section; none for outputs alone, of which none were held out.
     """
-    found = trial(fit)
-    run = found.run
+    tried = trial(fit)
+    run = tried.run
     rows = []
-    for name, error in found.nmse.items():
+    for name, error in tried.nmse.items():
         predicted = row_label(fit, name, "samples")
         rows.append((f"mean square error of the predicted {predicted}, over its variance", share_text(error)))
     for name, error in run.nrmse().items() if run else ():
         rows.append((f"RMS error of the free run of {name}, over its standard deviation", percent_text(float(error))))
-    if run is None and not (rows or found.why):
+    if run is None and not (rows or tried.why):
         return []
     blocks: list[Any] = [Table(("measure", "#value"), rows)] if rows else []
-    if found.why and run is None:
-        blocks.append(Words(f"There is no free run. {found.why}"))
-    size = f"{number(found.n_obs)} rows{f' in {found.n_run} runs' if found.n_run > 1 else ''}"
-    if found.held_out:
+    if tried.why and run is None:
+        blocks.append(Words(f"There is no free run. {tried.why}"))
+    size = f"{number(tried.n_obs)} rows{f' in {tried.n_run} runs' if tried.n_run > 1 else ''}"
+    if tried.held_out:
         title, lead = "How does it do on held-out data?", f"{size} that the model did not learn from."
     else:
         title = "Does it follow the measurements by itself?"

@@ -89,7 +89,7 @@ def folded(
 
 def summary_table(fit: Posterior) -> Table:
     """Return every quantity of a fit with R̂ and effective sample sizes."""
-    found = summary(fit)
+    table = summary(fit)
 
     def rate(row: Any) -> str:
         return row_label(fit, row["equation"])
@@ -97,10 +97,10 @@ def summary_table(fit: Posterior) -> Table:
     def cell(column: Any) -> Callable[[Any], str]:
         return lambda row: _cell(column, row[column])
 
-    heads = {column if column == "unit" else f"#{_HEADS.get(column, column)}": cell(column) for column in found.columns}
+    heads = {column if column == "unit" else f"#{_HEADS.get(column, column)}": cell(column) for column in table.columns}
     columns = {"quantity": lambda row: quantity_name(str(row["quantity"])), "equation": rate, **heads}
     caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
-    return table_of(records_of(found), columns, caption, equations=list(found.index.unique(0)))
+    return table_of(records_of(table), columns, caption, equations=list(table.index.unique(0)))
 
 
 def verdict_blocks(fit: Posterior) -> list[Any]:

@@ -58,14 +58,14 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
 
 
 def _findings(study: StudyResult) -> Group:
-    found = sorted(doubts(study), key=lambda each: each.against is not True)
+    rows = sorted(doubts(study), key=lambda each: each.against is not True)
     columns = {
         "": lambda each: FINDING_MARKS[each.against][0],
         "topic": lambda each: each.topic,
         "text": lambda each: each.text,
     }
-    styles = [FINDING_MARKS[each.against][1] for each in found]
-    return drawn(table_of(found, columns, "What speaks against it"), styles=styles, header=False)
+    styles = [FINDING_MARKS[each.against][1] for each in rows]
+    return drawn(table_of(rows, columns, "What speaks against it"), styles=styles, header=False)
 
 
 def _measurement(study: StudyResult) -> Group:

@@ -54,8 +54,8 @@ def why_not_pooled(shared: Shared) -> str:
 
 def not_pooled(fleet: Fleet) -> list[str]:
     """Return a sentence on each effect whose coefficients are not pooled."""
-    said = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
-    return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in said))
+    reasons = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
+    return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in reasons))
 
 
 def _found(fleet: Fleet) -> str:
@@ -84,15 +84,15 @@ def _lacking(fleet: Fleet) -> str:
         perhaps = [_perhaps(each, within(each.name)) for each in fleet.shared if not each.assets]
         return f"{have}: {asset} {listed([*([f'lacks {listed(sure)}'] if sure else []), *perhaps])}"
     if common := fleet.causes or fleet.suspected:
-        said = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
-        return f"{listed(said)}{_of(common[0]) if len(common) == 1 else ''}"
+        causes = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
+        return f"{listed(causes)}{_of(common[0]) if len(common) == 1 else ''}"
     names = [within(each.name) for each in fleet.shared]
-    told = [
+    effects = [
         # One name may be that of two formulas.
         f"{name}{f' {formula(each.expression)}' if names.count(name) > 1 else ''} ({_count(each)})"
         for name, each in zip(names, fleet.shared, strict=True)
     ]
-    return f"{have}; what they lack differs: {listed(told[:4])}"
+    return f"{have}; what they lack differs: {listed(effects[:4])}"
 
 
 def _who(shared: Shared, of: str) -> str:

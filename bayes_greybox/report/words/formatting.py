@@ -111,7 +111,7 @@ def number(value: Any, digits: int = 3) -> str:
 
 def numbers_in(text: str) -> str:
     """Return text such as "y < -0.43 m" with its numbers written as pages write them."""
-    return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda found: number(float(found[0]), 4), text)
+    return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda match: number(float(match[0]), 4), text)
 
 
 def unbroken(text: str) -> str:

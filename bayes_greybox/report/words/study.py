@@ -147,14 +147,14 @@ def remembered(study: StudyResult, equation: str) -> str:
         study: The study.
         equation: Equation that lacks it.
     """
-    found = remainders(study, equation)
+    statements = remainders(study, equation)
     laws = [
         f"a law of {each.of.replace(', ', ' and ')} (probability {probability_text(each.probability)})"
-        for each in found
+        for each in statements
         if each.kind == QUANTITY
     ]
     texts = [f"is {' and '.join(laws)}"] if laws else []
-    for each in found:
+    for each in statements:
         p = probability_text(each.probability)
         if each.kind == QUANTITY:
             continue

@@ -36,12 +36,12 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     fmpy, compiler = installed_fmpy(), c_compiler()
     own = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
     own["model.c"] = program.encode()
-    said = model.notes.verdict or f"The equations of a {model.origin}"
+    about = model.notes.verdict or f"The equations of a {model.origin}"
     # Of all that may differ, as importers keep what they know by it.
-    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", said)]
+    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
     guid = hashlib.sha256(b"\n".join(every)).hexdigest()[:32]
     sources = {**standard_headers(fmpy), **own, "model.h": _sizes(model, program, guid).encode()}
-    content = {"modelDescription.xml": description(model, name, called, guid, said)}
+    content = {"modelDescription.xml": description(model, name, called, guid, about)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
     content[library] = compiled(compiler, sources, "fmi2.c")
     content |= {f"sources/{each}": text for each, text in sources.items()}
@@ -80,8 +80,10 @@ def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode:
             lines = done.stderr.splitlines() or ["it said nothing"]
-            said = next((line for line in lines if "error" in line), lines[0])
-            raise InputError(f"The C compiler {compiler} could not compile the FMU ({said}): export to .c instead.")
+            complaint = next((line for line in lines if "error" in line), lines[0])
+            raise InputError(
+                f"The C compiler {compiler} could not compile the FMU ({complaint}): export to .c instead."
+            )
         return (Path(folder) / "library").read_bytes()
 
 
@@ -91,13 +93,13 @@ def c_compiler() -> str:
     Raises:
         InputError: There is none.
     """
-    found = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if found is None:
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
         raise InputError(
             f"An FMU is compiled, and there is no C compiler here ({', '.join(COMPILERS)}): install one, or export to "
             ".c."
         )
-    return found
+    return compiler
 
 
 def installed_fmpy() -> Any:
