@@ -80,10 +80,8 @@ def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode:
             lines = done.stderr.splitlines() or ["it said nothing"]
-            complaint = next((line for line in lines if "error" in line), lines[0])
-            raise InputError(
-                f"The C compiler {compiler} could not compile the FMU ({complaint}): export to .c instead."
-            )
+            error = next((line for line in lines if "error" in line), lines[0])
+            raise InputError(f"The C compiler {compiler} could not compile the FMU ({error}): export to .c instead.")
         return (Path(folder) / "library").read_bytes()
 
 
