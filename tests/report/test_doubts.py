@@ -12,7 +12,6 @@ from rich.console import Console
 from tiny_study import DELAYED, judged, varied
 
 from bayes_greybox.data.rates.rate_filter import RateFilter
-from bayes_greybox.discovery.summary import answer, tied_sets
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.pages.study_page import study_page
@@ -241,19 +240,6 @@ def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
     for each in record["doubts"]:
         assert spaced(each["text"]) in page and spaced(each["text"]) in shown
     assert ("speak against it" in page.split("<h1")[0].split("</style>")[1]) == bool(record["against"])
-
-
-def test_the_answer_is_a_row_of_the_hypotheses(study):
-    assert answer(study, "ydot") == "cubic-stiffness" and ("ydot", "cubic-stiffness") in study.hypotheses.index
-    bare = replace(study, effects=study.effects.assign(status=""))
-    assert answer(replace(bare, verdict="no gap"), "ydot") == "no gap"
-    several = replace(bare, verdict="named", maps={**study.maps, "y": study.maps["ydot"]})
-    assert answer(several, "ydot") == "unknown"
-    two = study.effects.head(3).assign(status=["added", "added", ""], tied_with=[("a",), (), ()])
-    chosen = replace(study, effects=two)
-    first, second = two["slug"][:2]
-    assert answer(chosen, "ydot") == " + ".join(sorted((first, second)))
-    assert tied_sets(chosen, "ydot") == [" + ".join(sorted((second, "a")))]
 
 
 def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
