@@ -114,9 +114,11 @@ def _text(study: StudyResult, finding: Finding) -> str:
             left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
             return f"the probability that something unknown is missing is {p}{also}{left}"
         case "runner-up":
-            left = f"; but it leaves {share_text(values['share'])} of the gap to something else"
             text = f"{name_of(study, values['name'])} with probability {p}"
-            return f"{text}, the answer {probability_text(values['answer'])}{left if 'share' in values else ''}"
+            text = f"{text}, the answer {probability_text(values['answer'])}"
+            if "share" not in values:
+                return text
+            return f"{text}; but it leaves {share_text(values['share'])} of the gap to something else"
         case "hardly late":
             texts = "; ".join(numbers_in(row["text"]) for row in values["rows"])
             return f"more than {LARGEST_DELAY:g} samples are hardly a delay: {texts}"
