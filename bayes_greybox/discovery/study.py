@@ -256,7 +256,7 @@ def _say(line: Stage, text: str) -> None:
 def _findings(
     subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], line: Stage
 ) -> tuple[dict[str, EquationStudy], dict[tuple[str, str], str], dict[tuple[str, str], str]]:
-    """Return the study of each equation; why effects were left out, and the roles that they lack, by equation and slug."""
+    """Return the study of each equation; why effects were left out, and the roles they lack, by equation and slug."""
     findings: dict[str, EquationStudy] = {}
     left_out: dict[tuple[str, str], str] = {}
     lacking: dict[tuple[str, str], str] = {}
