@@ -33,8 +33,8 @@ RESIDUAL_CHECKS = ("whiteness", "LOO-PIT")
 LARGEST_DELAY = 3.0 * DELAY_STEPS
 """Samples from which on a channel is hardly late, but something else: three prior standard deviations of a delay."""
 
-INTEGRATOR = 1e-3
-"""Share of its error by which a free run changes where nothing but the integrator differs."""
+UNMOVED = 1e-3
+"""Share of its error by which a free run may change where nothing but the integrator differs."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,8 @@ def _free_run(study: StudyResult) -> Finding:
     if not added(study).size and study.verdict in STOPS and study.verdict != "recalibrate":
         # Where nothing was added, only the sensors, or f of any shape, changed the model.
         change = "by sensors" if study.verdict == "instrument" else "by f"
-        moved = (errors["after"] - errors["before"]).abs() > INTEGRATOR * np.maximum(errors["before"], 0.1)
+        least = np.maximum(UNMOVED * errors["before"], study.criteria.integrator)
+        moved = (errors["after"] - errors["before"]).abs() > least
         change = "nothing added" if set(idle) == set(errors.index) or not moved.any() else change
         return Finding("free run", False, values={"change": change, **every})
     if idle:
