@@ -141,8 +141,8 @@ def _free_run(study: StudyResult) -> Finding:
         # Where nothing was added, only the sensors, or f of any shape, changed the model.
         change = "by sensors" if study.verdict == "instrument" else "by f"
         least = np.maximum(UNMOVED * errors["before"], study.criteria.integrator)
-        moved = (errors["after"] - errors["before"]).abs() > least
-        change = "nothing added" if set(idle) == set(errors.index) or not moved.any() else change
+        moved = np.abs(errors["after"] - errors["before"]) > least
+        change = "nothing added" if set(idle) == set(errors.index) or not np.any(moved) else change
         return Finding("free run", False, values={"change": change, **every})
     if idle:
         return Finding("free run", True, values={"change": "no better", "part": part, "states": idle})

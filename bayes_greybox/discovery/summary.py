@@ -207,15 +207,17 @@ def remainders(study: StudyResult, equation: str) -> list[Remainder]:
         study: The study.
         equation: The equation that lacks it.
     """
-    likely = rows_of(study.memory, equation)
-    likely = likely[likely["probability"] > study.criteria.missing].to_dict("records")
-    found = [Remainder(row["kind"], row["channel"], float(row["probability"])) for row in likely]
+    rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
+    found = [
+        Remainder(row["kind"], row["channel"], float(row["probability"])) for row in rows if row["probability"] > least
+    ]
     # A memory of one channel says more than that something remembers.
     specific = [each for each in found if each.of]
     if answer(study, equation) == UNKNOWN_KIND and len(study.quantities):
         # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
-        laws = rows_of(study.quantities, equation)["probability"].items()
-        named = [Remainder(QUANTITY, str(of), float(p)) for of, p in laws if of and p > study.criteria.missing]
+        table = rows_of(study.quantities, equation)
+        laws = zip(map(str, table.index), map(float, table["probability"]), strict=True)
+        named = [Remainder(QUANTITY, of, p) for of, p in laws if of and p > least]
         specific = [*named, *specific]
     return specific or found
 
@@ -248,9 +250,10 @@ def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
     return likely.reset_index().to_dict("records")
 
 
-def unclear_sign(table: pd.DataFrame) -> pd.Series:
+def unclear_sign(table: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
     """Return which corrections of a table may have either sign: likely there, they are no sure corrections."""
-    return ((table["lower"] < 0.0) & (table["upper"] > 0.0)) | (table["sd"] > table["mean"].abs())
+    lower, upper, mean, sd = (table[name].to_numpy() for name in ("lower", "upper", "mean", "sd"))
+    return ((lower < 0.0) & (upper > 0.0)) | (sd > np.abs(mean))
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,7 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
         ),
         lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
     )
-    if clear.any():
+    if any(clear):
         drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
         blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
