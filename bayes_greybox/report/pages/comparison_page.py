@@ -275,13 +275,13 @@ def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:
     verdicts = {name: convergence(fit) for name, fit in fits.items()}
-    tables = {name: convergence_table(fit) for name, fit in fits.items()}
+    tables: dict[str, Any] = {name: convergence_table(fit) for name, fit in fits.items()}
     columns = {
         "model": lambda name: name,
         "result": lambda name: _result(verdicts[name]),
         "#largest R̂": lambda name: number(tables[name]["r_hat"].max(), 4),
-        "#least bulk ESS": lambda name: count_text(float(tables[name]["ess_bulk"].min())),
-        "#least tail ESS": lambda name: count_text(float(tables[name]["ess_tail"].min())),
+        "#least bulk ESS": lambda name: count_text(tables[name]["ess_bulk"].min()),
+        "#least tail ESS": lambda name: count_text(tables[name]["ess_tail"].min()),
         "#divergences": lambda name: number(int(fits[name].idata["sample_stats"].dataset["diverging"].sum())),
     }
     failed = [name for name, verdict in verdicts.items() if not verdict.mixed]
