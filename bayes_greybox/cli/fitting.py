@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.kept.file import save_found
 from bayes_greybox.criticism.trial import trial, try_on
-from bayes_greybox.report.folders.copies import CONFIGURATION
+from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.folders.record import run_record, write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.fit import fit_tables
@@ -28,7 +28,7 @@ def fit_configured(settings: Config, run: Run) -> int:
             start = time.perf_counter()
             result = model.fit(train, **settings.sampling.model_dump(), progress=run.progress, checkpoint=checkpoint)
             seconds = time.perf_counter() - start
-            result.idata.attrs[CONFIGURATION] = settings.text
+            result.idata.attrs[CONFIGURATION_ATTRIBUTE] = settings.text
         try:
             with stages(run.progress), stage("Predicting held-out data"):
                 held_out = None if test is None else result.predict(test).nmse()

@@ -49,3 +49,8 @@ def band_holds(level: float, sources: Mapping[str, bool]) -> str:
     """Return a legend of a band with the sources of uncertainty in it; "" if there are none."""
     named = [name for name, inside in sources.items() if inside]
     return f"{level * 100:.3g} % band: {', '.join(named)}" if named else ""
+
+
+def band_sources(holds: str) -> str:
+    """Return the sources of uncertainty in a band, separated by commas, from what `band_holds` returned."""
+    return holds.partition(": ")[2]

@@ -27,7 +27,8 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
     Returns:
         Table indexed by (equation, term): mean, sd, lower, upper, `inclusion` (spike-and-slab only), outside_rope,
         shrinkage, unit; coefficients in user's units. Fixed coefficients come last, with sd 0. If single coefficients
-        have priors or bounds of their own, a column `stated` has them in short: "N(-40, 10²), ≤ 0", "= -1".
+        have priors or bounds of their own, a column `stated` has them in short, "N(-40, 10²), ≤ 0" or "= -1", and a
+        column `given` is true where the probability says nothing, as the coefficient was given.
 
     Raises:
         InputError: `level` is not a probability, or `rope` is negative.
@@ -70,7 +71,11 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         terms = (*frame.dictionary.terms, *(term for term, _ in stated.fixed))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
         if any(posterior.model.coefficients.values()):
-            table["stated"] = [str(stated.priors.get(term.name, "")) for term in terms]
+            priors = [stated.priors.get(term.name) for term in terms]
+            table["stated"] = [str(prior or "") for prior in priors]
+            # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.
+            spike = "inclusion" in table
+            table["given"] = [bool(p and (not p.learned or (spike and p.certain))) for p in priors]
         table.index = pd.MultiIndex.from_product([[name], table.index], names=["equation", "term"])
         tables.append(table)
     return pd.concat(tables)

@@ -21,9 +21,11 @@ from .answer.checks.sizes import least_squares
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
+from .decision import reasons as codes
 from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
+from .decision.reasons import Reason
 from .grid.evidence.search import Reach
 from .grid.hypotheses.weigh import Hypothesis
 from .grid.noise.points import LATENT_FORCE
@@ -137,16 +139,17 @@ def _rate_size(near: Near) -> float:
 def _doubts(
     source: Source, near: Near, settled: Hypothesis, checks: Sequence[Check], coefficients: Coefficients,
     criteria: Criteria,
-) -> list[str]:  # fmt: skip
+) -> list[Reason]:  # fmt: skip
     """Return the reasons against an answer: of its rows, its residuals and its effects."""
     regressors = near.regressors
     effects = [i for i in settled.members if regressors.columns[i].effect is not None]
-    return [
-        *source.doubts(near.rows),
-        *(check.text for check in checks if not check.ok),
-        *rounded_off(regressors, effects, criteria),
-        *at_ends(regressors, coefficients, criteria),
-    ]
+    doubts = {
+        codes.ROWS: source.doubts(near.rows),
+        codes.CHECK: [check.text for check in checks if not check.ok],
+        codes.UNSEEN_SHAPE: rounded_off(regressors, effects, criteria),
+        codes.END_OF_RANGE: at_ends(regressors, coefficients, criteria),
+    }
+    return [Reason(code, text) for code, texts in doubts.items() for text in texts]
 
 
 def _amendment(

@@ -29,7 +29,8 @@ from .answer.explained import Explained, explained
 from .answer.gap.free_runs import FreePath, FreeRuns
 from .answer.gap.table import gap_rows
 from .answer.where import GapMap, GapTrace
-from .decision.criteria import CRITERIA, Criteria
+from .decision.criteria import Criteria
+from .decision.reasons import Reason
 from .decision.vetoes import verdict_of
 from .equation import Question, study_equation
 from .odds import Odds
@@ -140,6 +141,9 @@ class StudyResult:
         config: Text of the configuration file of the study; empty if there is none.
         explanations: Predictions of the likely hypotheses of each equation for data to come; none in older files.
         counted: Rows that count, by equation, without those at which a sensor was at its end; none in older files.
+        reasons: Coded reasons against the verdict, whose texts `against` has.
+        verdicts: Verdict of each equation by itself; none in older files.
+        lacking_roles: Roles that no column plays, by the (equation, slug) of the effects that need them.
     """
 
     base: Program
@@ -171,10 +175,19 @@ class StudyResult:
     explanations: Mapping[str, tuple[Explained, ...]] = field(default_factory=dict)
     counted: Mapping[str, int] = field(default_factory=dict)
     quantities: pd.DataFrame = field(default_factory=pd.DataFrame)
+    reasons: tuple[Reason, ...] = ()
+    verdicts: Mapping[str, str] = field(default_factory=dict)
+    lacking_roles: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def criteria(self) -> Criteria:
+        """Return the criteria that the study was decided with; those of today where its file does not say."""
+        recorded = self.settings.get("thresholds", {})
+        return Criteria(**{each.name: recorded[each.name] for each in fields(Criteria) if each.name in recorded})
 
     def checkable(self, equation: str) -> bool:
         """Return whether an equation has rows enough to check its residuals on."""
-        return self.counted.get(equation, self.train.n_obs) >= CRITERIA.checked_rows
+        return self.counted.get(equation, self.train.n_obs) >= self.criteria.checked_rows
 
     def record(self) -> dict[str, Any]:
         """Return verdict, tables and settings as plain values, ready for JSON."""
@@ -210,7 +223,7 @@ def investigate(
     # Without a catalogue sensor errors, corrections and f are weighed against nothing.
     catalogue = () if settings.catalogue in ([], ()) else load_catalogue(settings.catalogue)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
-        findings, left_out = _findings(subject, settings, catalogue, line)
+        findings, left_out, lacking = _findings(subject, settings, catalogue, line)
         subject = subject.with_inputs(findings)
         explained_at = time.perf_counter()
         _say(line, "measuring the gap before and after")
@@ -231,8 +244,8 @@ def investigate(
         "seconds": seconds,
     }
     warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
-    result = _result(subject, findings, gap, lost)
-    return replace(result, paths=paths, left_out=left_out, settings=about, warnings=warnings)
+    result = replace(_result(subject, findings, gap, lost, settings.criteria), left_out=left_out, lacking_roles=lacking)
+    return replace(result, paths=paths, settings=about, warnings=warnings)
 
 
 def _say(line: Stage, text: str) -> None:
@@ -242,10 +255,11 @@ def _say(line: Stage, text: str) -> None:
 
 def _findings(
     subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], line: Stage
-) -> tuple[dict[str, EquationStudy], dict[tuple[str, str], str]]:
-    """Return the study of each equation, and why effects were left out, by equation and slug."""
+) -> tuple[dict[str, EquationStudy], dict[tuple[str, str], str], dict[tuple[str, str], str]]:
+    """Return the study of each equation; why effects were left out, and the roles they lack, by equation and slug."""
     findings: dict[str, EquationStudy] = {}
     left_out: dict[tuple[str, str], str] = {}
+    lacking: dict[tuple[str, str], str] = {}
     odds = settings.prior.of_each(len(subject.equations))
     for name in subject.equations:
 
@@ -253,14 +267,15 @@ def _findings(
             _say(line, f"{name}: {text}")
 
         say("reading the data")
-        bound, reasons = subject.bound(name, catalogue, settings.roles)
+        bound, reasons, unplayed = subject.bound(name, catalogue, settings.roles)
         question = Question(
             subject.model, subject.train, name, bound, odds, settings.effects_at_most, settings.seed, settings.criteria
         )  # fmt: skip
         findings[name] = study_equation(question, say)
         for slug, why in {**reasons, **findings[name].regressors.left_out}.items():
             left_out[name, slug] = why
-    return findings, left_out
+        lacking |= {(name, slug): role for slug, role in unplayed.items()}
+    return findings, left_out, lacking
 
 
 def _measured_gap(
@@ -285,7 +300,7 @@ def _measured_gap(
 
 
 def _result(
-    subject: Subject, findings: Mapping[str, EquationStudy], gap: pd.DataFrame, lost: Sequence[str]
+    subject: Subject, findings: Mapping[str, EquationStudy], gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria
 ) -> StudyResult:
     """Return the tables of all equations as one study."""
     train, studies = subject.train, list(findings.values())
@@ -293,7 +308,7 @@ def _result(
     numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
     verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
-    verdict, against = verdict_of(verdicts, gap, [NO_PATH for _ in lost], labels)
+    verdict, reasons = verdict_of(verdicts, gap, [NO_PATH for _ in lost], labels, criteria)
     joined: dict[str, Any] = {
         name: pd.concat([each[name] for each in tables], ignore_index=name in numbered) for name in tables[0]
     }
@@ -305,7 +320,7 @@ def _result(
         test=subject.test,
         corrected=corrected_data(train, findings),
         verdict=verdict,
-        against=against,
+        against=tuple(reason.text for reason in reasons),
         warnings=(),
         gap=gap,
         ties=[tie for study in studies for tie in study.ties(train)],
@@ -315,6 +330,8 @@ def _result(
         amendments={name: study.amendment for name, study in findings.items()},
         explanations={name: explained(study) for name, study in findings.items()},
         counted={name: study.counted for name, study in findings.items()},
+        reasons=reasons,
+        verdicts={name: verdict.code for name, verdict in verdicts.items()},
         **joined,
     )
 

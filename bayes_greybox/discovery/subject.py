@@ -10,7 +10,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
-from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound
+from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound, unplayed_roles
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
 from bayes_greybox.running.errors import InputError
 
@@ -95,8 +95,11 @@ class Subject:
 
     def bound(
         self, name: str, catalogue: Sequence[Effect], roles: Mapping[str, str | Sequence[str]] | None
-    ) -> tuple[tuple[BoundEffect, ...], dict[str, str]]:
-        """Return the effects of the catalogue on the columns of an equation, and why others are left out, by slug."""
+    ) -> tuple[tuple[BoundEffect, ...], dict[str, str], dict[str, str]]:
+        """Return the effects of the catalogue on the columns of an equation.
+
+        With them come the reasons why others are left out, and the roles of these that no column plays, by slug.
+        """
         train, model = self.train, self.model
         formulas = model.simulation if readable(model.simulation) else None
         of_data = Columns(train.state_names, train.input_names, train.output_names, train.units)
@@ -113,7 +116,7 @@ class Subject:
                 left_out[effect.slug] = KNOWN_STATE
             else:
                 bound.append(effect)
-        return tuple(bound), left_out
+        return tuple(bound), left_out, unplayed_roles(effects, columns)
 
     def _no_path(self, name: str) -> str:
         """Return the reason why effects with memory cannot be weighed; empty if they can."""

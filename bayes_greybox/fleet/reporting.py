@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.missing_effects import Study
-from bayes_greybox.report.folders.holding import CONFIG, RECORD, command_of
+from bayes_greybox.report.folders.holding import CONFIG, RECORD_FILE, command_of
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.running.stages import stage
@@ -35,7 +35,7 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
         # Imported here because it is slow, and the verdict does not wait for it.
         from bayes_greybox.report.pages.study_page import study_html
 
-        write_json(part / RECORD, {"command": "discover", **record})
+        write_json(part / RECORD_FILE, {"command": "discover", **record})
         study_html(study, part / STUDY_PAGE)
     if figures:
         with stage("Drawing"):
@@ -46,14 +46,14 @@ def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: 
 
 def set_aside(folder: Path) -> None:
     """Rename the record and page of an earlier run in an asset's folder, because a later run failed."""
-    for name in (RECORD, STUDY_PAGE):
+    for name in (RECORD_FILE, STUDY_PAGE):
         with suppress(OSError):
             (folder / name).replace(folder / f"{EARLIER}{name}")
 
 
 def put_back(folder: Path) -> None:
     """Undo `set_aside`: the reason of the failure may be gone."""
-    for name in (RECORD, STUDY_PAGE):
+    for name in (RECORD_FILE, STUDY_PAGE):
         if not (folder / name).exists():
             with suppress(OSError):
                 (folder / f"{EARLIER}{name}").replace(folder / name)
@@ -72,8 +72,8 @@ def remove_results(folder: Path) -> None:
     put_back(folder)
     if command_of(folder) != "discover":
         return
-    names = [*_figures(folder / RECORD), STUDY, STUDY_PAGE, RECORD, ASSET_MARK]
-    names += [*(f"{EARLIER}{name}" for name in (RECORD, STUDY_PAGE)), *([CONFIG] if copied else [])]
+    names = [*_figures(folder / RECORD_FILE), STUDY, STUDY_PAGE, RECORD_FILE, ASSET_MARK]
+    names += [*(f"{EARLIER}{name}" for name in (RECORD_FILE, STUDY_PAGE)), *([CONFIG] if copied else [])]
     for name in names:
         with suppress(OSError):
             (folder / name).unlink()

@@ -8,7 +8,7 @@ from typing import Any
 
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.inference.kept.netcdf import versions
-from bayes_greybox.report.folders.holding import RECORD
+from bayes_greybox.report.folders.holding import RECORD_FILE
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.errors import InputError
@@ -70,7 +70,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
     """Study one asset, on whatever machine, and write its results, which `mark` identifies, to its folder."""
     folder = Path(place)
     study_into(asset.settings().with_settings("sampling", **sampling), folder, progress=False)
-    text = (folder / RECORD).read_bytes()
+    text = (folder / RECORD_FILE).read_bytes()
     with staged(folder) as part:
         # Last, and with the digest of this record: results of another run in this folder are not taken for this one's.
         write_json(part / ASSET_MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
@@ -92,7 +92,10 @@ def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """Return the record of an earlier study with this mark."""
     try:
-        stored, text = json.loads((folder / ASSET_MARK).read_text(encoding="utf-8")), (folder / RECORD).read_bytes()
+        stored, text = (
+            json.loads((folder / ASSET_MARK).read_text(encoding="utf-8")),
+            (folder / RECORD_FILE).read_bytes(),
+        )
         if stored != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
         return json.loads(text)

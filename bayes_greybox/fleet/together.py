@@ -7,7 +7,7 @@ from typing import Any
 
 from bayes_greybox.discovery.fleet.shared import Fleet, fleet_of
 from bayes_greybox.inference.kept.netcdf import versions
-from bayes_greybox.report.folders.holding import RECORD
+from bayes_greybox.report.folders.holding import RECORD_FILE
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
 from bayes_greybox.report.words.fleet import fleet_sentence
@@ -85,7 +85,7 @@ def write_fleet(fleet: Fleet, folder: Path) -> None:
             "shared": [asdict(each) for each in fleet.shared],
             "versions": versions(),
         }
-        write_json(part / RECORD, plain_values(record))
+        write_json(part / RECORD_FILE, plain_values(record))
         pages = {each.asset: f"{ASSETS}/{each.asset}/{STUDY_PAGE}" for each in fleet.studied}
         # The page of an earlier study may have been removed since.
         pages = {name: page for name, page in pages.items() if (folder / page).is_file()}

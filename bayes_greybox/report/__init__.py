@@ -1,4 +1,4 @@
-"""What a reader sees: figures (`plots/`), HTML files (`pages/`), tables for a terminal, records, and result folders.
+"""Reports: figures (`plots/`), HTML files (`pages/`), tables for a terminal, records, and result folders.
 
 It reads results and samples nothing. `formatting` prints every number, `sentence` says a study's verdict.
 """

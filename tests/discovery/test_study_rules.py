@@ -18,7 +18,9 @@ from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
-from bayes_greybox.discovery.decision.vetoes import MISFIT, verdict_of, worse_in_words
+from bayes_greybox.discovery.decision.reasons import Reason
+from bayes_greybox.discovery.decision.vetoes import MISFIT, worse_in_words
+from bayes_greybox.discovery.decision.vetoes import verdict_of as with_reasons
 from bayes_greybox.discovery.equation import Question, study_equation
 from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
@@ -108,8 +110,15 @@ def test_data_whose_only_rate_is_kinematic_are_refused_with_the_remedy():
 
 def finding(code, n_place=0, against=()):
     """A verdict with so many effects, and what speaks against it."""
+    reasons = tuple(Reason("check", text) for text in against)
     places = (Place("cube(r=x)", "cube", Share(0.9, 0.9), ()),) * n_place
-    return Verdict(code, places, None, (), 0.0, 0.0, reasons=against, probabilities=None)
+    return Verdict(code, places, None, (), 0.0, 0.0, reasons=reasons, probabilities=None)
+
+
+def verdict_of(*given):
+    """The verdict of a study, and the texts of the reasons against it."""
+    verdict, reasons = with_reasons(*given)
+    return verdict, tuple(reason.text for reason in reasons)
 
 
 def blank(kind, equation):

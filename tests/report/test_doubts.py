@@ -19,7 +19,7 @@ from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.report.words.doubts import doubts, p_text
 from bayes_greybox.report.words.formatting import percent_text, probability_text
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import answer, suspect_size, suspects_weighed, tied_sets
+from bayes_greybox.report.words.study import suspect_size, suspects_weighed
 
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}
 
@@ -151,9 +151,7 @@ def test_what_speaks_against_unknown_is_what_has_a_name(study):
 
 
 def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
-    changed = replace(
-        study, left_out={**study.left_out, ("ydot", "sine"): "no column plays the role 'position' (that)"}
-    )
+    changed = replace(study, lacking_roles={("ydot", "sine"): "position", ("ydot", "gravity"): "other_position"})
     (only,) = by_topic(changed, "Not weighed")
     assert only.against is None
     said = (
@@ -242,19 +240,6 @@ def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
     for each in record["doubts"]:
         assert spaced(each["text"]) in page and spaced(each["text"]) in shown
     assert ("speak against it" in page.split("<h1")[0].split("</style>")[1]) == bool(record["against"])
-
-
-def test_the_answer_is_a_row_of_the_hypotheses(study):
-    assert answer(study, "ydot") == "cubic-stiffness" and ("ydot", "cubic-stiffness") in study.hypotheses.index
-    bare = replace(study, effects=study.effects.assign(status=""))
-    assert answer(replace(bare, verdict="no gap"), "ydot") == "no gap"
-    several = replace(bare, verdict="named", maps={**study.maps, "y": study.maps["ydot"]})
-    assert answer(several, "ydot") == "unknown"
-    two = study.effects.head(3).assign(status=["added", "added", ""], tied_with=[("a",), (), ()])
-    chosen = replace(study, effects=two)
-    first, second = two["slug"][:2]
-    assert answer(chosen, "ydot") == " + ".join(sorted((first, second)))
-    assert tied_sets(chosen, "ydot") == [" + ".join(sorted((second, "a")))]
 
 
 def test_suspects_have_a_size_in_their_unit_and_in_samples(study):

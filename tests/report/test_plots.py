@@ -114,10 +114,10 @@ def test_truth_and_units_are_matched_by_equation_and_term(nested):
 
 
 def test_what_was_stated_has_no_bar():
-    table = coefficient_table(3, inclusion=[1.0, 1.0, 0.4], stated=["= -1", "N(0, 1²)", "≤ 0"])
+    table = coefficient_table(3, inclusion=[1.0, 1.0, 0.4], given=[True, True, False])
     _, bars = plot_coefficients(table).axes
     assert len(bars.patches) == 1 and [text.get_text() for text in bars.texts] == ["given", "given", "0.400"]
-    learned = coefficient_table(3, outside_rope=[1.0, 1.0, 0.4], stated=["= -1", "N(0, 1²)", "≤ 0"])
+    learned = coefficient_table(3, outside_rope=[1.0, 1.0, 0.4], given=[True, False, False])
     assert len(plot_coefficients(learned).axes[1].patches) == 2
 
 

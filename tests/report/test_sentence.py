@@ -5,10 +5,11 @@ import pandas as pd
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.checks.doubts import SAMPLES_TELL
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.decision.decide import ONE_LAW
+from bayes_greybox.discovery.decision import decide
+from bayes_greybox.discovery.decision.reasons import CHECK, ONE_LAW, UNSEEN_SHAPE, Reason
 from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
+from bayes_greybox.discovery.kept.files_of_before import with_kinds
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.report.words.sentence import sentence
 
@@ -29,27 +30,29 @@ def gap_table(run=(9.0, 0.1, 0.1), **parts):
 CLOSED = gap_table(test=(0.4, 0.1))
 
 
+CORRELATED = Reason(CHECK, "residuals hang together over 0.4 s", "x")
+DOUBTED = Reason(ONE_LAW, decide.ONE_LAW, "x")
 FRICTION = [("Coulomb friction", 0.5, ()), ("Viscous damping", 0.36, ())]
 
 
 def test_what_may_be_one_law_is_said_as_a_law_of_its_quantity():
-    text = said("partly named", FRICTION, against=[ONE_LAW], law=0.99)
+    text = said("partly named", FRICTION, against=[DOUBTED], law=0.99)
     assert text.startswith(
         "The simulation lacks a law of v in d(x)/dt (probability 0.990; Coulomb friction 0.500 and viscous damping "
         "0.360 together, or one without a name); adding it closes"
     )
     # Where nobody doubts that these are two laws, or where it is not sure that there is one, each has its own.
-    for against, law in (((), 0.99), ([ONE_LAW], 0.6)):
+    for against, law in (((), 0.99), ([DOUBTED], 0.6)):
         assert "Coulomb friction in d(x)/dt (probability 0.500)" in said(
             "partly named", FRICTION, against=against, law=law
         )
 
 
 def test_a_doubt_of_the_shape_alone_does_not_say_that_something_is_left():
-    shape = f"rates that a filter computed do not show how it is where it jumps: {SAMPLES_TELL}"
+    shape = Reason(UNSEEN_SHAPE, "rates that a filter computed do not show how it is where it jumps", "x")
     one = [("Coulomb friction", 0.98, ())]
     assert "that is not all" not in said("partly named", one, against=[shape])
-    assert "that is not all" in said("partly named", one, against=[shape, "residuals hang together"])
+    assert "that is not all" in said("partly named", one, against=[shape, CORRELATED])
 
 
 def effects(*rows, equation="x"):
@@ -83,7 +86,8 @@ def likeliest(**rows):
 def remembers(**given):
     """Probability of what remembers, by equation and what it is."""
     rows = [(name, what, p) for name, table in given.items() for what, p in table.items()]
-    return pd.DataFrame(rows, columns=["equation", "memory", "probability"]).set_index(["equation", "memory"])
+    table = pd.DataFrame(rows, columns=["equation", "memory", "probability"]).set_index(["equation", "memory"])
+    return with_kinds(table)
 
 
 TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, outputs={"R": np.ones(3)})
@@ -91,16 +95,16 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 
 
 def said(
-    verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, left_out=(), memory=None,
+    verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, lacking=(), memory=None,
     law=None, same=None, rest=None, reverse=None, catalogue="mechanical", table=None, **off
 ):  # fmt: skip
     study = object.__new__(StudyResult)
     equations = equations or {"x": verdict}
     study.__dict__.update(
         verdict=verdict, effects=effects(*added, equation=where), gap=gap, corrections=corrections(**off),
-        instrument=instrument(*measured) if table is None else table, against=tuple(against),
-        maps=dict.fromkeys(equations),
-        hypotheses=likeliest(**equations), left_out=dict(left_out), memory=remembers(**(memory or {})),
+        instrument=instrument(*measured) if table is None else table, reasons=tuple(against),
+        against=tuple(reason.text for reason in against), maps=dict.fromkeys(equations), verdicts={},
+        hypotheses=likeliest(**equations), lacking_roles=dict(lacking), memory=remembers(**(memory or {})),
         train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}, "catalogue": catalogue},
     )  # fmt: skip
     if rest is not None:
@@ -375,7 +379,7 @@ def test_the_gaps_of_several_equations_are_added_up():
 
 
 def test_partly_named_with_failed_checks_says_what_failed():
-    text = said("partly named", [("Cubic spring", 0.87, ())], against=["residuals hang together over 0.4 s"])
+    text = said("partly named", [("Cubic spring", 0.87, ())], against=[CORRELATED])
     assert "cubic spring in d(x)/dt (probability 0.870), but that is not all; adding it closes 75.0 %" in text
     assert text.endswith("Against it: residuals hang together over 0.4 s.")
 
@@ -451,10 +455,10 @@ def test_of_two_equations_a_coefficient_that_is_off_is_said_beside_an_effect(ver
 
 
 def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_was_found():
-    why = "no column plays the role 'position' (the state whose rate is the velocity)"
-    left_out = {("x", "cubic"): why, ("z", "cubic"): why, ("x", "sine"): why, ("x", "gain"): "zero on all the data"}
-    assert said("unknown", left_out=left_out).endswith(
+    keys = [("x", "cubic"), ("z", "cubic"), ("x", "sine")]
+    lacking = {**dict.fromkeys(keys, "position"), ("x", "gravity"): "other_position"}
+    assert said("unknown", lacking=lacking).endswith(
         "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}, in a file "
         "[study.roles] position."
     )
-    assert "not weighed" not in said("named", [("Drag", 0.97, ())], left_out=left_out)
+    assert "not weighed" not in said("named", [("Drag", 0.97, ())], lacking=lacking)

@@ -20,8 +20,8 @@ from bayes_greybox.report.equations.mathml import equation_mathml
 from bayes_greybox.report.equations.text import as_simulation, equation_text, equations_text
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page
+from bayes_greybox.report.pages.shared import settings_rows
 from bayes_greybox.report.pages.study_page import BADGES, study_html, study_page
-from bayes_greybox.report.pages.tables import settings_rows
 from bayes_greybox.report.plots import study_figures
 from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.report.words.formatting import (

@@ -21,6 +21,7 @@ from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
@@ -178,11 +179,17 @@ class EquationStudy:
         return pd.DataFrame(list(shares.values()), index, ["probability", "agreement"], dtype=float)
 
     def memory(self) -> pd.DataFrame:
-        """Return the probabilities of the kinds of discrepancy, then of the laws that remember."""
+        """Return the probabilities of the kinds of discrepancy, then of the laws that remember.
+
+        `kind` and `channel` say the same as the index, as codes; a whole kind has no channel.
+        """
         p = self.probabilities
         shares = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
-        shares |= {name: value for name, value in p.by_memory.items() if value > 0}
-        return pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
+        memories = {name: value for name, value in p.by_memory.items() if value > 0}
+        codes = [*((kind, "") for kind in KINDS_IN_WORDS), *map(kind_and_channel, memories)]
+        shares |= memories
+        table = pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
+        return table.assign(kind=[kind for kind, _ in codes], channel=[channel for _, channel in codes])
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return the suspected errors of the measurement."""

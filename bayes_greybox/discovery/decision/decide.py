@@ -8,7 +8,9 @@ import numpy as np
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
 
+from . import reasons as codes
 from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
+from .reasons import Reason
 
 VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
@@ -50,7 +52,7 @@ class Verdict:
         remains: Probability of a discrepancy beside the answer.
         left: RMS of this discrepancy, scaled.
         negligible: True if a discrepancy remains that is too small to matter in practice.
-        reasons: Reasons against the verdict, in words.
+        reasons: Reasons against the verdict.
         probabilities: Probabilities of all hypotheses.
     """
 
@@ -61,7 +63,7 @@ class Verdict:
     remains: float
     left: float
     negligible: bool = False
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     probabilities: Probabilities = field(kw_only=True, repr=False)
 
     @property
@@ -74,7 +76,7 @@ class Verdict:
         """Return the labels of the answer's effects."""
         return tuple(place.label for place in self.places)
 
-    def against(self, reasons: Sequence[str]) -> "Verdict":
+    def against(self, reasons: Sequence[Reason]) -> "Verdict":
         """Return the verdict with more reasons against it: nothing is *named* against its own checks."""
         if not reasons:
             return self
@@ -196,7 +198,8 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
         code = "partly named"
     else:
         code = "named" if all(min(place.share) >= criteria.named for place in places) else "one of"
-    reasons = ((AND_MORE if more else ONE_LAW),) if stacked else ()
+    law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE) if more else Reason(codes.ONE_LAW, ONE_LAW)
+    reasons = (law,) if stacked else ()
     sensors = _likely_sensors(probabilities, best)
     return Verdict(
         code, tuple(places), best, sensors, remains, best.left, reasons=reasons, probabilities=probabilities

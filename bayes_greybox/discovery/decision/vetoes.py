@@ -8,9 +8,11 @@ import pandas as pd
 
 from bayes_greybox.data.columns import derivative_label
 
+from . import reasons as codes
 from .criteria import CRITERIA, Criteria
 from .decide import VERDICTS, Verdict
 from .probabilities import RECALIBRATE
+from .reasons import Reason
 
 FREE_RUN, FAILURE = "free-run NRMSE", "time to failure"
 """Metrics of free runs: error of a state, and time until any run fails."""
@@ -28,7 +30,7 @@ def verdict_of(
     lost: Sequence[str] = (),
     labels: Mapping[str, str] | None = None,
     criteria: Criteria = CRITERIA,
-) -> tuple[str, tuple[str, ...]]:
+) -> tuple[str, tuple[Reason, ...]]:
     """Return the verdict of a study, and the reasons against it.
 
     Args:
@@ -41,12 +43,18 @@ def verdict_of(
     code = max((verdict.code for verdict in verdicts.values()), key=VERDICTS.index)
     labels = labels or {name: derivative_label(name) for name in verdicts}
     about = {name: f"in {labels[name]}: " if len(verdicts) > 1 else "" for name in verdicts}
-    reasons = [about[name] + text for name, verdict in verdicts.items() for text in verdict.reasons]
-    vetoes: list[str] = []
+    reasons = [
+        Reason(each.code, about[name] + each.text, name)
+        for name, verdict in verdicts.items()
+        for each in verdict.reasons
+    ]
+    vetoes: list[Reason] = []
     if code == RECALIBRATE or any(verdict.places for verdict in verdicts.values()):
-        vetoes = [*lost, *map(worse_in_words, worsened(gap, criteria))]
+        vetoes += [Reason(codes.NOT_COMPARED, text) for text in lost]
+        vetoes += [Reason(codes.WORSE_RUN, worse_in_words(key)) for key in worsened(gap, criteria)]
     # Whatever the answer is: that nothing is missing has to hold for held-out samples too.
-    vetoes += [about[name] + left_in_words(misfit) for name, misfit in left_over(gap, criteria).items()]
+    for name, misfit in left_over(gap, criteria).items():
+        vetoes.append(Reason(codes.HELD_OUT, about[name] + left_in_words(misfit), name))
     return "partly named" if vetoes and code == "named" else code, (*reasons, *vetoes)
 
 

@@ -19,6 +19,7 @@ from bayes_greybox.discovery.answer.coefficients import Coefficients
 from bayes_greybox.discovery.answer.explained import Component, Explained
 from bayes_greybox.discovery.answer.gap.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
+from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.regressors.clouds import Cloud
 from bayes_greybox.discovery.regressors.columns import Column, Nearer
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
@@ -36,6 +37,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
 
+from .files_of_before import add_codes
 from .known_columns import Features, KnownColumns, kept_amendment, lost
 
 STUDY_FORMAT = 1
@@ -44,7 +46,7 @@ STUDY_FORMAT = 1
 STUDY_CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
     Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
-    Remainder, *ROW_KINDS.values(),
+    Reason, Remainder, *ROW_KINDS.values(),
 )  # fmt: skip
 """Classes of the values in a file."""
 
@@ -106,6 +108,7 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
+    add_codes(values)
     study = StudyResult(**{**values, **models, "fit": fit})
     require_kinds(study)
     return study

@@ -92,7 +92,13 @@ ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
 
 def is_fault(name: str) -> bool:
     """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
-    return name.startswith(tuple(f"{kind} of " for kind in (*ERRORS, LAG)))
+    return bool(fault_kind(name))
+
+
+def fault_kind(name: str) -> str:
+    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key; "" for the slug of an effect."""
+    kind, _, channel = name.partition(" of ")
+    return kind if channel and kind in (*ERRORS, LAG) else ""
 
 
 def run_slices(run: np.ndarray) -> list[slice]:

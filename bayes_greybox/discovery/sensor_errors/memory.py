@@ -68,6 +68,12 @@ class Memory:
         return f"{self.kind} of {self.channel}"
 
 
+def kind_and_channel(text: str) -> tuple[str, str]:
+    """Return kind and channel of a memory from its text, the inverse of `Memory.text`."""
+    kind, _, channel = text.partition(" of ")
+    return kind, channel
+
+
 Chosen = Callable[[str], bool]
 """Test of whether a memory is asked for, by its text."""
 

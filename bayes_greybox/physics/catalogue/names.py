@@ -24,6 +24,12 @@ def listing(names: Iterable[str], between: str = " + ") -> str:
     return between.join(name if place == 0 else within(name) for place, name in enumerate(names))
 
 
+def slug_and_columns(label: str) -> tuple[str, list[str]]:
+    """Return slug and columns of an effect from its label, `cube(r=u)`; a slug alone has no columns."""
+    slug, _, roles = label.removesuffix(")").partition("(")
+    return slug, sorted({part.partition("=")[2] for part in roles.split(", ")}) if roles else []
+
+
 def _lowered(name: str) -> str:
     word = name.replace("-", " ").split(" ", 1)[0]
     # A word with capitals further on is a name or a short form: LuGre, DC.

@@ -146,6 +146,12 @@ def unbound(
     return {slug: reason for slug, (bound, reason) in reasons.items() if not bound}
 
 
+def unplayed_roles(effects: Iterable[Effect], roles: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Return the first role of each effect that no column plays, by slug; nothing of effects without one."""
+    empty = {effect.slug: [role for role in effect.roles if not roles.get(role)] for effect in effects}
+    return {slug: names[0] for slug, names in empty.items() if names}
+
+
 def _of_output(
     columns: Columns, given: Mapping[str, tuple[str, ...]], pairs: Mapping[str, str]
 ) -> dict[str, tuple[str, ...]]:

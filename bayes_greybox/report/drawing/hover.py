@@ -1,4 +1,4 @@
-"""What can be read off a figure under the pointer: where its axes are, which lines they have, and values of maps.
+"""Values that are read off a figure under the pointer: boxes of its axes, their lines, and values of maps.
 
 Values of lines are not kept a second time: the page's script reads them off the drawn line, to the tenth of a point
 that it is drawn with. Values of maps have two characters each.
@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-FEWEST = 8
+FEWEST_POINTS = 8
 """Points of a line that is worth reading."""
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_"
@@ -18,7 +18,7 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_"
 
 
 def readings(figure: Figure) -> list[dict[str, Any]]:
-    """For each axes with something to read: its box in points, limits, labels, and its lines or its map.
+    """Return for each axes with something to read its box in points, limits, labels, and its lines or its map.
 
     Lines are given an id, by which the drawing has them.
 
@@ -26,7 +26,7 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
         figure: The figure, as it will be saved.
     """
     width, height = (72.0 * size for size in figure.get_size_inches())
-    found = []
+    axes_read = []
     axes: list[Any] = list(figure.axes)
     for k, ax in enumerate(axes):
         lines, shown = _lines(ax, k), _map(ax)
@@ -41,25 +41,25 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
             "y": _ends(ax.get_ylim()),
             "names": [_label(figure, ax, "x"), _label(figure, ax, "y")],
         }
-        found.append(about | ({"map": shown} if shown else {"lines": lines}))
-    return found
+        axes_read.append(about | ({"map": shown} if shown else {"lines": lines}))
+    return axes_read
 
 
 def _lines(ax: Any, k: int) -> dict[str, str]:
-    """Labels of the lines that run from left to right, by the id they are given."""
-    found = {}
+    """Return the labels of the lines that run from left to right, by the id that they are given."""
+    labels = {}
     for j, line in enumerate(ax.get_lines()):
         label, x = str(line.get_label()), np.asarray(line.get_xdata(orig=False), float)
-        if not label.startswith("_") and len(x) >= FEWEST and line.get_transform() == ax.transData:
+        if not label.startswith("_") and len(x) >= FEWEST_POINTS and line.get_transform() == ax.transData:
             known = x[np.isfinite(x)]
             if np.all(np.diff(known) >= 0) and np.ptp(known) > 0:
                 line.set_gid(f"line{k}x{j}")
-                found[f"line{k}x{j}"] = label
-    return found
+                labels[f"line{k}x{j}"] = label
+    return labels
 
 
 def _map(ax: Any) -> dict[str, Any] | None:
-    """Name, range and values of a map on an even grid, row by row from below."""
+    """Return name, range and values of a map on an even grid, row by row from below."""
     mesh: Any = next((one for one in ax.collections if isinstance(one, QuadMesh)), None)
     if mesh is None or mesh.colorbar is None:
         return None
@@ -79,7 +79,7 @@ def _map(ax: Any) -> dict[str, Any] | None:
 
 
 def _label(figure: Any, ax: Any, side: str) -> str:
-    """An axis' label, or that of the lowest panel, or of the figure, where panels share it."""
+    """Return the label of an axis, or that of the lowest panel or of the figure where panels share it."""
     own = ax.get_xlabel() if side == "x" else ax.get_ylabel()
     shared = figure.get_supxlabel() if side == "x" else figure.get_supylabel()
     others = [other.get_xlabel() if side == "x" else "" for other in reversed(figure.axes)]

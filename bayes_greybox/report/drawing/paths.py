@@ -4,34 +4,34 @@ import re
 from collections.abc import Mapping, Sequence
 from xml.etree.ElementTree import Element
 
-_SMALL = 12.0
+_SMALL_SHAPE = 12.0
 """Shapes no wider than this many points, such as markers, keep hundredths."""
 
 
 def short_path(commands: str) -> str:
-    """The same path in fewer characters.
+    """Return the same path in fewer characters.
 
     Args:
-        commands: What the attribute `d` holds, in points.
+        commands: Attribute `d` of a path, in points.
     """
     numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", commands)]
-    small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL
+    small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL_SHAPE
     if small or re.search(r"[A-KN-Ya-kn-y]", commands.replace("e-", "")):
         places = 2 if small else 1
-        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda found: _short(float(found[0]), places), commands)
+        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda match: _short(float(match[0]), places), commands)
         return re.sub(r"\s+", " ", re.sub(r"\s*([A-Za-z])\s*", r"\1", text)).strip()
     return "".join(_strokes(commands))
 
 
 def dots(uses: Sequence[Element], shapes: Mapping[str, Element], link: str) -> tuple[str, str] | None:
-    """Many copies of one round marker as a single path, and its style; None where they are something else.
+    """Return many copies of one round marker as a single path, and its style; None for other copies.
 
     A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy.
 
     Args:
         uses: The copies.
-        shapes: What is copied, by id.
-        link: Name of the attribute that says which.
+        shapes: Copied shapes by id.
+        link: Name of the attribute that refers to the shape.
     """
     names, styles = {one.get(link, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
     if len(names) != 1 or len(styles) != 1:
@@ -55,13 +55,13 @@ def dots(uses: Sequence[Element], shapes: Mapping[str, Element], link: str) -> t
 
 
 def _outline(style: str) -> str:
-    """The part of a style that draws an outline in another colour than the inside."""
+    """Return the part of a style that draws an outline in another colour than the inside."""
     inside, outside = (re.search(rf"(?<![\w-]){name}: (#[0-9a-f]{{6}})", style) for name in ("fill", "stroke"))
     return f"stroke: {outside[1]}" if outside and (inside is None or inside[1] != outside[1]) else ""
 
 
 def _strokes(commands: str):
-    """Straight strokes as steps from one point to the next, those without length left out."""
+    """Yield straight strokes as steps from one point to the next, without those of no length."""
     x = y = 0
     fresh = True
     for command, text in re.findall(r"([MLz])([^MLz]*)", commands):

@@ -43,11 +43,11 @@ _DEFAULT = {("text-anchor", "start"), ("stroke-linecap", "butt"), ("fill-opacity
 
 
 def drawing(figure: Figure, alt: str) -> str:
-    """The figure as an `svg` element.
+    """Return the figure as an `svg` element.
 
     Args:
         figure: The figure.
-        alt: What it shows, for those who cannot see it.
+        alt: Description for those who cannot see it.
     """
     text = io.BytesIO()
     # A fixed salt and no date: the same results make the same file.
@@ -65,7 +65,7 @@ def drawing(figure: Figure, alt: str) -> str:
 
 
 class _Drawing:
-    """What is referred to within one drawing, and how its elements are written."""
+    """Elements of one drawing, and the ids that they refer to."""
 
     def __init__(self, root: Element, prefix: str, kept: list[str]) -> None:
         self._shapes = {one.get("id", ""): one for one in root.iter() if one.get("id")}
@@ -73,7 +73,7 @@ class _Drawing:
         self._names = {name: f"{prefix}{k}" for k, name in enumerate(dict.fromkeys([*used, *kept]))}
 
     def renamed(self, read: list[dict]) -> list[dict]:
-        """Readings with the ids that their lines have in the page."""
+        """Return readings with the ids that their lines have in the page."""
         return [
             {**axes, "lines": {self._names[line]: label for line, label in axes["lines"].items()}}
             if "lines" in axes
@@ -82,7 +82,7 @@ class _Drawing:
         ]
 
     def written(self, one: Element) -> str:
-        """An element with all that is in it; nothing where nothing is left of it."""
+        """Return an element with everything in it; nothing where nothing is left of it."""
         tag = one.tag.removeprefix(_SPACE)
         if tag in ("metadata", "style") or not isinstance(one.tag, str):
             return ""

@@ -8,21 +8,17 @@ from bayes_greybox.physics.formula.printing import to_latex
 
 from .pieces import Piece, pieces
 
-_POWERS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+_POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
 
 def equations_latex(system: LearnedSystem) -> str:
-    r"""All equations of the model, those of the simulation alone too, in an `aligned` environment.
-
-    Args:
-        system: The equations.
-    """
+    """Return all equations of the model, also those of the simulation alone, in an `aligned` environment."""
     rows = [f"{left_latex(system, name)} &= {right_latex(system, name)}" for name in system.names]
     return "\n".join([r"\begin{aligned}", " \\\\\n".join(rows), r"\end{aligned}"])
 
 
 def left_latex(system: LearnedSystem, name: str) -> str:
-    r"""\frac{\mathrm{d} \dot{y}}{\mathrm{d} t} of a state; an output as it is."""
+    r"""Return the left-hand side: \frac{\mathrm{d} \dot{y}}{\mathrm{d} t} of a state, an output as it is."""
     shown = to_latex(symbol(name))
     if system.is_output(name):
         return shown
@@ -31,7 +27,7 @@ def left_latex(system: LearnedSystem, name: str) -> str:
 
 
 def right_latex(system: LearnedSystem, name: str) -> str:
-    """Simulation, terms with coefficients, and f where it is left."""
+    """Return the right-hand side: simulation, terms with coefficients, and f where it is left."""
     text = "".join(f" {'-' if piece.negative else '+'} {_piece(piece)}" for piece in pieces(system, name))
     return text.removeprefix(" + ").strip() or "0"
 
@@ -53,5 +49,5 @@ def _piece(piece: Piece) -> str:
 
 
 def _unit(unit: str) -> str:
-    raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{{{found[0].translate(_POWERS)}}}", unit)
+    raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{{{match[0].translate(_POWER_DIGITS)}}}", unit)
     return raised.replace("%", r"\%").replace(" ", r"\ ").replace("·", r"\cdot ")

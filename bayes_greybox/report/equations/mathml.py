@@ -17,25 +17,20 @@ _D = '<mi mathvariant="normal">d</mi>'
 
 
 def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
-    """One equation as formulas that a line may break between: the left-hand side, then each summand with its sign.
-
-    Args:
-        system: The equations.
-        name: A state or an output.
-    """
+    """Return one equation as formulas that a line may break between: left-hand side, then each signed summand."""
     shown = to_mathml(symbol(name))
     if not system.is_output(name):
         time = to_mathml(symbol(system.data.time_name))
         # A word after the d would be read as one with it.
         gap = f'<mspace width="{WORD_GAP}"/>' if "normal" in shown else ""
         shown = f"<mfrac><mrow>{_D}{gap}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
-    found = [_math(f"{shown}<mo>=</mo>")]
+    formulas = [_math(f"{shown}<mo>=</mo>")]
     for k, piece in enumerate(pieces(system, name)):
         # Without a summand before it a sign belongs to the number: "prefix" keeps it close.
         form = ' form="prefix"' if k == 0 else ' form="infix"'
         sign = f"<mo{form}>−</mo>" if piece.negative else "" if k == 0 else f"<mo{form}>+</mo>"
-        found.append(_math(sign + _piece(piece)))
-    return found if len(found) > 1 else [*found, _math("<mn>0</mn>")]
+        formulas.append(_math(sign + _piece(piece)))
+    return formulas if len(formulas) > 1 else [*formulas, _math("<mn>0</mn>")]
 
 
 def _piece(piece: Piece) -> str:

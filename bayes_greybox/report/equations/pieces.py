@@ -11,7 +11,7 @@ from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.report.words.formatting import Concise, concise, exact, unit_text
 
-DIGITS = 6
+FORMULA_DIGITS = 6
 """Significant digits of numbers within formulas; the mean of an inner parameter has no more that mean anything."""
 
 
@@ -20,11 +20,11 @@ class Piece:
     """One summand, sign · coefficient [unit] · formula.
 
     Attributes:
-        negative: Whether it is subtracted.
+        negative: True if it is subtracted.
         factor: The coefficient's size and standard deviation; None of a part of the simulation, and of f.
-        unit: Of the coefficient, as people write it; "" for a plain number.
+        unit: Unit of the coefficient, as people write it; "" for a plain number.
         expr: The formula; None where the coefficient stands alone.
-        given: Whether the coefficient was given and not estimated.
+        given: True if the coefficient was given and not estimated.
     """
 
     negative: bool
@@ -35,19 +35,14 @@ class Piece:
 
     @property
     def bracketed(self) -> bool:
-        """Whether the formula needs brackets: a sum, or a number of its own beside the coefficient."""
+        """True if the formula is a sum, or has a number of its own beside the coefficient."""
         if self.factor is None or self.expr is None:
             return False
         return bool(self.expr.is_Add) or self.expr.as_coeff_Mul()[0] != 1
 
 
 def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
-    """Summands of the right-hand side of one equation: simulation, terms with given and with learned coefficients, f.
-
-    Args:
-        system: The equations.
-        name: A state or an output.
-    """
+    """Yield the summands of an equation's right-hand side: simulation, given and learned terms, f."""
     simulated: Any = system.simulation.own_formula(name)
     for part in simulated.as_ordered_terms() if simulated != 0 else ():
         negative = bool(part.could_extract_minus_sign())
@@ -69,19 +64,19 @@ def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
 
 
 def _short(expr: Any, system: LearnedSystem | None = None, name: str = "") -> Any:
-    """A formula with few digits; code as g(x, u)."""
+    """Return a formula with few digits; code as g(x, u)."""
     if isinstance(expr, AppliedUndef) and system is not None:
         return _called("g", ("x", "u") if system.inputs else ("x",), system, name)
     return expr.xreplace({number: _rounded(float(number)) for number in expr.atoms(sympy.Float)})
 
 
 def _rounded(number: float) -> sympy.Number:
-    """A number with few digits; a whole one as such, so that a coefficient of one is not written."""
-    short = float(f"{number:.{DIGITS}g}")
-    return sympy.Integer(int(short)) if short.is_integer() and abs(short) < 10**DIGITS else sympy.Float(short)
+    """Return a number with few digits; a whole one as an integer, so that a coefficient of one is not written."""
+    short = float(f"{number:.{FORMULA_DIGITS}g}")
+    return sympy.Integer(int(short)) if short.is_integer() and abs(short) < 10**FORMULA_DIGITS else sympy.Float(short)
 
 
 def _called(letter: str, arguments: tuple[str, ...], system: LearnedSystem, name: str) -> Any:
-    """The function f or g, with the equation as its index where there are several."""
+    """Return the function f or g, with the equation as its index where there are several."""
     index = f"_{name}" if len(system.shown) > 1 else ""
     return sympy.Function(f"{letter}{index}")(*map(symbol, arguments))

@@ -14,7 +14,7 @@ from bayes_greybox.running.plain_values import plain_values
 from .latex import left_latex, right_latex
 from .text import equation_text
 
-FORMAT = 1
+RECORD_FORMAT = 1
 """Version of the record; it grows where a reader of the one before would be misled."""
 
 CODE = "a function (t, x, u) -> dx/dt, which cannot be written down: its rates add to the terms"
@@ -22,20 +22,17 @@ CODE = "a function (t, x, u) -> dx/dt, which cannot be written down: its rates a
 
 
 def equations_record(system: LearnedSystem) -> dict[str, Any]:
-    """Equations with terms, coefficients, units, inner parameters and hidden states.
+    """Return equations with terms, coefficients, units, inner parameters and hidden states.
 
     The right-hand side of an equation is its `simulation` plus the sum of `mean` times `expression` over its `terms`,
     plus f where `discrepancy` says that it is left. `given` lists the terms of the simulation whose coefficients were
     fixed. Formulas are those of configuration files.
-
-    Args:
-        system: The equations.
     """
     data, code = system.data, any(system.simulation.formula(name).atoms(AppliedUndef) for name in system.names)
     names = (*system.states, *system.inputs)
     return plain_values(
         {
-            "format": FORMAT,
+            "format": RECORD_FORMAT,
             "of": system.origin,
             "rule": system.rule,
             "interval": INTERVAL_LEVEL,

@@ -14,19 +14,15 @@ from .pieces import Piece, pieces
 NOTATION = "1.23(4) is 1.23 ± 0.04."
 """How a coefficient and its standard deviation are written."""
 
-MARK = "(given)"
+GIVEN_MARK = "(given)"
 """Stands where the standard deviation of a coefficient would, that was fixed."""
 
-MARKED = "2(given) was given, not estimated."
+GIVEN_NOTE = "2(given) was given, not estimated."
 """What the mark means."""
 
 
 def equations_text(system: LearnedSystem) -> str:
-    """The learned equations, a line each, with inner parameters, and the rule that says what stands in them.
-
-    Args:
-        system: The equations.
-    """
+    """Return the learned equations, a line each, with inner parameters, and the rule by which terms stand in them."""
     if not system.learned:
         return ""
     lines = [equation_text(system, name) for name in system.shown]
@@ -36,7 +32,7 @@ def equations_text(system: LearnedSystem) -> str:
 
 
 def equation_text(system: LearnedSystem, name: str) -> str:
-    """One equation: `d(v)/dt = F − y − 0.80(2) [1/(m²·s²)] y³ + f`."""
+    """Return one equation: `d(v)/dt = F − y − 0.80(2) [1/(m²·s²)] y³ + f`."""
     parts = [("−" if piece.negative else "+", _piece(piece)) for piece in pieces(system, name)]
     if not parts:
         return f"{system.data.target_label(name)} = 0"
@@ -46,29 +42,26 @@ def equation_text(system: LearnedSystem, name: str) -> str:
 
 
 def inner_text(system: LearnedSystem, name: str) -> list[str]:
-    """Inner parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
-    found = []
+    """Return the inner parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
+    lines = []
     for each in system.learned[name].inner:
         negative, size = concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
         text = f"{each.name} = {'−' if negative else ''}{size}{f' {unit}' if unit else ''}"
-        found.append(f"{text} ({each.effect})")
-    return found
+        lines.append(f"{text} ({each.effect})")
+    return lines
 
 
 def note(system: LearnedSystem) -> str:
-    """The rule that says what stands in the equations, and how numbers are written."""
+    """Return the rule by which terms stand in the equations, and how numbers are written."""
     known = any(piece.given for name in system.shown for piece in pieces(system, name))
-    return f"{system.rule} {NOTATION}{f' {MARKED}' if known else ''}"
+    return f"{system.rule} {NOTATION}{f' {GIVEN_NOTE}' if known else ''}"
 
 
 def as_simulation(system: LearnedSystem) -> str:
-    """The whole model as expressions that a configuration's [simulation] takes, a line each; "" where it has code.
+    """Return the whole model as the expressions of a configuration's [simulation]; "" where it has code.
 
     Coefficients are means, with the digits that their standard deviations justify. f is not in it.
-
-    Args:
-        system: The equations.
     """
     lines = []
     for name in system.names:
@@ -89,7 +82,7 @@ def as_simulation(system: LearnedSystem) -> str:
 def _piece(piece: Piece) -> str:
     words = []
     if piece.factor is not None:
-        words = [f"{piece.factor}{MARK if piece.given else ''}", *([f"[{piece.unit}]"] if piece.unit else [])]
+        words = [f"{piece.factor}{GIVEN_MARK if piece.given else ''}", *([f"[{piece.unit}]"] if piece.unit else [])]
     if piece.expr is not None:
         text = _expression(piece.expr)
         words.append(f"({text})" if piece.bracketed else text)

@@ -18,7 +18,7 @@ def _text(program: Callable[[ExportedModel, str], str]) -> Callable[[ExportedMod
 
 
 LANGUAGES = {".py": _text(python_program), ".c": _text(c_program), ".mo": _text(modelica_program), ".fmu": fmu_archive}
-"""What is written of a model and its name, by the ending of a file."""
+"""Functions that write a model under a name, by the ending of a file."""
 
 
 def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: Notes) -> None:
@@ -27,7 +27,7 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
     Args:
         system: The equations.
         path: Destination; its ending is one of `LANGUAGES`, its stem what is exported is called.
-        notes: What its header says beside the equations.
+        notes: Remarks for the header.
 
     Raises:
         InputError: An unknown ending; equations that the language cannot have; a file that cannot be written.
@@ -44,9 +44,6 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
 
 def require_ending(path: Path) -> None:
     """Refuse a file whose ending is no language's.
-
-    Args:
-        path: Destination.
 
     Raises:
         InputError: Another ending than those of `LANGUAGES`.

@@ -1,4 +1,4 @@
-"""What stands above an exported program: where it comes from, how sure it is, and what is not in it."""
+"""Header of an exported program: its origin, its uncertainty, and what is not in it."""
 
 import textwrap
 from importlib.metadata import version
@@ -8,25 +8,25 @@ from bayes_greybox.report.words.formatting import estimate, interval, probabilit
 
 from .model import ExportedModel, Factor, Quantity
 
-WIDTH = 100
+COMMENT_WIDTH = 100
 """Characters of a line of comments."""
 
 
 def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False) -> list[str]:
-    """Lines of the header; without a date, so that the same model is the same text.
+    """Return the lines of the header; without a date, so that the same model gives the same text.
 
     Args:
         model: The model.
         names: Identifiers by the names of the data.
-        slots: How states and inputs are indexed, such as "x[{}]".
-        in_seconds: Whether time is in seconds there, whatever it was in the data.
+        slots: Patterns by which states and inputs are indexed, such as "x[{}]".
+        in_seconds: If true, time is in seconds there, whatever it was in the data.
     """
     what = "amended by a study" if model.origin == "study" else "fitted to data"
     lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]
     lines += [text for text in (model.notes.verdict, model.rule, *model.notes.remarks) if text]
     lines += ["Coefficients are posterior means, with standard deviation and 90 % interval."]
     lines += [
-        f"Not in it, as it has no formula: f of {name}, {said}." for name, said in model.notes.discrepancy.items()
+        f"Not in it, as it has no formula: f of {name}, {text}." for name, text in model.notes.discrepancy.items()
     ]
     unit = unit_text(model.time)
     if in_seconds and model.per_second != 1.0:
@@ -41,10 +41,10 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
             start = f", {_start(each)} where the data start" if slot == slots[0] else ""
             renamed = f' (called "{each.name}" in the data)' if names[each.name] != each.name else ""
             unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
-            lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.said}{start}")
+            lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.about}{start}")
     for name, inner in model.inner:
-        said = estimate(inner.value.mean, inner.value.sd, inner.unit)
-        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {said}, a number in the formula.")
+        text = estimate(inner.value.mean, inner.value.sd, inner.unit)
+        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {text}, a number in the formula.")
     for a, b, value in model.correlations:
         lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
     return lines
@@ -57,19 +57,19 @@ def _start(state: Quantity) -> str:
 
 
 def comment(text: str, mark: str, end: str = "") -> list[str]:
-    """Text as lines of a comment, none of them longer than `WIDTH`.
+    """Return text as lines of a comment, none of them longer than `COMMENT_WIDTH`.
 
     Args:
-        text: What to say, on one line.
-        mark: What each line begins with.
-        end: What each line ends with.
+        text: Text on one line.
+        mark: Beginning of each line.
+        end: End of each line.
     """
-    lines = textwrap.wrap(text, WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(text, COMMENT_WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
     return [f"{mark}{line}{end}" for line in lines or [""]]
 
 
 def uncertainty(factor: Factor) -> str:
-    """How well a coefficient is known, and what it is of."""
+    """Return the term of a coefficient, its uncertainty and its probability, as a comment."""
     value = factor.value
     parts = [f"{factor.formula} in {factor.equation}"]
     if value.sd > 0:
@@ -81,4 +81,4 @@ def uncertainty(factor: Factor) -> str:
         parts.append("not told from zero")
     elif factor.probability is not None:
         parts.append(f"P {probability_text(factor.probability)}")
-    return "; ".join([*parts, *([factor.said] if factor.said else [])])
+    return "; ".join([*parts, *([factor.about] if factor.about else [])])

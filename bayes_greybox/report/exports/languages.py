@@ -37,12 +37,12 @@ PYTHON_WORDS = [*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "numpy", "
 
 
 def python_program(model: ExportedModel, name: str) -> str:
-    """A module with `rhs(t, x, u)`; beside a simulation that is a function, `rhs(t, x, u, simulation)`."""
+    """Return a module with `rhs(t, x, u)`; beside a simulation that is code, `rhs(t, x, u, simulation)`."""
     known = _names(model, PYTHON_WORDS)
     names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
     printer = PythonPrinter(names)
-    said = header(model, known, ("x[{}]", "u[{}]"))
-    lines = [part for line in said for part in comment(one_line(line), "# ")]
+    heading = header(model, known, ("x[{}]", "u[{}]"))
+    lines = [part for line in heading for part in comment(one_line(line), "# ")]
     lines += ["", "import numpy", ""]
     for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
         lines.append(f"{label} = {tuple(each.name for each in group)!r}")
@@ -70,12 +70,12 @@ def python_program(model: ExportedModel, name: str) -> str:
 
 
 def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
-    """C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
+    """Return C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
 
     Args:
         model: The model.
-        name: What it is called.
-        tunable: Whether coefficients are one more argument `const double *p` after u, and not constants, the
+        name: Name of the program.
+        tunable: If true, coefficients are one more argument `const double *p` after u, and not constants, the
             functions are for what includes the program alone, and rates are per second.
     """
     _require_formulas(model, "C")
@@ -87,8 +87,8 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     slots += [("p", [each.name for each in model.factors])] if tunable else []
     arguments = ", ".join(["double t", *(f"const double *{slot}" for slot, _ in slots)])
     printer = CPrinter(names)
-    said = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
-    lines = ["/*", *(part for line in said for part in comment(within_c(line), " * ")), " */"]
+    heading = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
+    lines = ["/*", *(part for line in heading for part in comment(within_c(line), " * ")), " */"]
     lines += ["#include <math.h>", ""]
     bodies = [(each, _sum(printer, each)) for each in model.formulas]
     every = " ".join(text for _, text in bodies)
@@ -119,20 +119,20 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
 
 
 def modelica_program(model: ExportedModel, name: str) -> str:
-    """A Modelica model with inputs, parameters, and an equation for every state and output; its time is in seconds."""
+    """Return a Modelica model with inputs, parameters and an equation for every state and output, in seconds."""
     _require_formulas(model, "Modelica")
     called = _called(model, name, MODELICA_WORDS)
     names = _names(model, [*MODELICA_WORDS, called])
     printer = ModelicaPrinter(names)
-    said = header(model, names, ("state {}", "input {}"), in_seconds=True)
-    lines = [part for line in said for part in comment(ascii_text(line), "// ")]
+    heading = header(model, names, ("state {}", "input {}"), in_seconds=True)
+    lines = [part for line in heading for part in comment(ascii_text(line), "// ")]
     lines += [f"model {called}"]
     for each in model.factors:
         lines.append(f"  parameter Real {each.name} = {float(each.value.mean)!r} {quoted(uncertainty(each))};")
-    lines += [f"  input Real {names[each.name]} {quoted(each.said)};" for each in model.inputs]
+    lines += [f"  input Real {names[each.name]} {quoted(each.about)};" for each in model.inputs]
     for each in model.states:
         start = "" if each.follows else f"(start = {each.start!r}, fixed = true)"
-        lines.append(f"  Real {names[each.name]}{start} {quoted(each.said)};")
+        lines.append(f"  Real {names[each.name]}{start} {quoted(each.about)};")
     lines += [f"  output Real {names[each.name]};" for each in model.outputs]
     following = [each for each in model.states if each.follows]
     if following:
@@ -144,7 +144,7 @@ def modelica_program(model: ExportedModel, name: str) -> str:
 
 
 def _called(model: ExportedModel, name: str, words: Sequence[str]) -> str:
-    """What the program is called: the stem of its file, where no coefficient could be mistaken for it."""
+    """Return the name of the program: the stem of its file, made distinct from those of coefficients."""
     factors = {each.name for each in model.factors}
     (called,) = identifiers([name], [*words, *factors]).values()
     while {f"{called}_rhs", f"{called}_outputs"} & factors:

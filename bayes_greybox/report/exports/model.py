@@ -1,4 +1,4 @@
-"""A learned model as other languages need it: what goes in and comes out, coefficients by name, and formulas.
+"""A learned model as other languages need it: inputs and outputs, coefficients by name, and formulas.
 
     d(x_i)/dt = g_i(x, u) + Σ_j c_ij φ_ij(x, u)
 
@@ -21,12 +21,8 @@ from bayes_greybox.running.errors import InputError
 
 from .names import distinct
 
-LONGEST_NAME = 40
-"""Characters of the name that a coefficient has at most."""
-
-
-CORRECTION = "correction, adds to the"
-"""How what is said of a correction begins."""
+LONGEST_FACTOR_NAME = 40
+"""Largest number of characters in the name of a coefficient."""
 
 
 @dataclass(frozen=True)
@@ -36,15 +32,15 @@ class Quantity:
     Attributes:
         name: As in the data.
         unit: "" where it is not known.
-        said: What it is, in a few words.
-        start: Of a state, its value where the data start.
-        start_sd: Its standard deviation where it was estimated; None where it was not.
+        about: Description in a few words.
+        start: Value of a state where the data start.
+        start_sd: Standard deviation of the start if it was estimated, or None.
         follows: State whose value it has there; "" for a value of its own.
     """
 
     name: str
     unit: str
-    said: str
+    about: str
     start: float = 0.0
     follows: str = ""
     start_sd: float | None = None
@@ -55,13 +51,14 @@ class Factor:
     """A coefficient.
 
     Attributes:
-        name: What the program calls it: an identifier.
+        name: Identifier in the program.
         equation: State or output whose equation has it.
         formula: Its term.
         value: Posterior, in `unit`.
         unit: "1" for a plain number, "" where it is not known.
-        probability: Of its term; None where there is none.
-        said: What it is, in a few words.
+        probability: Probability of its term; None where there is none.
+        about: Description in a few words.
+        correction: True if it corrects a coefficient of the simulation.
     """
 
     name: str
@@ -70,17 +67,13 @@ class Factor:
     value: Value
     unit: str
     probability: float | None
-    said: str
-
-    @property
-    def correction(self) -> bool:
-        """Whether it corrects a coefficient of the simulation."""
-        return self.said.startswith(CORRECTION)
+    about: str
+    correction: bool = False
 
 
 @dataclass(frozen=True)
 class Formula:
-    """One equation: what is simulated, and terms by the names of their coefficients."""
+    """One equation: the simulated part, and terms by the names of their coefficients."""
 
     name: str
     unit: str
@@ -90,15 +83,15 @@ class Formula:
 
 @dataclass(frozen=True)
 class Notes:
-    """What a reader of the program should know beside its equations.
+    """Remarks on a program, beside its equations.
 
     Attributes:
-        verdict: What the study says, or whether the chains of the fit can be trusted.
-        remarks: Sentences, such as what of the measurement is not in the equations.
-        discrepancy: By equation, how much of it f is, in words.
+        verdict: Sentence of the study, or verdict on the chains of the fit.
+        remarks: Sentences, such as errors of sensors that are not in the equations.
+        discrepancy: Share of f in each equation, in words.
         starts: Hidden states with known starts: the state whose value they have there, or "" at rest.
         states: States of the model; None: all that the equations have.
-        estimated: Where the data start, by state, as it was estimated with the coefficients.
+        estimated: Starts of states that were estimated with the coefficients.
     """
 
     verdict: str = ""
@@ -111,7 +104,7 @@ class Notes:
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """A model that is written.
+    """A model that is exported.
 
     Attributes:
         origin: "fit" or "study".
@@ -120,13 +113,13 @@ class ExportedModel:
         outputs: Quantities that follow from x and u without a derivative.
         factors: Coefficients, given ones too.
         inner: Inner parameters of terms, by equation; they stand in the formulas as numbers.
-        formulas: Of the states, in order, then of the outputs.
-        code: What the simulation is in words if it is code, whose rates stand in formulas as the symbols
-            `rate_symbol(k)`; "" else.
+        formulas: Formulas of the states, in order, then of the outputs.
+        code: Description of a simulation that is code, whose rates stand in formulas as the symbols
+            `rate_symbol(k)`; "" for formulas.
         time: Unit of time; "" where it is not known.
-        rule: Which terms stand in an equation.
+        rule: Rule by which terms stand in an equation.
         correlations: Pairs of coefficients with their posterior correlation, where that is large.
-        notes: What else is said.
+        notes: Further remarks.
     """
 
     origin: str
@@ -149,7 +142,7 @@ class ExportedModel:
 
     @property
     def per_second(self) -> float:
-        """Units of the data's time in a second: what rates are multiplied by where time must be in seconds."""
+        """Units of the data's time in a second, by which rates are multiplied where time must be in seconds."""
         return per_second(self.time)
 
     @property
@@ -164,19 +157,19 @@ class ExportedModel:
 
 
 def rate_symbol(k: int) -> str:
-    """Name of the symbol that stands for rate k of a simulation that is code; no column can have it."""
+    """Return the symbol for rate k of a simulation that is code; no column can have its name."""
     return f"#{k}"
 
 
 def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
-    """Read learned equations for export.
+    """Return learned equations as they are exported.
 
     A state that has no equation is something that drives the others, an input. Hidden states that belong to no term of
     the answer are left out.
 
     Args:
         system: The equations.
-        notes: What is said with them.
+        notes: Remarks that go with them.
 
     Raises:
         InputError: There is no equation; one uses something that is neither state nor input.
@@ -203,7 +196,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     return ExportedModel(
         origin=system.origin,
         states=tuple(_state(system, name, notes) for name in states),
-        inputs=tuple(Quantity(name, _unit(system, name), _said_of_input(system, name)) for name in driving),
+        inputs=tuple(Quantity(name, _unit(system, name), _about_input(system, name)) for name in driving),
         outputs=tuple(Quantity(name, target_unit(name, system.data), "output") for name in outputs),
         factors=tuple(factor for factor, _ in factors),
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
@@ -219,7 +212,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
 
 
 def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, LearnedTerm]]:
-    """Coefficients with names: of the effect or of the term, with that of the equation where two would be alike."""
+    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
     every = [
         (name, each, each in system.learned[name].given)
         for name in names
@@ -232,11 +225,11 @@ def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, Le
         for text, (name, _, _) in zip(short, every, strict=True)
     ]
     taken = {*system.states, *system.inputs, *system.names}
-    called = distinct([text[:LONGEST_NAME] for text in wanted], taken)
+    called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
     return [
         (
             Factor(
-                new, name, each.term.text, each.value, each.unit, each.probability, _said(system, name, each, given)
+                new, name, each.term.text, each.value, each.unit, each.probability, *_about(system, name, each, given)
             ),
             each,
         )
@@ -245,18 +238,19 @@ def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, Le
 
 
 def _readable(text: str) -> str:
-    """A term or a slug as a part of an identifier: y**3*abs(v) becomes y3_abs_v."""
+    """Return a term or a slug as a part of an identifier: y**3*abs(v) becomes y3_abs_v."""
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", text.replace("**", "")).strip("_")
     return plain or "term"
 
 
-def _said(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> str:
+def _about(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> tuple[str, bool]:
+    """Return the description of a coefficient, and whether it corrects one of the simulation."""
     if given:
-        return "given, not estimated"
+        return "given, not estimated", False
     nominal = {term.expr: value for term, value in system.simulation.additive_terms(name)}
     if each.term.expr in nominal:
-        return f"{CORRECTION} {nominal[each.term.expr]:.10g} of the simulation"
-    return each.name if each.name != each.term.name else ""
+        return f"correction, adds to the {nominal[each.term.expr]:.10g} of the simulation", True
+    return each.name if each.name != each.term.name else "", False
 
 
 def _formula(
@@ -286,20 +280,20 @@ def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
     unit, first = _unit(system, name), _first(system, name)
     if name in notes.starts:
         follows = notes.starts[name]
-        said = f"hidden, moves along with {follows} where a run starts" if follows else "hidden, starts at rest"
-        return Quantity(name, unit, said, (_first(system, follows) or 0.0) if follows else 0.0, follows)
-    said = "not measured" if name in system.hidden else "measured"
+        about = f"hidden, moves along with {follows} where a run starts" if follows else "hidden, starts at rest"
+        return Quantity(name, unit, about, (_first(system, follows) or 0.0) if follows else 0.0, follows)
+    about = "not measured" if name in system.hidden else "measured"
     if name in notes.estimated:
-        found = notes.estimated[name]
-        return Quantity(name, unit, said, found.mean, start_sd=found.sd)
+        start = notes.estimated[name]
+        return Quantity(name, unit, about, start.mean, start_sd=start.sd)
     if name in system.hidden:
         known = "unknown" if first is None else "that of a smoothed path and not estimated"
-        said += f"; its start is {known}, set your own"
-    return Quantity(name, unit, said, first or 0.0)
+        about += f"; its start is {known}, set your own"
+    return Quantity(name, unit, about, first or 0.0)
 
 
 def _first(system: LearnedSystem, name: str) -> float | None:
-    """Where the first run of the data starts; None of what they do not have."""
+    """Return a column's value where the first run starts; None where the data do not have it."""
     # What a hidden state moves along with may be an input.
     column = system.data.states.get(name, system.data.inputs.get(name))
     value = None if column is None or not len(column) else float(column[0])
@@ -315,22 +309,22 @@ def _unit(system: LearnedSystem, name: str) -> str:
     return derivative_unit(of, system.data.units) if of is not None else ""
 
 
-def _said_of_input(system: LearnedSystem, name: str) -> str:
+def _about_input(system: LearnedSystem, name: str) -> str:
     return "input" if name in system.inputs else "state without an equation, which drives the others"
 
 
-NOTABLE = 0.5
-"""From this size on a correlation of two coefficients is said."""
+LEAST_CORRELATION = 0.5
+"""Size of a posterior correlation of two coefficients from which on it is written."""
 
-FEWEST = 20
-"""Draws below which nothing is said of correlations."""
+FEWEST_ALIKE = 20
+"""Number of draws with the terms of the answer below which correlations are not written."""
 
 
 def _correlations(
     system: LearnedSystem, factors: Sequence[tuple[Factor, LearnedTerm]]
 ) -> tuple[tuple[str, str, float], ...]:
-    """Posterior correlations of coefficients of one equation, over the draws that have just its terms."""
-    found = []
+    """Return posterior correlations of coefficients of one equation, over the draws that have just its terms."""
+    pairs = []
     for name, equation in system.learned.items():
         place = {term.name: k for k, term in enumerate(equation.drawn.terms)}
         own = [
@@ -344,14 +338,14 @@ def _correlations(
         inside = np.isin(np.arange(len(place)), columns)
         draws = equation.drawn.coefficients
         alike = draws if equation.pattern is None else draws[np.all((draws != 0) == inside, axis=1)]
-        spread = np.std(alike[:, columns], axis=0) if len(alike) >= FEWEST else np.zeros(len(columns))
+        spread = np.std(alike[:, columns], axis=0) if len(alike) >= FEWEST_ALIKE else np.zeros(len(columns))
         if not np.all(spread > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
-        found += [
+        pairs += [
             (own[i][0], own[k][0], float(corr[i, k]))
             for i in range(len(own))
             for k in range(i + 1, len(own))
-            if abs(corr[i, k]) >= NOTABLE
+            if abs(corr[i, k]) >= LEAST_CORRELATION
         ]
-    return tuple(found)
+    return tuple(pairs)

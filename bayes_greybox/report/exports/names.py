@@ -4,31 +4,31 @@ import re
 import unicodedata
 from collections.abc import Collection, Iterable, Sequence
 
-_SIGNS = {
+_ASCII_SIGNS = {
     "±": "+-", "−": "-", "–": "-", "·": "*", "⋅": "*", "×": "*", "°": "deg", "µ": "u", "μ": "u", "Ω": "Ohm", "∞": "inf",
     "≥": ">=", "≤": "<=",
 }  # fmt: skip
-_RAISED = {"⁻": "-", **{raised: str(k) for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
+_RAISED_DIGITS = {"⁻": "-", **{raised: str(k) for k, raised in enumerate("⁰¹²³⁴⁵⁶⁷⁸⁹")}}
 
 
 def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
-    """Names that differ from each other and from those that are taken: an underscore is added where they do not.
+    """Return names that differ from each other and from those that are taken, by underscores at their ends.
 
     Args:
         wanted: In order.
         taken: Names that nothing may have.
     """
-    used, found = set(taken), []
+    used, names = set(taken), []
     for name in wanted:
         while name in used:
             name = f"{name}_"
         used.add(name)
-        found.append(name)
-    return found
+        names.append(name)
+    return names
 
 
 def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, str]:
-    """An identifier of ASCII letters, digits and underscores for each name, the name itself wherever it is one.
+    """Return an identifier of ASCII letters, digits and underscores for each name; the name itself if it is one.
 
     Args:
         names: Names, each once.
@@ -41,24 +41,24 @@ def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, st
 
 
 def ascii_text(text: str) -> str:
-    """Text in ASCII, on one line: ± as +-, m² as m^2; a letter without a likeness by its name."""
-    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda found: f"^{''.join(_RAISED[c] for c in found[0])}", text)
-    return "".join(_SIGNS.get(char) or _letter(char) for char in one_line(text))
+    """Return text in ASCII, on one line: ± as +-, m² as m^2; a letter without a likeness by its name."""
+    text = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{''.join(_RAISED_DIGITS[c] for c in match[0])}", text)
+    return "".join(_ASCII_SIGNS.get(char) or _letter(char) for char in one_line(text))
 
 
 def one_line(text: str) -> str:
-    """Text on one line, without characters that do not show."""
+    """Return text on one line, without characters that do not show."""
     return " ".join("".join(c if c.isprintable() or c.isspace() else " " for c in text).split())
 
 
 def within_c(text: str) -> str:
-    """Text for a comment of C, which cannot end it."""
+    """Return text for a comment of C, which cannot end it."""
     # A backslash at the end of a line would join the next one to it, and ??/ is one.
     return ascii_text(text).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
 
 
 def quoted(text: str) -> str:
-    """Text as a string of Modelica."""
+    """Return text as a string of Modelica."""
     escaped = ascii_text(text).replace("\\", "\\\\").replace('"', '\\"')
     return f'"{escaped}"'
 

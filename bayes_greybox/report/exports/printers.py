@@ -13,12 +13,12 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
-LARGEST = 2**31
+LARGEST_INTEGER = 2**31
 """Whole numbers from here on are written as decimals."""
 
 
 class _Printed:
-    """What the three have in common: names, and numbers with all digits."""
+    """Names, and numbers with all digits, as all three languages have them."""
 
     def __init__(self, names: Mapping[str, str]) -> None:
         super().__init__()
@@ -31,7 +31,7 @@ class _Printed:
         return repr(float(expr))
 
     def _print_Integer(self, expr):  # noqa: N802
-        return str(int(expr)) if abs(int(expr)) < LARGEST else repr(float(expr))
+        return str(int(expr)) if abs(int(expr)) < LARGEST_INTEGER else repr(float(expr))
 
     def _print_Rational(self, expr):  # noqa: N802
         return repr(float(expr))
@@ -39,14 +39,14 @@ class _Printed:
     _print_Half = _print_NumberSymbol = _print_Pi = _print_Exp1 = _print_Float
 
     def product(self, factor: str, formula: Any) -> str:
-        """A coefficient times a formula."""
+        """Return a coefficient times a formula."""
         if formula == 1:
             return factor
         return f"{factor}*{self.parenthesize(formula, PRECEDENCE['Mul'], strict=True)}"  # type: ignore
 
 
 class PythonPrinter(_Printed, NumPyPrinter):
-    """NumPy's functions, on numbers and on arrays."""
+    """Formulas with NumPy's functions, on numbers and on arrays."""
 
     def _nested(self, name, expr):
         return reduce(lambda a, b: f"numpy.{name}({a}, {b})", map(self._print, expr.args))
@@ -62,7 +62,7 @@ class PythonPrinter(_Printed, NumPyPrinter):
 
 
 class CPrinter(_Printed, C99CodePrinter):  # pyright: ignore[reportIncompatibleMethodOverride]
-    """C99; `sign_of`, `step_of`, `max_of` and `min_of` are functions of the program, which keep what is no number."""
+    """Formulas in C99; `sign_of`, `step_of`, `max_of` and `min_of` are functions of the program that keep NaN."""
 
     # Macros such as M_LN2, which it would take for log(2), are not of the standard.
     math_macros = MappingProxyType({})
@@ -95,7 +95,7 @@ class CPrinter(_Printed, C99CodePrinter):  # pyright: ignore[reportIncompatibleM
 
 
 class ModelicaPrinter(_Printed, StrPrinter):
-    """Modelica 3."""
+    """Formulas in Modelica 3."""
 
     def _print_Pow(self, expr, rational=False):  # noqa: N802
         if expr.exp.is_Rational and expr.exp.q == 2:

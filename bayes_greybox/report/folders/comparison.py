@@ -1,4 +1,4 @@
-"""The folder of a comparison: what `compare` leaves there, and how it is read again without comparing anew."""
+"""The folder of a comparison, which is read again without comparing anew."""
 
 import hashlib
 import json
@@ -17,11 +17,11 @@ from bayes_greybox.report.plots import plot_comparison, save_figures
 from bayes_greybox.running.errors import InputError
 
 from .copies import author_text, copy_of
-from .holding import CONFIG, RECORD
+from .holding import CONFIG, RECORD_FILE
 from .record import comparison_record, write_json
 from .writing import staged
 
-PAGE = "comparison.html"
+COMPARISON_PAGE = "comparison.html"
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class SavedComparison:
 
     Attributes:
         fits: The fits by name.
-        table: What `compare` returned, best first.
+        table: Result of `compare`, best first.
         config: Text of the configuration file, if there was one.
     """
 
@@ -54,11 +54,11 @@ def save_comparison(
     Args:
         folder: Where they go.
         fits: The fits by name.
-        table: What `compare` returned for them.
+        table: Result of `compare` for them.
         files: Where each fit is saved, which the record remembers.
         sampling: Settings of the sampler, if the fits were made for this comparison.
         config: Path and text of the configuration file, if there is one.
-        figures: Whether to draw the figure.
+        figures: If true, the figure is drawn.
 
     Raises:
         InputError: A file cannot be written.
@@ -68,12 +68,12 @@ def save_comparison(
     named = {} if config is None else {"config": Path(config[0]).name}
     # The record first, by itself: nothing that fails later may cost the comparison.
     with staged(folder) as place:
-        write_json(place / RECORD, {"command": "compare", **named, **record})
+        write_json(place / RECORD_FILE, {"command": "compare", **named, **record})
         if config is not None:
             text = copy_of(config[1], Path(config[0]), folder)
             (place / CONFIG).write_text(text, encoding="utf-8", newline="")
     with staged(folder) as place:
-        comparison_html(fits, table, place / PAGE, None if config is None else config[1])
+        comparison_html(fits, table, place / COMPARISON_PAGE, None if config is None else config[1])
     if figures:
         save_figures({"comparison": plot_comparison(table)}, folder / "figures")
 
@@ -81,21 +81,18 @@ def save_comparison(
 def load_comparison(folder: Path) -> SavedComparison:
     """Read what `save_comparison` wrote.
 
-    Args:
-        folder: The folder.
-
     Raises:
         InputError: Not the folder of a comparison; a fit is no longer where it was, or no longer the same.
     """
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
         table = _table(record)
         files = {str(name): (folder / entry["file"], entry["sha256"]) for name, entry in record["fits"].items()}
         if set(files) != set(table.index):
             raise KeyError("fits")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(
-            f'"{folder}" is not a folder that compare wrote: its {RECORD} is missing or holds no comparison. Name '
+            f'"{folder}" is not a folder that compare wrote: its {RECORD_FILE} is missing or holds no comparison. Name '
             "such a folder, or saved fits (*.nc)."
         ) from error
     fits = {}
@@ -117,7 +114,7 @@ def load_comparison(folder: Path) -> SavedComparison:
 
 
 def _whereabouts(file: Path, folder: Path) -> dict[str, str]:
-    """Path and fingerprint of a fit; relative to the folder if it is in it, so that the folder can be moved."""
+    """Return path and fingerprint of a fit; relative if it lies in the folder, so that the folder can be moved."""
     whole, home = file.resolve(), folder.resolve()
     path = whole.relative_to(home).as_posix() if whole.is_relative_to(home) else str(whole)
     return {"file": path, "sha256": _digest(file)}

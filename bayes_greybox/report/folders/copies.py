@@ -5,7 +5,7 @@ import os
 import re
 from pathlib import Path
 
-CONFIGURATION = "configuration_file"
+CONFIGURATION_ATTRIBUTE = "configuration_file"
 """Root attribute of a fit that holds the text of the configuration file that asked for it."""
 
 _SCHEMA = re.compile(r"\A#:schema[^\n]*\n")
@@ -15,7 +15,7 @@ _ORIGIN = re.compile(
 
 
 def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) -> str:
-    """A copy that can be run where it lies: relative paths in it start where those of the original do.
+    """Return a copy that can be run where it lies: its relative paths start where those of the original do.
 
     Args:
         text: The author's text, every character of which is kept.
@@ -38,16 +38,16 @@ def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) ->
 
 
 def author_text(text: str) -> str:
-    """The text of a copy without what `copy_of` put above it.
+    """Return the text of a copy without the lines that `copy_of` put above it.
 
     Args:
-        text: Of a copy.
+        text: Text of a copy.
     """
     return _ORIGIN.sub("", text, count=1)
 
 
 def _path(origin: Path, folder: Path) -> str:
-    """Relative where the two lie in one tree, so that it can be moved as a whole; absolute where they do not."""
+    """Return a relative path where both lie in one tree, which can then be moved; an absolute one elsewhere."""
     whole, home = origin.resolve(), folder.resolve()
     shared = [a for a, b in zip(whole.parts, home.parts, strict=False) if a == b]
     path = os.path.relpath(whole, home) if len(shared) > 1 else str(whole)

@@ -1,44 +1,46 @@
-"""Whose results a folder holds, so that no command overwrites those of another."""
+"""Commands and the folders of their results, so that none overwrites those of another."""
 
 import json
 from pathlib import Path
 
 from bayes_greybox.running.errors import InputError
 
-RECORD, CONFIG = "summary.json", "config.toml"
+RECORD_FILE, CONFIG = "summary.json", "config.toml"
 """Files that every command writes."""
 
-OWN = {
+FILES_OF = {
     "fit": ("run.nc",), "discover": ("study.nc", "gap.html"), "compare": ("comparison.html",), "fleet": ("fleet.html",),
 }  # fmt: skip
 """Files that one command writes."""
 
-SAID = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
+KEY_OF = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
 """Key of the record that one command alone has; records of version 0.1.0 do not name it."""
 
 
 def command_of(folder: Path) -> str | None:
-    """The command whose results a folder holds; None where it holds none that another command would overwrite.
+    """Return the command whose results a folder holds; None where another command would overwrite nothing.
 
     Args:
         folder: A folder, which need not exist.
     """
     try:
-        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+        record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         record = None
     if isinstance(record, dict):
-        if record.get("command") in OWN:
+        if record.get("command") in FILES_OF:
             return record["command"]
-        return next((command for command, key in SAID.items() if key in record), None)
+        return next((command for command, key in KEY_OF.items() if key in record), None)
     # A run that was stopped has no record yet.
     if not (folder / CONFIG).is_file():
         return None
-    return next((command for command, names in OWN.items() if any((folder / name).is_file() for name in names)), None)
+    return next(
+        (command for command, names in FILES_OF.items() if any((folder / name).is_file() for name in names)), None
+    )
 
 
 def free_folder(folder: Path, command: str) -> Path:
-    """Where the results of a command go: the folder, or FOLDER-COMMAND if it holds those of another command.
+    """Return the folder for the results of a command, or FOLDER-COMMAND if it holds those of another command.
 
     Args:
         folder: Where they are to go.
@@ -60,7 +62,7 @@ def require_own(folder: Path, command: str) -> None:
 
     Args:
         folder: Where results are to go.
-        command: Whose.
+        command: Command that writes them.
 
     Raises:
         InputError: It holds those of another command.

@@ -20,13 +20,9 @@ from bayes_greybox.running.plain_values import plain_rows, plain_values
 
 
 def run_record(
-    fit: Posterior,
-    sampling: Mapping[str, Any],
-    seconds: float,
-    held_out: pd.Series | None,
-    tried: Trial | None = None,
+    fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None, tried: Trial | None = None
 ) -> dict[str, Any]:
-    """What a fit found, and with what.
+    """Return the results of a fit, and the settings that it was made with.
 
     Args:
         fit: The fit.
@@ -62,7 +58,7 @@ def run_record(
 def comparison_record(
     fits: Mapping[str, Posterior], table: pd.DataFrame, sampling: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """What a comparison found.
+    """Return the results of a comparison.
 
     Args:
         fits: The fits by name.
@@ -84,7 +80,7 @@ def comparison_record(
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Whether the sampler can be trusted, and why not.
+    """Return whether the sampler can be trusted, with the reasons why not.
 
     Args:
         verdict: On convergence.

@@ -17,9 +17,9 @@ from bayes_greybox.report.pages.page import require_place
 from bayes_greybox.report.pages.study_page import study_html
 from bayes_greybox.running.errors import InputError
 
-from .comparison import PAGE, load_comparison
+from .comparison import COMPARISON_PAGE, load_comparison
 from .copies import author_text
-from .holding import CONFIG, OWN, command_of
+from .holding import CONFIG, FILES_OF, command_of
 
 
 def saved_html(
@@ -32,7 +32,7 @@ def saved_html(
             filled, which is shown as it is.
         path: Destination; None: beside the file, in the folder, or for several fits in the current folder.
         folds: Arguments of `compare` for several fits.
-        progress: Whether exact refits show their progress.
+        progress: If true, exact refits show their progress.
 
     Returns:
         The fits by name, and where the page is.
@@ -43,7 +43,7 @@ def saved_html(
     """
     if len(files) > 1:
         _require_fits(files)
-        fits, page = load_fits(files), path or Path(PAGE)
+        fits, page = load_fits(files), path or Path(COMPARISON_PAGE)
         require_place(page)
         comparison_html(fits, compare(fits, **folds, progress=progress), page)
         return fits, page
@@ -52,12 +52,14 @@ def saved_html(
         return _file_html(file, path or file.with_suffix(".html"))
     command = command_of(file)
     if command == "compare":
-        saved, page = load_comparison(file), path or file / PAGE
+        saved, page = load_comparison(file), path or file / COMPARISON_PAGE
         comparison_html(saved.fits, saved.table, page, saved.config)
         return dict(saved.fits), page
     if command == "fleet":
-        raise InputError(f'"{file}" holds a fleet: its page is {OWN["fleet"][0]}, and each of its assets has a folder.')
-    result = next((file / name for name in OWN.get(command or "", ()) if name.endswith(".nc")), None)
+        raise InputError(
+            f'"{file}" holds a fleet: its page is {FILES_OF["fleet"][0]}, and each of its assets has a folder.'
+        )
+    result = next((file / name for name in FILES_OF.get(command or "", ()) if name.endswith(".nc")), None)
     if result is None or not result.is_file():
         lacks = f"its {result.name} is missing" if result else "there is no summary.json of theirs in it"
         raise InputError(
@@ -70,7 +72,7 @@ def saved_html(
 
 
 def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
-    """Saved fits by names that tell them apart: of the file, of its folder where the file is a plain run.nc."""
+    """Return saved fits by distinct names: of the file, or of its folder where the file is a plain run.nc."""
     names = [file.resolve().parent.name if file.stem == "run" else file.stem for file in files]
     if len(set(names)) < len(names):
         names = [str(file) for file in files]
@@ -78,17 +80,17 @@ def load_fits(files: Sequence[Path]) -> dict[str, Posterior]:
 
 
 def _file_html(file: Path, path: Path | None, config: str | None = None) -> tuple[dict[str, Posterior], Path]:
-    """The page of a saved fit or study; by default where the command that saved it puts its own."""
+    """Write the page of a saved fit or study; by default where the command that saved it puts its own."""
     tree = netcdf.read(file)
     with made_of(file):
-        found = study_of(tree) if holds_study(tree) else checked_of(tree)
-    if isinstance(found, StudyResult):
+        result = study_of(tree) if holds_study(tree) else checked_of(tree)
+    if isinstance(result, StudyResult):
         page = path or file.with_name("gap.html")
-        study_html(found, page, config)
-        return {} if found.fit is None else {file.stem: found.fit}, page
+        study_html(result, page, config)
+        return {} if result.fit is None else {file.stem: result.fit}, page
     page = path or file.with_suffix(".html")
-    fit_html(found, page, config)
-    return {file.stem: found}, page
+    fit_html(result, page, config)
+    return {file.stem: result}, page
 
 
 def _is_study(file: Path) -> bool:

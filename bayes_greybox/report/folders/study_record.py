@@ -17,7 +17,7 @@ from .record import verdict_record
 
 
 def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
-    """What a missing-effect study found, and with what.
+    """Return the results of a missing-effect study, and the settings that it was made with.
 
     Args:
         study: The study.

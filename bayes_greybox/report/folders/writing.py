@@ -21,13 +21,10 @@ FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 @contextmanager
 def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """A folder that can be written to, made where it is missing, held for as long as the work for it lasts.
+    """Yield a folder that can be written to, made where it is missing, and locked while the work for it lasts.
 
     What a killed process left half-written is removed. If the work fails, the folders that were made for it and are
     still empty go again.
-
-    Args:
-        path: The folder.
 
     Yields:
         The folder.
@@ -61,7 +58,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """A place beside the final one: files written to it move to `folder` when the block ends, or vanish.
+    """Yield a place beside the final one, whose files move to `folder` when the block ends, or vanish.
 
     Args:
         folder: Where the files go, from the same file system; files of the same names are replaced.

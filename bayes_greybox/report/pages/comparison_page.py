@@ -1,10 +1,10 @@
-"""The page of a comparison: which model predicts best and how sure that is, then what each model says."""
+"""The page of a comparison: the model that predicts best and how sure that is, then what each model says."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence, convergence_table
@@ -12,13 +12,12 @@ from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unr
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.plots import plot_comparison
+from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, size_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     count_text,
-    estimate,
-    exact_text,
     formula,
     interval,
     listed,
@@ -28,13 +27,18 @@ from bayes_greybox.report.words.formatting import (
     probability_column,
     weight_text,
 )
-from bayes_greybox.report.words.stated import term_probability
 
-from .page import Badge, Code, Details, Items, Page, Pictures, Section, Table, Words, picture, write_page
-from .tables import by_equation, fit_settings, footer, settings_rows, settings_table, summary_table
-
-LIKELY = 0.5
-"""Terms more probable than this under the best model are marked."""
+from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
+from .shared import (
+    Folding,
+    fit_settings,
+    folded,
+    footer,
+    settings_rows,
+    settings_section,
+    settings_table,
+    summary_table,
+)
 
 
 def comparison_html(
@@ -44,7 +48,7 @@ def comparison_html(
 
     Args:
         fits: The fits by name.
-        table: What `compare` returns for them, best first.
+        table: Result of `compare` for them, best first.
         path: Destination.
         config: Text of the configuration file that asked for it.
 
@@ -55,16 +59,11 @@ def comparison_html(
 
 
 def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: str | None = None) -> Page:
-    """The report of a comparison.
-
-    Args:
-        fits: The fits by name.
-        table: What `compare` returns for them, best first.
-        config: Text of the configuration file that asked for it.
-    """
+    """Return the report of a comparison; see `comparison_html`."""
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
     badges, alerts = _trust(fits, table)
+    estimates = _estimates(fits)
     return Page(
         title=f"Comparison: {_verdict(table).text.lower()}",
         kind="bayes_greybox · comparison of models",
@@ -74,8 +73,8 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
         alerts=alerts,
         sections=[
             _ranking(table),
-            _terms(fits),
-            _coefficients(fits),
+            _terms(fits, estimates),
+            _coefficients(fits, estimates),
             _convergence(fits),
             _settings(fits, made, config),
         ],
@@ -84,7 +83,7 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
 
 
 def _headline(table: pd.DataFrame) -> str:
-    """Which model predicts best and how sure that is, in words for those who decide."""
+    """Return the model that predicts best and how sure that is, in words for those who decide."""
     best, second = (str(name) for name in table.index[:2])
     level = tied(table)
     if level:
@@ -101,7 +100,7 @@ def _verdict(table: pd.DataFrame) -> Badge:
 
 
 def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
-    """Badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
+    """Return badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
     failed = [name for name, fit in fits.items() if not convergence(fit).mixed]
     doubtful = unreliable(table)
     badges, alerts = [], []
@@ -124,43 +123,27 @@ def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
     return [f"{len(fits)} models", f"data: {data.n_obs} rows{runs}", f"left out: {table.attrs['folds']}"]
 
 
+RANKING: dict[str, Callable[[Any], str]] = {
+    "model": lambda row: str(row["model"]),
+    "#elpd, nats": lambda row: nats(row["elpd"]),
+    "#± SE, nats": lambda row: nats(row["se"]),
+    "#difference, nats": lambda row: nats(row["elpd_diff"]),
+    "#± SE of the difference, nats": lambda row: nats(row["diff_se"]),
+    "#weight": lambda row: weight_text(row["weight"]),
+    "#worst k": lambda row: pareto(row["worst_k"]),
+    "#refits": lambda row: number(row["refits"]),
+    "#p_eff": lambda row: nats(row["p_eff"]),
+}
+"""Columns of the ranking."""
+
+
 def _ranking(table: pd.DataFrame) -> Section:
-    rows = [
-        (
-            str(name),
-            nats(row["elpd"]),
-            nats(row["se"]),
-            nats(row["elpd_diff"]),
-            nats(row["diff_se"]),
-            weight_text(row["weight"]),
-            pareto(row["worst_k"]),
-            number(row["refits"]),
-            nats(row["p_eff"]),
-        )
-        for name, row in zip(table.index, table.to_dict("records"), strict=True)
-    ]
-    heads = (
-        "model",
-        "#elpd, nats",
-        "#± SE, nats",
-        "#difference, nats",
-        "#± SE, nats",
-        "#weight",
-        "#worst k",
-        "#refits",
-        "#p_eff",
-    )
-    level = [i for i, name in enumerate(table.index) if i == 0 or name in tied(table)]
+    best = {str(table.index[0]), *tied(table)}
+    drawn = plot_comparison(table)
     caption = f"Left out: {table.attrs['folds']}. Marked: the best model, and those that the data do not tell from it"
     blocks: list[Any] = [
-        Pictures(
-            [
-                picture(
-                    plot_comparison(table), "Elpd of each model, its difference to the best and its weight", wide=True
-                )
-            ]
-        ),
-        Table(heads, rows, caption, level),
+        Pictures([picture(drawn, "Elpd of each model, its difference to the best and its weight", wide=True)]),
+        table_of(records_of(table.rename_axis("model")), RANKING, caption, lambda row: row["model"] in best),
     ]
     notes = list(table.attrs.get("notes", []))
     if notes:
@@ -178,42 +161,80 @@ def _ranking(table: pd.DataFrame) -> Section:
         ("p_eff", "Effective number of sampled parameters."),
     ]
     blocks.append(Details("What the columns mean", [Items(meaning)]))
-    return Section("ranking", "Which model predicts best?", _LEAD, blocks)
+    lead = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
+    return Section("ranking", "Which model predicts best?", lead, blocks)
 
 
-_LEAD = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
+@dataclass(frozen=True)
+class _Estimate:
+    """Coefficient of a term under a model, in words.
+
+    Attributes:
+        key: Equation and term.
+        model: Name of the model.
+        value: Probability that the term matters.
+        probability: The same in words.
+        size: Mean and standard deviation.
+        ends: Ends of the 90 % interval.
+    """
+
+    key: tuple[str, str]
+    model: str
+    value: float
+    probability: str
+    size: str
+    ends: str
 
 
-def _terms(fits: Mapping[str, Posterior]) -> Section:
-    """How probable each term is, one column for each model."""
+def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
+    """Return the coefficients of every term, those of an equation together, under each model that has it."""
     tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
-    columns = {name: probability_column(table) for name, table in tables.items()}
-    first, rows, absent, marked = next(iter(fits)), [], [], []
-    for key in _keys(tables):
-        found = {name: float(table.loc[key, columns[name]]) for name, table in tables.items() if key in table.index}
-        cells = [
-            term_probability(tables[name].loc[key].to_dict(), columns[name], _prior(fits[name], key))
-            if name in found
-            else "–"
-            for name in fits
-        ]
-        row = (formula(key[1]), _rate(fits, key[0]), *cells)
-        if max(found.values()) > LIKELY:
-            if found.get(first, 0.0) > LIKELY:
-                marked.append(len(rows))
-            rows.append(row)
-        else:
-            absent.append(row)
-    heads = ("`term", "equation", *(f"#{name}: {PROBABILITIES[columns[name]]}" for name in fits))
-    blocks: list[Any] = [Words("Under no model is a term more likely to matter than not.")]
-    if rows:
-        caption = "Terms more likely to matter than not under some model; those of the best one are marked"
-        blocks = [by_equation(heads, rows, _equations(fits), caption, marked)]
-    if absent:
-        table = by_equation(heads, absent, _equations(fits), "Terms that are likely absent under every model")
-        few = f"{len(absent)} terms" if len(absent) > 1 else "1 term"
-        blocks.append(Details(f"{few} likely absent under every model", [table]))
-    moved = next(iter(fits.values())).data.target_in_words(*_equations(fits), article="the ")
+    keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
+    order = list(dict.fromkeys(equation for equation, _ in keys))
+    estimates = []
+    for key in sorted(keys, key=lambda key: order.index(key[0])):
+        for name, fit in fits.items():
+            if key not in tables[name].index:
+                continue
+            row, column = tables[name].loc[key].to_dict(), probability_column(tables[name])
+            prior = fit.model.stated(key[0], fit.data).priors.get(key[1])
+            given = "" if is_learned(prior) else " (given)"
+            ends = "–" if given else interval(row["lower"], row["upper"])
+            p, size = term_probability(row, column), f"{size_text(row, prior)}{given}"
+            estimates.append(_Estimate(key, name, float(row[column]), p, size, ends))
+    return estimates
+
+
+def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
+    """Return the section of the probability of each term, one column for each model."""
+    first, *_ = fits
+    data, equations = fits[first].data, fits[first].model.equations
+    by_key = {each.key: {own.model: own for own in estimates if own.key == each.key} for each in estimates}
+    titles = {name: PROBABILITIES[probability_column(inclusion(fit))] for name, fit in fits.items()}
+
+    def cell(name: str) -> Callable[[Any], str]:
+        return lambda key: by_key[key][name].probability if name in by_key[key] else "–"
+
+    columns = {
+        "`term": lambda key: formula(key[1]),
+        "equation": lambda key: data.target_label(key[0]),
+        **{f"#{name}: {title}": cell(name) for name, title in titles.items()},
+    }
+
+    def best(key: Any) -> bool:
+        return first in by_key[key] and by_key[key][first].value > LIKELY_TO_MATTER
+
+    blocks = folded(
+        _by_whether_it_matters(by_key, estimates),
+        Folding(
+            "Terms more likely to matter than not under some model; those of the best one are marked",
+            "Terms that are likely absent under every model",
+            "{} likely absent under every model",
+            "Under no model is a term more likely to matter than not.",
+        ),
+        lambda keys, caption: table_of(keys, columns, caption, best, equations),
+    )
+    moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
         f"the others it is the probability of moving {moved} by more than 1 % (RMS) of what the simulation leaves. A "
@@ -222,61 +243,53 @@ def _terms(fits: Mapping[str, Posterior]) -> Section:
     return Section("terms", "Which terms matter under each model?", lead, blocks)
 
 
-def _coefficients(fits: Mapping[str, Posterior]) -> Section:
-    """Estimates of each term under each model that has it, one below the other."""
-    tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
-    columns = {name: probability_column(table) for name, table in tables.items()}
-    rows, absent = [], []
-    for key in _keys(tables):
-        models = {name: table.loc[key] for name, table in tables.items() if key in table.index}
-        likely = max(float(row[columns[name]]) for name, row in models.items()) > LIKELY
-        for name, row in models.items():
-            prior = _prior(fits[name], key)
-            learned = prior is None or prior.learned
-            size = estimate(row["mean"], row["sd"], row["unit"]) if learned else exact_text(row["mean"], row["unit"])
-            ends = interval(row["lower"], row["upper"]) if learned else "–"
-            cells = (size if learned else f"{size} (given)", ends)
-            (rows if likely else absent).append((formula(key[1]), _rate(fits, key[0]), name, *cells))
-    heads = ("`term", "equation", "model", "#coefficient", "#90 % interval")
-    blocks: list[Any] = []
-    if rows:
-        caption = "Coefficients of the terms more likely to matter than not under some model"
-        blocks.append(by_equation(heads, rows, _equations(fits), caption))
-    if absent:
-        table = by_equation(heads, absent, _equations(fits), "Coefficients of the other terms")
-        blocks.append(Details("Coefficients of terms likely absent under every model", [table]))
+def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
+    """Return the section of the estimates of each term under each model that has it, one below the other."""
+    fit = next(iter(fits.values()))
+    columns = {
+        "`term": lambda each: formula(each.key[1]),
+        "equation": lambda each: fit.data.target_label(each.key[0]),
+        "model": lambda each: each.model,
+        "#coefficient": lambda each: each.size,
+        "#90 % interval": lambda each: each.ends,
+    }
+    blocks = folded(
+        _by_whether_it_matters(estimates, estimates),
+        Folding(
+            "Coefficients of the terms more likely to matter than not under some model",
+            "Coefficients of the other terms",
+            "Coefficients of terms likely absent under every model",
+        ),
+        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
+    )
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
 
-def _prior(fit: Posterior, key: tuple[str, str]) -> Coefficient | None:
-    """What was stated of the coefficient of a term."""
-    return fit.model.stated(key[0], fit.data).priors.get(key[1])
+def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate]) -> tuple[list[Any], list[Any]]:
+    """Return the records, by key or with one, of terms that matter under some model, and all others."""
+    likely = {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
+    every = [(each, (each.key if isinstance(each, _Estimate) else each) in likely) for each in records]
+    return [each for each, inside in every if inside], [each for each, inside in every if not inside]
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:
-    rows, reasons = [], []
-    for name, fit in fits.items():
-        judged = convergence_table(fit)
-        divergences = int(fit.idata["sample_stats"].dataset["diverging"].sum())
-        rows.append(
-            (
-                name,
-                _result(convergence(fit)),
-                number(_worst(judged["r_hat"], np.max), 4),
-                count_text(_worst(judged["ess_bulk"], np.min)),
-                count_text(_worst(judged["ess_tail"], np.min)),
-                number(divergences),
-            )
-        )
-        reasons += [(name, reason) for reason in convergence(fit).reasons]
-    heads = ("model", "result", "#largest R̂", "#least bulk ESS", "#least tail ESS", "#divergences")
-    failed = [i for i, fit in enumerate(fits.values()) if not convergence(fit).mixed]
+    verdicts = {name: convergence(fit) for name, fit in fits.items()}
+    tables: dict[str, Any] = {name: convergence_table(fit) for name, fit in fits.items()}
+    columns = {
+        "model": lambda name: name,
+        "result": lambda name: _result(verdicts[name]),
+        "#largest R̂": lambda name: number(tables[name]["r_hat"].max(), 4),
+        "#least bulk ESS": lambda name: count_text(tables[name]["ess_bulk"].min()),
+        "#least tail ESS": lambda name: count_text(tables[name]["ess_tail"].min()),
+        "#divergences": lambda name: number(int(fits[name].idata["sample_stats"].dataset["diverging"].sum())),
+    }
+    failed = [name for name, verdict in verdicts.items() if not verdict.mixed]
     caption = f"How well each model was sampled{'; marked: not converged' if failed else ''}"
-    blocks: list[Any] = [Table(heads, rows, caption, failed)]
-    if reasons:
-        said = Words("The sampler did not converge; what to try:", "alert") if failed else Words(SHORT_VERDICT)
-        blocks += [said, Items(reasons)]
+    blocks: list[Any] = [table_of(fits, columns, caption, lambda name: name in failed)]
+    if reasons := [(name, reason) for name, verdict in verdicts.items() for reason in verdict.reasons]:
+        words = Words("The sampler did not converge; what to try:", "alert") if failed else Words(SHORT_VERDICT)
+        blocks += [words, Items(reasons)]
     blocks += [
         Details(f"{name}: every quantity with R̂ and effective sample sizes", [summary_table(fit)])
         for name, fit in fits.items()
@@ -289,54 +302,32 @@ def _result(verdict: Verdict) -> str:
 
 
 def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:
-    """What the models differ in beside each other, and what they share once."""
+    """Return the section of the settings in which models differ, side by side, and of those that they share."""
     settings = {name: dict(settings_rows(_described(fit))) for name, fit in fits.items()}
-    keys = list(dict.fromkeys(key for one in settings.values() for key in one))
-    values = {key: [one[key] for one in settings.values() if key in one] for key in keys}
-    partly = [(key, *(one.get(key, "–") for one in settings.values())) for key in keys if len(values[key]) < len(fits)]
-    everywhere = {key: row for key, row in values.items() if len(row) == len(fits)}
-    differ = [(key, *row) for key, row in everywhere.items() if len(set(row)) > 1]
-    shared = [(key, row[0]) for key, row in everywhere.items() if len(set(row)) == 1]
-    heads = ("setting", *fits)
-    same = Words("Prior, kernel, data and sampler are the same for all models.")
-    blocks: list[Any] = [Table(heads, differ, "Settings that differ")] if differ else [] if partly else [same]
+    keys = dict.fromkeys(key for one in settings.values() for key in one)
+    rows = {key: [one.get(key) for one in settings.values()] for key in keys}
+    partly = {key: [value or "–" for value in row] for key, row in rows.items() if None in row}
+    differ = {key: row for key, row in rows.items() if key not in partly and len(set(row)) > 1}
+    shared = {key: row[:1] for key, row in rows.items() if key not in partly and len(set(row)) == 1}
+
+    def drawn(some: Mapping[str, Sequence[Any]], caption: str, heads: Sequence[str] = tuple(fits)) -> Table:
+        return Table(("setting", *heads), [(key, *row) for key, row in some.items()], caption)
+
+    blocks: list[Any] = [drawn(differ, "Settings that differ")] if differ else []
+    if not differ and not partly:
+        blocks = [Words("Prior, kernel, data and sampler are the same for all models.")]
     if partly:
-        blocks.append(
-            Details("Settings that only some of the models have", [Table(heads, partly, "Settings of some models")])
-        )
+        blocks.append(Details("Settings that only some of the models have", [drawn(partly, "Settings of some models")]))
     blocks += [
-        Details("Settings that all models share", [Table(("setting", "value"), shared, "Settings of all models")]),
+        Details("Settings that all models share", [drawn(shared, "Settings of all models", ("value",))]),
         Details("Versions that made the comparison", [settings_table(made, "Versions by package")]),
     ]
-    if config:
-        blocks.append(Details("Configuration file", [Code(config)]))
-    return Section("settings", "What do the models differ in?", "", blocks)
+    return settings_section("What do the models differ in?", blocks, config)
 
 
 def _described(fit: Posterior) -> dict[str, Any]:
-    """Settings of a fit, with a place for the kernel also where there is none."""
+    """Return the settings of a fit, with a place for the kernel also where there is none."""
     settings = fit_settings(fit)
     if settings["model"]["discrepancy"] is None:
         settings["model"]["discrepancy"] = {"variant": None}
     return settings
-
-
-def _keys(tables: Mapping[str, pd.DataFrame]) -> list[tuple[str, str]]:
-    """Every (equation, term) of any model, those of an equation together."""
-    keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
-    order = list(dict.fromkeys(name for name, _ in keys))
-    return sorted(keys, key=lambda key: order.index(key[0]))
-
-
-def _equations(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
-    return next(iter(fits.values())).model.equations
-
-
-def _rate(fits: Mapping[str, Posterior], name: str) -> str:
-    return next(iter(fits.values())).data.target_label(name)
-
-
-def _worst(column: Any, pick: Any) -> float:
-    known = column.to_numpy(float)
-    known = known[~np.isnan(known)]
-    return float(pick(known)) if len(known) else float("nan")

@@ -1,8 +1,9 @@
-"""The page of one fit: verdict, coefficients, what the discrepancy holds, predictions, settings."""
+"""The page of one fit: verdict, coefficients, discrepancy, predictions, checks and settings."""
 
 import json
 import math
 import os
+from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
@@ -14,13 +15,21 @@ from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.folders.copies import CONFIGURATION
+from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words.fit import (
+    LIKELY_TO_MATTER,
+    is_learned,
+    row_label,
+    size_text,
+    stated_text,
+    term_probability,
+)
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
-    estimate,
-    exact_text,
     formula,
     interval,
     listed,
@@ -31,26 +40,19 @@ from bayes_greybox.report.words.formatting import (
     share_interval,
     share_text,
 )
-from bayes_greybox.report.words.stated import stated_text, term_probability
 
 from .free_run_section import trial_sections
-from .page import (
-    Badge,
-    Card,
-    Code,
-    Details,
-    Items,
-    Page,
-    Pictures,
-    Section,
-    Words,
-    picture,
-    write_page,
+from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
+from .shared import (
+    Folding,
+    equations_block,
+    fit_settings,
+    folded,
+    footer,
+    settings_section,
+    settings_table,
+    verdict_blocks,
 )
-from .tables import by_equation, equations_block, fit_settings, footer, settings_table, verdict_blocks
-
-CLEAR = 0.5
-"""Terms more probable than this are marked."""
 
 _CHECKS = {
     "LOO-PIT": "Leave-one-out predictions are as wide as they say",
@@ -69,7 +71,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
     Args:
         fit: The fit.
         path: Destination.
-        config: Text of the configuration file that asked for it; what the fit knows of it by default.
+        config: Text of the configuration file that asked for it; by default the one that the fit holds.
 
     Raises:
         InputError: The destination cannot be written.
@@ -78,12 +80,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
 
 
 def fit_page(fit: Posterior, config: str | None = None) -> Page:
-    """The report of a fit.
-
-    Args:
-        fit: The fit.
-        config: Text of the configuration file that asked for it; what the fit knows of it by default.
-    """
+    """Return the report of a fit; see `fit_html`."""
     verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
     sections = [
         *_study(fit),
@@ -93,7 +90,11 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         *trial_sections(fit),
         _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
-        _settings(fit, config or fit.idata.attrs.get(CONFIGURATION)),
+        settings_section(
+            "How this was made",
+            [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])],
+            config or fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE),
+        ),
     ]
     doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
     return Page(
@@ -122,23 +123,14 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
-        terms = [formula(str(term)) for term in rows.index[rows[column] > CLEAR]]
+        terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
         found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         discrepancy = ""
         if fit.model.discrepancy:
             left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             discrepancy = f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {_rate(fit, name)}, {found}{discrepancy}.")
+        sentences.append(f"In {row_label(fit, name)}, {found}{discrepancy}.")
     return " ".join(sentences)
-
-
-def _rate(fit: Posterior, name: str) -> str:
-    """What rows are of: the rate of a state, an output, or the samples that several equations share."""
-    return fit.data.target_label(name) if name in fit.model.equations else "the samples"
-
-
-def _with_unit(value: float, fit: Posterior, name: str) -> str:
-    return quantity(value, target_unit(name, fit.data))
 
 
 def _facts(fit: Posterior) -> list[str]:
@@ -159,7 +151,7 @@ def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     cards = []
     several = len(fit.equations) > 1
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
-        where = f" in {_rate(fit, str(name))}" if several else ""
+        where = f" in {row_label(fit, str(name))}" if several else ""
         if row["simulation"] != 0:
             cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
         cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
@@ -172,7 +164,7 @@ def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
 
 
 def _study(fit: Posterior) -> list[Section]:
-    """What the missing-effect study said that made this model, if one did."""
+    """Return the verdict of the missing-effect study that made this model, if one did."""
     text = fit.idata.attrs.get("missing_effects")
     if not text:
         return []
@@ -183,38 +175,40 @@ def _study(fit: Posterior) -> list[Section]:
 
 def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     column = probability_column(table)
-    records = table.to_dict("records")
     priors = {name: fit.model.stated(name, fit.data).priors for name in fit.model.equations}
-    rows = []
-    for (name, term), row in zip(table.index, records, strict=True):
-        prior = priors[name].get(term)
-        learned = prior is None or prior.learned
-        cells = (
-            formula(str(term)),
-            _rate(fit, str(name)),
-            term_probability(row, column, prior),
-            estimate(row["mean"], row["sd"], row["unit"]) if learned else exact_text(row["mean"], row["unit"]),
-            interval(row["lower"], row["upper"]) if learned else "–",
-            number(row["shrinkage"], 2) if learned else "–",
-        )
-        rows.append((*cells, stated_text(prior)) if "stated" in table else cells)
-    clear = [bool(row[column] > CLEAR) for row in records]
-    heads = ("`term", "equation", f"#{PROBABILITIES[column]}", "#coefficient", "#90 % interval", "#shrinkage")
-    heads = (*heads, "stated") if "stated" in table else heads
-    shown, absent = (
-        [row for row, is_clear in zip(rows, clear, strict=True) if is_clear is kept] for kept in (True, False)
+
+    def prior(row: Any) -> Coefficient | None:
+        return priors[row["equation"]].get(row["term"])
+
+    def learned(text: Callable[[Any], str], otherwise: Callable[[Any], str] = lambda row: "–") -> Callable[[Any], str]:
+        return lambda row: (text if is_learned(prior(row)) else otherwise)(row)
+
+    columns = {
+        "`term": lambda row: formula(str(row["term"])),
+        "equation": lambda row: row_label(fit, str(row["equation"])),
+        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
+        "#coefficient": lambda row: size_text(row, prior(row)),
+        "#90 % interval": learned(lambda row: interval(row["lower"], row["upper"])),
+        "#shrinkage": learned(lambda row: number(row["shrinkage"], 2)),
+    }
+    if "stated" in table:
+        columns["stated"] = lambda row: stated_text(prior(row))
+    clear = table[column] > LIKELY_TO_MATTER
+
+    blocks = folded(
+        (records_of(table[clear]), records_of(table[~clear])),
+        Folding(
+            "Terms more likely to matter than not",
+            "Terms that are likely absent, or too small to matter",
+            "{} no more likely to matter than not",
+            "No term is more likely to matter than not.",
+        ),
+        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
     )
-    blocks: list[Any] = [Words("No term is more likely to matter than not.")]
-    if shown:
-        drawn = figures.coefficients(fit, least=CLEAR)
-        blocks = [
-            Pictures([picture(drawn, "Coefficients with intervals and probabilities", wide=True)]),
-            by_equation(heads, shown, fit.model.equations, "Terms more likely to matter than not"),
-        ]
-    if absent:
-        few = f"{len(absent)} terms" if len(absent) > 1 else "1 term"
-        folded = by_equation(heads, absent, fit.model.equations, "Terms that are likely absent, or too small to matter")
-        blocks.append(Details(f"{few} no more likely to matter than not", [folded]))
+    if any(clear):
+        drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
+        alt = "Coefficients with intervals and probabilities"
+        blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
@@ -222,36 +216,25 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
 def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     blocks: list[Any] = []
     for name in fit.model.equations:
-        rate = _rate(fit, name)
+        rate = row_label(fit, name)
         shown = [
             picture(figures.discrepancy_over_states(fit, name), f"Discrepancy in {rate} over the states", wide=True),
             picture(figures.discrepancy_over_time(fit, name), f"Discrepancy in {rate} along time", wide=True),
         ]
         blocks.append(Pictures(shown))
-    rows = [
-        (
-            _rate(fit, str(name)),
-            share_text(row["discrepancy"]),
-            share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
-            _with_unit(row["rms"], fit, str(name)),
-            _with_unit(row["sigma"], fit, str(name)),
-            f"{number(row['correlation'], 2)} ({formula(row['term'])})",
-            number(row["correlation_none"], 2),
-        )
-        for name, row in zip(shares.index, shares.to_dict("records"), strict=True)
-    ]
-    heads = (
-        "equation",
-        "#share",
-        "#90 % interval",
-        "#RMS of f",
-        "#noise SD",
-        "#trade-off with θ",
-        "#without orthogonality",
-    )
-    blocks.append(by_equation(heads, rows, fit.model.equations, "The discrepancy beside the noise and the terms"))
+    columns = {
+        "equation": lambda row: row_label(fit, row["equation"]),
+        "#share": lambda row: share_text(row["discrepancy"]),
+        "#90 % interval": lambda row: share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
+        "#RMS of f": lambda row: quantity(row["rms"], target_unit(row["equation"], fit.data)),
+        "#noise SD": lambda row: quantity(row["sigma"], target_unit(row["equation"], fit.data)),
+        "#trade-off with θ": lambda row: f"{number(row['correlation'], 2)} ({formula(row['term'])})",
+        "#without orthogonality": lambda row: number(row["correlation_none"], 2),
+    }
+    caption = "The discrepancy beside the noise and the terms"
+    blocks.append(table_of(records_of(shares), columns, caption, equations=fit.model.equations))
     trades = [
-        picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {_rate(fit, name)}")
+        picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {row_label(fit, name)}")
         for name in fit.model.equations
     ]
     blocks.append(Details("Trade-off between coefficients and discrepancy", [Pictures(trades)]))
@@ -264,35 +247,37 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
 
 def _predicted(fit: Posterior) -> Section:
     shown = [
-        picture(figures.predicted(fit, name), f"Predicted and measured {_rate(fit, name)}", wide=True)
+        picture(figures.predicted(fit, name), f"Predicted and measured {row_label(fit, name)}", wide=True)
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{_rate(fit, str(name))} {share_text(value)}" for name, value in errors.items())
+    text = ", ".join(f"{row_label(fit, str(name))} {share_text(value)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
 
 
 def _checks(fit: Posterior) -> Section:
     found = checks(fit)
-    rows = [
-        (
-            _CHECKS[str(check)],
-            _rate(fit, str(name)),
-            "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
-            "" if math.isnan(row["value"]) else (probability_text if check in _TESTS else _two)(row["value"]),
-            "" if math.isnan(row["limit"]) else number(row["limit"], 2),
-        )
-        for (name, check), row in zip(found.table.index, found.table.to_dict("records"), strict=True)
-    ]
-    marked = [i for i, ok in enumerate(found.table["ok"]) if not ok]
-    heads = ("check", "equation", "result", "#value", "#limit")
+
+    def value(row: Any) -> str:
+        if math.isnan(row["value"]):
+            return ""
+        return probability_text(row["value"]) if row["check"] in _TESTS else number(row["value"], 2)
+
+    columns = {
+        "check": lambda row: _CHECKS[row["check"]],
+        "equation": lambda row: row_label(fit, row["equation"]),
+        "result": lambda row: "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
+        "#value": value,
+        "#limit": lambda row: "" if math.isnan(row["limit"]) else number(row["limit"], 2),
+    }
     blocks: list[Any] = []
     if found.reasons:
         blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in found.reasons])]
-    blocks.append(by_equation(heads, rows, fit.model.equations, "Checks that did not pass are marked", marked))
+    caption, equations = "Checks that did not pass are marked", fit.model.equations
+    blocks.append(table_of(records_of(found.table), columns, caption, lambda row: not row["ok"], equations))
     for name in fit.equations:
-        rate = _rate(fit, name)
+        rate = row_label(fit, name)
         shown = [
             picture(figures.loo_pit(fit, name), f"Leave-one-out predictions of {rate} against a uniform distribution"),
             picture(figures.autocorrelation(fit, name), f"Autocorrelation of the whitened residuals of {rate}"),
@@ -301,33 +286,19 @@ def _checks(fit: Posterior) -> Section:
             words = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
             shown.append(picture(figures.predictive(fit, name), words, wide=True))
         blocks.append(Pictures(shown))
-    table = [
-        (
-            formula(str(quantity)),
-            _rate(fit, str(name)),
-            number(row["prior"], 2),
-            number(row["likelihood"], 2),
-            row["diagnosis"],
-        )
-        for (name, quantity), row in zip(found.sensitivity.index, found.sensitivity.to_dict("records"), strict=True)
-    ]
-    heads = ("`quantity", "equation", "#to the prior", "#to the likelihood", "diagnosis")
+    columns = {
+        "`quantity": lambda row: formula(str(row["quantity"])),
+        "equation": lambda row: row_label(fit, row["equation"]),
+        "#to the prior": lambda row: number(row["prior"], 2),
+        "#to the likelihood": lambda row: number(row["likelihood"], 2),
+        "diagnosis": lambda row: row["diagnosis"],
+    }
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
-    scaled = by_equation(heads, table, fit.model.equations, "Change for each doubling of the weight")
+    caption = "Change for each doubling of the weight"
+    scaled = table_of(records_of(found.sensitivity), columns, caption, equations=equations)
     blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
     lead = (
         "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "
         "the answers would change if the prior counted more or less."
     )
     return Section("checks", "Do the data support the model?", lead, blocks)
-
-
-def _two(value: float) -> str:
-    return number(value, 2)
-
-
-def _settings(fit: Posterior, config: str | None) -> Section:
-    blocks = [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])]
-    if config:
-        blocks.append(Details("Configuration file", [Code(config)]))
-    return Section("settings", "How this was made", "", blocks)

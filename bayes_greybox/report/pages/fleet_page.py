@@ -1,30 +1,32 @@
 """The page of a fleet: what assets lack together, each effect pooled over them, and all assets by their gap."""
 
-import math
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from matplotlib.figure import Figure
 
 from bayes_greybox.discovery.fleet.pooling import Pooled
-from bayes_greybox.discovery.fleet.shared import Fleet, Shared
+from bayes_greybox.discovery.fleet.shared import AssetStudy, Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.plots.fleet import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
+from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
 from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
     interval,
+    known_share,
     number,
     probability_text,
-    share_text,
     unit_text,
 )
 
-from .page import Badge, Card, Page, Pictures, Section, Table, Words, time_picture, write_page
-from .tables import footer
+from .page import Badge, Card, Page, Pictures, Section, Words, time_picture, write_page
+from .shared import footer
 
 
 def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str] | None = None) -> None:
@@ -33,7 +35,7 @@ def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str]
     Args:
         fleet: The fleet.
         path: Destination.
-        pages: Where each asset's own report lies, from the folder of this one.
+        pages: Path of each asset's own report, from the folder of this one.
 
     Raises:
         InputError: The destination cannot be written.
@@ -42,12 +44,7 @@ def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str]
 
 
 def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
-    """The report of a fleet.
-
-    Args:
-        fleet: The fleet.
-        pages: Where each asset's own report lies.
-    """
+    """Return the report of a fleet; see `fleet_html`."""
     alerts = [f"{each.asset} could not be studied: {each.sentence}" for each in fleet.failed]
     alerts += [f"The sampler did not converge for {e.asset}." for e in fleet.studied if e.converged is False]
     cause = fleet.causes[0] if len(fleet.causes) == 1 else None
@@ -114,19 +111,21 @@ def _cards(cause: Shared | None) -> list[Card]:
 def _shared(fleet: Fleet) -> Section:
     if not fleet.shared:
         return Section("lacks", "What they lack", blocks=[Words("No effect was added to the model of any asset.")])
-    unsure = ("#P where not sure", "or a fault of a sensor") if any(each.likely for each in fleet.shared) else ()
-    pooling = ("#mean", "#between assets", "#P(one for all)", "inner parameters", "unit")
-    head = ("effect", "equation", "#assets", *unsure, *pooling)
-    rows = []
-    for each in fleet.shared:
-        whole = each.whole
-        numbers = ("–", "–", "–")
-        if whole is not None:
-            numbers = estimate(whole.mean, whole.sd), number(whole.between), probability_text(whole.same)
-        inner = ", ".join(f"{name} {_range(*ends)}" for name, ends in each.inner.items()) or "–"
-        count = f"{len(each.assets)}{f' to {len({*each.assets, *each.possible})}' if each.possible else ''}"
-        doubt = (likely_text(each.likely.values()), ", ".join(each.faults) or "–") if unsure else ()
-        rows.append((each.name, each.equation, count, *doubt, *numbers, inner, unit_of(each)))
+    columns: dict[str, Callable[[Shared], str]] = {
+        "effect": lambda each: each.name,
+        "equation": lambda each: each.equation,
+        "#assets": _assets_text,
+    }
+    if any(each.likely for each in fleet.shared):
+        columns["#P where not sure"] = lambda each: likely_text(each.likely.values())
+        columns["or a fault of a sensor"] = lambda each: ", ".join(each.faults) or "–"
+    columns |= {
+        "#mean": lambda each: "–" if each.whole is None else estimate(each.whole.mean, each.whole.sd),
+        "#between assets": lambda each: "–" if each.whole is None else number(each.whole.between),
+        "#P(one for all)": lambda each: "–" if each.whole is None else probability_text(each.whole.same),
+        "inner parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
+        "unit": unit_of,
+    }
     drawn = [
         time_picture(
             partial(_pooled, each, each.whole),
@@ -142,7 +141,7 @@ def _shared(fleet: Fleet) -> Section:
         "drawn towards their mean as far as its data leave it open. Assets with too little of it to be found are not "
         "in the mean, which is therefore one of those that lack it, and not of the fleet."
     )
-    table = Table(head, rows, "Effects and their coefficients")
+    table = table_of(fleet.shared, columns, "Effects and their coefficients")
     return Section("lacks", "What they lack", lead, [table, *map(Words, not_pooled(fleet)), Pictures(drawn)])
 
 
@@ -152,22 +151,27 @@ def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:
 
 
 def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
-    head = ("asset", "verdict", "lacks", "#gap", "#left", "~what its study says")
-    rows = [
-        (each.asset, each.verdict, lacks_text(each), _share(each.gap), _share(each.left), each.sentence)
-        for each in fleet.assets
-    ]
+    columns: dict[str, Callable[[AssetStudy], str]] = {
+        "asset": lambda each: each.asset,
+        "verdict": lambda each: each.verdict,
+        "lacks": lacks_text,
+        "#gap": lambda each: known_share(each.gap),
+        "#left": lambda each: known_share(each.left),
+        "~what its study says": lambda each: each.sentence,
+    }
     lead = (
         "By the share of the measured rate, or of the samples, that the simulation leaves unexplained, largest first; "
         "of held-out data where there are any. An asset's name opens its own report."
     )
     links = [pages.get(each.asset, "") for each in fleet.assets]
-    return Section("assets", "Assets by their gap", lead, [Table(head, rows, "All assets", links=links)])
+    table = replace(table_of(fleet.assets, columns, "All assets"), links=links)
+    return Section("assets", "Assets by their gap", lead, [table])
+
+
+def _assets_text(shared: Shared) -> str:
+    """Return the number of assets that have an effect for sure, and of those that may."""
+    return f"{len(shared.assets)}{f' to {len({*shared.assets, *shared.possible})}' if shared.possible else ''}"
 
 
 def _range(low: float, high: float) -> str:
     return number(low) if number(low) == number(high) else f"{number(low)} to {number(high)}"
-
-
-def _share(value: float) -> str:
-    return "–" if math.isnan(value) else share_text(value)

@@ -1,6 +1,6 @@
-"""The page of a report: what it is made of, and how it becomes one HTML file that needs nothing else.
+"""The page of a report, which becomes one HTML file that needs nothing else.
 
-The pages of a study and of a fit are lists of sections, each a list of blocks; one template draws them all.
+Pages are lists of sections, each a list of blocks; one template draws them all.
 """
 
 import base64
@@ -16,10 +16,11 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from bayes_greybox.report.drawing.svg import drawing
+from bayes_greybox.report.tables import Table as Table
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import write_text
 
-NARROW = 4.6
+PHONE_WIDTH = 4.6
 """Width in inches of figures along time on a phone, where a wide one would be too small to read."""
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -27,7 +28,7 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 @dataclass(frozen=True)
 class Badge:
-    """A verdict in a word or two; tone is "good", "warn", "bad" or "quiet"."""
+    """A verdict in a word or two; its tone is "good", "warn", "bad" or "quiet"."""
 
     text: str
     tone: str
@@ -48,7 +49,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that was looked at; tone is "bad" where it speaks against the verdict, "good" or "quiet"."""
+    """A finding about the verdict; its tone is "bad" if it speaks against the verdict, else "good" or "quiet"."""
 
     topic: str
     text: str
@@ -95,8 +96,8 @@ class Equations:
 
     Attributes:
         equations: The equations.
-        notes: What goes with them, such as values of inner parameters.
-        rule: Which terms stand in them.
+        notes: Lines below them, such as values of inner parameters.
+        rule: Rule by which terms stand in them.
         latex: All of them in LaTeX, to copy.
     """
 
@@ -104,32 +105,6 @@ class Equations:
     notes: Sequence[str]
     rule: str
     latex: str
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table of texts.
-
-    Attributes:
-        columns: Headings; one that starts with "#" heads numbers, one with "`" formulas, one with "~" sentences.
-        rows: Cells; the first of each heads its row.
-        caption: What it shows.
-        marked: Numbers of the rows to stress.
-        links: Where the head of each row leads, from the folder of the page; "" where it leads nowhere.
-    """
-
-    columns: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    caption: str = ""
-    marked: Sequence[int] = ()
-    links: Sequence[str] = ()
-    kind: str = "table"
-
-    @property
-    def heads(self) -> list[tuple[str, str]]:
-        """Heading and class of each column."""
-        kinds = {"#": "number", "`": "formula", "~": "sentence"}
-        return [(title.lstrip("#`~"), kinds.get(title[:1], "text")) for title in self.columns]
 
 
 @dataclass(frozen=True)
@@ -162,7 +137,7 @@ class Details:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the page; `lead` says how to read it."""
+    """A section of the page; `lead` says how to read it."""
 
     anchor: str
     title: str
@@ -175,19 +150,19 @@ class Page:
     """A report.
 
     Attributes:
-        title: Of the browser's window.
-        kind: What kind of report it is.
-        headline: The verdict in one sentence.
-        badges: The verdict in a word, and what qualifies it.
-        facts: What was analysed, in a few words each.
-        alerts: What must be known before anything is believed.
-        equations: What was learned, as equations.
-        findings: What speaks against the verdict and what does not, within the first screen.
-        findings_title: What it is headed with.
+        title: Title of the browser's window.
+        kind: Kind of the report.
+        headline: Verdict in one sentence.
+        badges: Verdict in a word, and its qualifications.
+        facts: Data and model, in a few words each.
+        alerts: Warnings that come before everything else.
+        equations: Learned equations.
+        findings: Findings for and against the verdict, within the first screen.
+        findings_title: Heading of the findings.
         cards: Numbers that matter, before and after.
-        cards_title: What they are measured on.
-        sections: The rest.
-        footer: What made the report.
+        cards_title: Heading of the cards, which says what data they are of.
+        sections: All further sections.
+        footer: Last line, with the program's version.
     """
 
     title: str
@@ -206,7 +181,7 @@ class Page:
 
 
 def render(page: Page) -> str:
-    """The page as HTML: style, figures and the script that reads values off them inside, nothing fetched.
+    """Return the page as HTML: style, figures and the script that reads values off them are inside.
 
     No other script than that runs, by the page's own policy: it names its digest.
     """
@@ -217,9 +192,6 @@ def render(page: Page) -> str:
 
 def require_place(path: str | os.PathLike[str]) -> None:
     """Refuse the destination of a page that cannot be written, before the work for it.
-
-    Args:
-        path: Destination.
 
     Raises:
         InputError: There is no such folder, or nothing can be written to it.
@@ -232,7 +204,7 @@ def require_place(path: str | os.PathLike[str]) -> None:
 
 
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
-    """Write a page beside its destination, then rename: it is whole or not there.
+    """Write a page beside its destination, then rename it, so that it is never half-written.
 
     Args:
         page: The page.
@@ -249,19 +221,19 @@ def write_page(page: Page, path: str | os.PathLike[str]) -> None:
 
 
 def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:
-    """A figure for the page."""
+    """Return a figure for the page."""
     return Picture(drawing(figure, alt), alt, caption, wide=wide)
 
 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
-    """A wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
+    """Return a wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
 
     Args:
-        draw: Draws it at a width in inches.
-        alt: What it shows, for those who cannot see it.
-        caption: What stands below it.
+        draw: Function that draws it at a width in inches.
+        alt: Description for those who cannot see it.
+        caption: Text below it.
     """
-    return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(NARROW), alt), wide=True)
+    return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(PHONE_WIDTH), alt), wide=True)
 
 
 def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:

@@ -10,23 +10,16 @@ from bayes_greybox.discovery.answer.gap.table import NO_SHARES
 from bayes_greybox.discovery.decision.vetoes import worsened
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import added, not_helped, shown_part
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import (
-    METRICS,
-    added,
-    closed_text,
-    metric_value,
-    metric_words,
-    not_helped,
-    shown_part,
-)
+from bayes_greybox.report.words.study import METRICS, closed_text, metric_value, metric_words
 
 from . import study_sections as rungs
-from .page import Badge, Card, Finding, Page, Section, Words, write_page
-from .tables import equations_block, footer, verdict_blocks
+from .page import Badge, Card, Details, Finding, Page, Section, Words, write_page
+from .shared import equations_block, footer, settings_section, settings_table, verdict_blocks
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
@@ -55,12 +48,7 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
 
 
 def study_page(study: StudyResult, config: str | None = None) -> Page:
-    """The report of a study.
-
-    Args:
-        study: The study.
-        config: Text of the configuration file that asked for it; that of the study by default.
-    """
+    """Return the report of a study; see `study_html`."""
     sections = [
         rungs.where(study),
         rungs.what(study),
@@ -72,7 +60,11 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         _convergence(study),
         rungs.corrections(study),
         rungs.ties(study),
-        rungs.settings(study, config or study.config),
+        settings_section(
+            "How this was made",
+            [Details("Settings, seed, versions and times", [settings_table(study.settings)])],
+            config or study.config,
+        ),
     ]
     measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
     return Page(
@@ -104,7 +96,7 @@ def _badges(study: StudyResult) -> list[Badge]:
 
 
 def _findings(study: StudyResult) -> list[Finding]:
-    """What speaks against the verdict first."""
+    """Return the findings, those first that speak against the verdict."""
     tones = {True: "bad", None: "quiet", False: "good"}
     found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
     return sorted(found, key=lambda finding: finding.tone != "bad")
@@ -157,7 +149,7 @@ def _cards(study: StudyResult) -> list[Card]:
 
 
 def _convergence(study: StudyResult) -> Section:
-    """Whether the amended model's fit can be trusted."""
+    """Return the section of the convergence of the amended model's fit."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
         text = "The amended model was not sampled: its numbers are those of the Laplace approximation."

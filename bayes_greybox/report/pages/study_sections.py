@@ -1,23 +1,24 @@
 """The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
-from itertools import compress
 from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
+from bayes_greybox.discovery.contradictions import notable
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import added, changed, shown_part, unclear_sign
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
-from bayes_greybox.report.plots.gap.gap_map import SURE
+from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
-from bayes_greybox.report.words.doubts import NOTABLE
+from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.formatting import (
     estimate,
     formula,
@@ -32,8 +33,6 @@ from bayes_greybox.report.words.formatting import (
     unbroken,
 )
 from bayes_greybox.report.words.study import (
-    LIKELY,
-    added,
     closed_share,
     concentration,
     metric_interval,
@@ -42,25 +41,23 @@ from bayes_greybox.report.words.study import (
     name_of,
     reversed_text,
     set_label,
-    shown_part,
     suspect_size,
     suspects_weighed,
     whole_term,
 )
 
 from .free_run_section import free_run_section
-from .page import Code, Details, Items, Picture, Pictures, Section, Table, Words, picture, time_picture
-from .tables import by_equation, settings_table
+from .page import Code, Details, Items, Picture, Pictures, Section, Words, picture, time_picture
 
 MOST_TIED = 3
 """Effects that another is tied with, as the table names them."""
 
 STATUS = {"added": "in the model", "one of": "could stand in its place", "": "–"}
-"""What a status of an effect is called."""
+"""Words for the status of an effect."""
 
 
 def where(study: StudyResult) -> Section:
-    """Gap maps, gap along time, regions and windows."""
+    """Return the section of gap maps, gap along time, regions and windows."""
     blocks: list[Any] = [Pictures(_maps(study, equation)) for equation in study.maps]
     blocks.append(_regions(study) if len(study.where) else Words("No region and no stretch of time stands out."))
     measured = study.train.target_in_words(*study.maps)
@@ -69,7 +66,7 @@ def where(study: StudyResult) -> Section:
         "outline where it exceeds the threshold with probability 0.9. Colours reach to the threshold at "
         "least: what is pale is small beside the noise."
     )
-    if any(len(gap_parts(study, name)) > 1 for name in study.maps):
+    if any(map(changed, study.maps.values())):
         lead += " Before and after share one scale."
     if any(row["suspect"] == DELAY and row["status"] == IN_MODEL for row in study.instrument.to_dict("records")):
         lead += " Delays that are in the model are undone here, before and after."
@@ -77,29 +74,34 @@ def where(study: StudyResult) -> Section:
 
 
 def what(study: StudyResult) -> Section:
-    """Hypotheses and effects with their probabilities."""
+    """Return the section of hypotheses and effects with their probabilities."""
     blocks: list[Any] = [
         Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about {_rate(study, name)}")])
         for name in _equations(study.hypotheses)
     ]
     if len(study.effects):
-        notable = (study.effects["status"] != "") | (study.effects["probability"] >= NOTABLE)
+        likely = (study.effects["status"] != "") | (study.effects["probability"] >= notable(study))
         effects: Any = study.effects
-        shown, rest = effects[notable], effects[~notable]
-        text = f"No effect of the catalogue is as probable as {probability_text(NOTABLE)}."
+        shown, rest = effects[likely], effects[~likely]
+        text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))
         if len(rest):
-            blocks.append(Details(f"{_counted(len(rest), 'less probable effect')}", [_effects(study, rest)]))
+            blocks.append(Details(_counted(len(rest), "less probable effect"), [_effects(study, rest)]))
     if len(study.hypotheses):
         table = _hypotheses(study)
         blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
     if study.left_out:
-        rows = [
-            (name_of(study, slug), _rate(study, equation), reason)
-            for (equation, slug), reason in study.left_out.items()
-        ]
-        left_out = _table(study, ("effect", "equation", "reason"), rows, "Effects that were not weighed, and why")
-        blocks.append(Details(f"{_counted(len(rows), 'effect')} not weighed, and why", [left_out]))
+        left_out = table_of(
+            study.left_out.items(),
+            {
+                "effect": lambda item: name_of(study, item[0][1]),
+                "equation": lambda item: _rate(study, item[0][0]),
+                "reason": lambda item: item[1],
+            },
+            "Effects that were not weighed, and why",
+            equations=list(study.maps),
+        )
+        blocks.append(Details(f"{_counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
@@ -110,7 +112,7 @@ def what(study: StudyResult) -> Section:
 
 
 def how_much(study: StudyResult) -> Section:
-    """Coefficients of the added effects, and the amended simulation to copy."""
+    """Return the section of the coefficients of the added effects, and of the amended simulation to copy."""
     blocks: list[Any] = [Words("No effect was added to the model.")]
     if added(study).size:
         alt = "Posterior distribution of the coefficient of each added effect"
@@ -124,25 +126,24 @@ def how_much(study: StudyResult) -> Section:
 
 
 def free_runs(study: StudyResult) -> Section | None:
-    """Each state as measured, and as the models run it before and after."""
+    """Return the section of each state as measured, and as the models run it before and after."""
     if not study.paths:
         return None
-    drawn = {state: partial(figures.free_run, study, state) for state in study.paths}
     part = "held-out data" if shown_part(study) == "test" else "training data"
     return free_run_section(
         "Does the simulation now follow the measurements?",
         f"Each model is started where the measurements start and then left alone, on the {part}.",
-        drawn,
+        {state: partial(figures.free_run, study, state) for state in study.paths},
         [path.holds for path in study.paths.values()],
         shown="before and after, against the measurements",
     )
 
 
 def gap_numbers(study: StudyResult) -> Section:
-    """Every measure of the gap, held-out data first."""
+    """Return the section of every measure of the gap, held-out data first."""
     captions = {"test": "On held-out data", "train": "On the training data"}
-    known = set(study.gap.index.get_level_values(0))
-    blocks = [_gap(study, part, caption) for part, caption in captions.items() if part in known]
+    parts = set(study.gap.index.get_level_values(0))
+    blocks = [_gap(study, part, caption) for part, caption in captions.items() if part in parts]
     lead = "Before and after are of the mean over the posterior draws, intervals of single draws."
     if "free-run NRMSE" in study.gap.index.get_level_values("metric"):
         lead += " Errors of single draws cancel in the mean of a free run, whose own may thus lie below its interval."
@@ -152,68 +153,61 @@ def gap_numbers(study: StudyResult) -> Section:
 
 
 def sets(study: StudyResult) -> Section | None:
-    """The likeliest set of each size, as bars and as a table."""
+    """Return the section of the likeliest set of each size, as bars and as a table."""
     if not len(study.rounds):
         return None
     alt = "Share of the gap that the likeliest set of each size leaves"
     shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
     known = study.hypotheses["probability"].to_dict()
-    rows = [
-        (
-            _rate(study, equation),
-            str(k - 1),
-            set_label(study, row["verdict"]),
-            # What is unknown has more than the sets without an effect: all that others may imitate.
-            probability_text(known.get((equation, row["verdict"]), row["probability"])),
-            share_text(row["share_left"]),
-            name_of(study, row["runner_up"]) or "–",
-            probability_text(known.get((equation, row["runner_up"]), row["runner_up_probability"])),
-        )
-        for (equation, k), row in _records(study.rounds)
-    ]
-    heads = ("equation", "#effects", "likeliest", "#probability", "#left by its columns", "runner-up")
+
+    def probability(row: Any, name: str, alone: str) -> str:
+        # What is unknown has more than the sets without an effect: all that others may imitate.
+        return probability_text(known.get((row["equation"], row[name]), row[alone]))
+
+    columns = {
+        "equation": lambda row: _rate(study, row["equation"]),
+        "#effects": lambda row: row["round"] - 1,
+        "likeliest": lambda row: set_label(study, row["verdict"]),
+        "#probability": lambda row: probability(row, "verdict", "probability"),
+        "#left by its columns": lambda row: share_text(row["share_left"]),
+        "runner-up": lambda row: name_of(study, row["runner_up"]) or "–",
+        "#its probability": lambda row: probability(row, "runner_up", "runner_up_probability"),
+    }
     lead = (
         "Effects are weighed as sets: the likeliest one with no effect, with one, with two, and what the columns of "
         "each leave of the gap where they take all that they can. Beside a rest of any shape they may take less, which "
         "the “gap left” above counts. Effects that show only together are found together."
     )
-    table = _table(study, (*heads, "#its probability"), rows, "The likeliest set of each size, and the runner-up")
+    table = _table(study, study.rounds, columns, "The likeliest set of each size, and the runner-up")
     return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), table])
 
 
 def measurement(study: StudyResult) -> Section:
-    """Suspects about sensors and noise, and the odds that they were weighed with."""
+    """Return the section of suspects about sensors and noise, and of the odds that they were weighed with."""
     blocks: list[Any] = []
     if len(study.instrument):
-        records = study.instrument.to_dict("records")
-        rows = [
-            (
-                numbers_in(row["text"]),
-                _rate(study, row["equation"]),
-                probability_text(row["probability"]),
-                row["suspect"],
-                *suspect_size(row),
-            )
-            for row in records
-        ]
-        inside = [i for i, row in enumerate(records) if row["status"] == IN_MODEL]
+        columns = {
+            "what": lambda row: numbers_in(row["text"]),
+            "equation": lambda row: _rate(study, row["equation"]),
+            "#probability": lambda row: probability_text(row["probability"]),
+            "kind": lambda row: row["suspect"],
+            "#size": lambda row: suspect_size(row)[0],
+            "#90 % interval": lambda row: suspect_size(row)[1],
+            "#in samples": lambda row: suspect_size(row)[2],
+        }
+        inside = IN_MODEL in set(study.instrument["status"])
         if not inside:
             blocks.append(Words("Nothing about the measurement was taken for true."))
-        columns = ("what", "equation", "#probability", "kind", "#size", "#90 % interval", "#in samples")
         caption = f"Suspects with a probability of {percent_text(LISTED)} or more"
         caption += "; those in the model are marked" if inside else "; none is in the model"
-        blocks.append(_table(study, columns, rows, caption, inside))
+        blocks.append(_table(study, study.instrument, columns, caption, lambda row: row["status"] == IN_MODEL))
     else:
         text = f"Every suspect was weighed and found unlikely: each has a probability below {percent_text(LISTED)}."
         blocks.append(Words(text))
     odds = suspects_weighed(study)
     if odds:
-        blocks.append(
-            Details(
-                "What was weighed, and with which prior odds",
-                [Table(("suspect", "prior"), odds, "Prior probability and size of each suspect")],
-            )
-        )
+        table = Table(("suspect", "prior"), odds, "Prior probability and size of each suspect")
+        blocks.append(Details("What was weighed, and with which prior odds", [table]))
     lead = (
         "Sensors and noise are suspects like effects: channels that are late, scaled, offset or bent, and noise that "
         "is correlated, varies with the state or has outliers. What is in the model is taken for true beside effects."
@@ -222,59 +216,43 @@ def measurement(study: StudyResult) -> Section:
 
 
 def corrections(study: StudyResult) -> Section | None:
-    """Corrections to the simulation's own coefficients."""
-    if not len(study.corrections):
+    """Return the section of corrections to the simulation's own coefficients."""
+    table: Any = study.corrections
+    if not len(table):
         return None
-    rows = [
-        (
-            formula(str(term)),
-            _rate(study, equation),
-            number(row["nominal"], 4),
-            probability_text(row["probability"]),
-            estimate(row["mean"], row["sd"], row["unit"]),
-            interval(row["lower"], row["upper"]),
-        )
-        for (equation, term), row in _records(study.corrections)
-    ]
-    table = study.corrections
-    likely, around = table["probability"] > LIKELY, (table["lower"] < 0.0) & (table["upper"] > 0.0)
-    # What is likely there, but with no sign that the data tell, is no sure correction.
-    spans = likely & (around | (table["sd"] > table["mean"].abs()))
-    columns = ("`term", "equation", "#in the simulation", "#P(it is off)", "#correction", "#90 % interval")
-    off, unclear, right = (list(compress(rows, kept)) for kept in (likely & ~spans, spans, ~likely))
-    shown = {
-        "Coefficients that are more likely off than not": off,
-        "Coefficients that are corrected by what cannot be told from zero": unclear,
+    columns = {
+        "`term": lambda row: formula(str(row["term"])),
+        "equation": lambda row: _rate(study, row["equation"]),
+        "#in the simulation": lambda row: number(row["nominal"], 4),
+        "#P(it is off)": lambda row: probability_text(row["probability"]),
+        "#correction": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
+        "#90 % interval": lambda row: interval(row["lower"], row["upper"]),
     }
-    blocks: list[Any] = [_table(study, columns, some, title) for title, some in shown.items() if some]
+    likely, unclear = table["probability"] > study.criteria.missing, unclear_sign(table)
+    shown = {
+        "Coefficients that are more likely off than not": table[likely & ~unclear],
+        "Coefficients that are corrected by what cannot be told from zero": table[likely & unclear],
+    }
+    blocks: list[Any] = [_table(study, some, columns, title) for title, some in shown.items() if len(some)]
     blocks = blocks or [Words("None of them is more likely off than not.")]
-    if right:
-        table = _table(study, columns, right, "Coefficients that are likely right")
-        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [table]))
+    if len(right := table[~likely]):
+        folded = _table(study, right, columns, "Coefficients that are likely right")
+        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [folded]))
     lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
 
 def ties(study: StudyResult) -> Section | None:
-    """Which effects these data cannot tell apart, and which experiment could."""
+    """Return the section of effects that these data cannot tell apart, and of experiments that could."""
     if not study.ties:
         return None
     lead = "These data do not tell the following effects apart; the next experiment could."
     items = []
     for tie in study.ties:
         names = listing((name_of(study, slug) for slug in tie["slugs"]), " or ")
-        items.append(
-            (names if len(study.maps) == 1 else f"{names}, in {_rate(study, tie['equation'])}", str(tie["advice"]))
-        )
+        where = "" if len(study.maps) == 1 else f", in {_rate(study, tie['equation'])}"
+        items.append((f"{names}{where}", str(tie["advice"])))
     return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
-
-
-def settings(study: StudyResult, config: str | None) -> Section:
-    """Settings, seed, versions, times and the configuration file, folded."""
-    blocks = [Details("Settings, seed, versions and times", [settings_table(study.settings)])]
-    if config:
-        blocks.append(Details("Configuration file", [Code(config)]))
-    return Section("settings", "How this was made", "", blocks)
 
 
 def _maps(study: StudyResult, equation: str) -> list[Picture]:
@@ -287,9 +265,9 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
     if equation not in study.traces:
         return shown
-    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE:g}"
+    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE_GAP:g}"
     probability = study.traces[equation].probability
-    sure = probability is not None and bool((probability > SURE).any())
+    sure = probability is not None and bool((probability > SURE_GAP).any())
     bars = f"Thick bars at the bottom: {event}" if sure else f"Nowhere is {event}"
     along = time_picture(
         lambda width: figures.gap_over_time(study, equation, width),
@@ -300,48 +278,42 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
 
 
 def _regions(study: StudyResult) -> Table:
-    rows = [
-        (
-            unbroken(numbers_in(row["description"])),
-            _rate(study, row["equation"]),
-            probability_text(row["probability"]),
-            share_text(row["gap_share"]),
-            share_text(row["sample_share"]),
-            concentration(row),
-            row["kind"],
-        )
-        for row in study.where.to_dict("records")
-    ]
-    shares = ("#share of the gap", "#share of the samples", "#concentration")
-    caption = "Regions of the state space and stretches of time that hold the gap"
-    return _table(study, ("where", "equation", "#probability", *shares, "kind"), rows, caption)
+    columns = {
+        "where": lambda row: unbroken(numbers_in(row["description"])),
+        "equation": lambda row: _rate(study, row["equation"]),
+        "#probability": lambda row: probability_text(row["probability"]),
+        "#share of the gap": lambda row: share_text(row["gap_share"]),
+        "#share of the samples": lambda row: share_text(row["sample_share"]),
+        "#concentration": concentration,
+        "kind": lambda row: row["kind"],
+    }
+    return _table(study, study.where, columns, "Regions of the state space and stretches of time that hold the gap")
 
 
 def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
-    records = effects.to_dict("records")
-    several = "one of" in set(study.effects["status"])
-    rows = [
-        (
-            f"{row['name']} ({turned})" if (turned := reversed_text(row)) else row["name"],
-            _rate(study, row["equation"]),
-            probability_text(row["probability"]),
-            estimate(row["mean"], row["sd"], row["unit"]),
-            interval(row["lower"], row["upper"]),
-            formula(whole_term(row)),
-            # What an improbable effect is tied with helps nobody.
-            _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= NOTABLE else "–",
-            *([STATUS[row["status"]]] if several else []),
-        )
-        for row in records
-    ]
-    marked = [i for i, row in enumerate(records) if row["status"] == "added"]
-    columns = ["effect", "equation", "#probability", "#coefficient", "#90 % interval", "`term", "tied with"]
-    columns += ["status"] if several else []
-    alone = "coefficients of the others are those that each would have alone"
+    def name(row: Any) -> str:
+        return f"{row['name']} ({turned})" if (turned := reversed_text(row)) else row["name"]
+
+    def tied(row: Any) -> str:
+        # What an improbable effect is tied with helps nobody.
+        return _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= notable(study) else "–"
+
+    columns = {
+        "effect": name,
+        "equation": lambda row: _rate(study, row["equation"]),
+        "#probability": lambda row: probability_text(row["probability"]),
+        "#coefficient": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
+        "#90 % interval": lambda row: interval(row["lower"], row["upper"]),
+        "`term": lambda row: formula(whole_term(row)),
+        "tied with": tied,
+    }
+    if "one of" in set(study.effects["status"]):
+        columns["status"] = lambda row: STATUS[row["status"]]
     caption = "Effects of the catalogue, best first"
-    if marked:
+    if "added" in set(effects["status"]):
+        alone = "coefficients of the others are those that each would have alone"
         caption += f"; those added to the model are marked, {alone}"
-    return _table(study, columns, rows, caption, marked)
+    return _table(study, effects, columns, caption, lambda row: row["status"] == "added")
 
 
 def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
@@ -351,46 +323,33 @@ def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
 
 
 def _hypotheses(study: StudyResult) -> Table:
-    table = sorted_by_probability(study.hypotheses)
-    rows = [
-        (
-            name_of(study, slug),
-            _rate(study, equation),
-            probability_text(row["probability"]),
-            nats(row["log_evidence"], 2),
-            share_text(row["share_left"]),
-        )
-        for (equation, slug), row in _records(table)
-    ]
-    heads = ("hypothesis", "equation", "#probability", "#log evidence [nat]", "#gap left")
-    return _table(study, heads, rows, "Every hypothesis, best first")
+    columns = {
+        "hypothesis": lambda row: name_of(study, row["hypothesis"]),
+        "equation": lambda row: _rate(study, row["equation"]),
+        "#probability": lambda row: probability_text(row["probability"]),
+        "#log evidence [nat]": lambda row: nats(row["log_evidence"], 2),
+        "#gap left": lambda row: share_text(row["share_left"]),
+    }
+    return _table(study, sorted_by_probability(study.hypotheses), columns, "Every hypothesis, best first")
 
 
 def _gap(study: StudyResult, part: str, caption: str) -> Table:
-    rows = [
-        (
-            metric_words(study, metric, str(variable))[0],
-            metric_value(study, metric, row["before"]),
-            metric_value(study, metric, row["after"]),
-            closed_share(row["closed"]),
-            metric_interval(study, metric, row["lower"], row["upper"]),
-        )
-        for (metric, variable), row in _records(study.gap.xs(part, level=0))
-    ]
-    return Table(("measure", "#before", "#after", "#closed", "#90 % interval of after"), rows, caption)
+    columns = {
+        "measure": lambda row: metric_words(study, row["metric"], str(row["variable"]))[0],
+        "#before": lambda row: metric_value(study, row["metric"], row["before"]),
+        "#after": lambda row: metric_value(study, row["metric"], row["after"]),
+        "#closed": lambda row: closed_share(row["closed"]),
+        "#90 % interval of after": lambda row: metric_interval(study, row["metric"], row["lower"], row["upper"]),
+    }
+    return _table(study, study.gap.xs(part, level=0), columns, caption)
 
 
-def _table(study: StudyResult, columns: Any, rows: Any, caption: str = "", marked: Any = ()) -> Table:
-    return by_equation(columns, rows, list(study.maps), caption, marked)
+def _table(study: StudyResult, rows: pd.DataFrame, columns: Any, caption: str, marked: Any = None) -> Table:
+    return table_of(records_of(rows), columns, caption, marked, list(study.maps))
 
 
 def _counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
-def _records(table: pd.DataFrame) -> Iterator[tuple[Any, dict[Any, Any]]]:
-    """Index and row of a table, one after the other."""
-    return zip(table.index, table.to_dict("records"), strict=True)
 
 
 def _equations(table: pd.DataFrame) -> list[str]:

@@ -15,6 +15,7 @@ from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
 from bayes_greybox.criticism.trade_off import strongest_trade_off
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
@@ -30,12 +31,13 @@ from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_ov
 from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
 from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.words.fit import row_label
 from bayes_greybox.report.words.formatting import formula, probability_column
 from bayes_greybox.running.errors import InputError
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:
-    """Every figure of a fit, by file name: coefficients, predicted, discrepancy, trade-off, checks."""
+    """Return every figure of a fit by file name: coefficients, predictions, discrepancy, trade-off, checks."""
     figures = {"coefficients": coefficients(fit)}
     for name in fit.model.equations:
         figures[f"predicted_{name}" if len(fit.model.equations) > 1 else "predicted"] = predicted(fit, name)
@@ -55,7 +57,7 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
 
 
 def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
-    """Forest of the coefficients with inclusion, beside the true values if they are known.
+    """Draw the coefficients with their probabilities, beside the true values if they are known.
 
     Args:
         fit: Fit.
@@ -71,14 +73,14 @@ def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.
 
 
 def calibration(found: Calibration) -> Figure:
-    """ECDF differences of the ranks with their simultaneous band, and reliability of P(included)."""
+    """Draw ECDF differences of the ranks with their simultaneous band, and the reliability of P(included)."""
     band = found.band
     reliability = {name: part.bins for name, part in found.inclusion.items()}
     return plot_calibration(found.ecdf_differences, band.lower, band.upper, found.tests, reliability)
 
 
 def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Predicted against measured rate, or output, over the training data, with the band of a measurement."""
+    """Draw predicted against measured rate, or output, over the training data, with the band of a measurement."""
     equation = equation or fit.model.equations[0]
     shown = predict(fit, fit.data, level)[equation]
     return plot_predicted(
@@ -88,41 +90,40 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
         shown.measurement.lower,
         shown.measurement.upper,
         equation=equation,
-        label=_label(fit, equation),
+        label=row_label(fit, equation, "samples"),
         level=level,
-        **_runs(fit),
+        **_runs(fit.data),
         **_units(fit, equation),
     )
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
-    """A state as measured and as the fitted model runs it from its start alone; the legend says what the band holds.
+    """Draw a state as measured and as the fitted model runs it from its start alone.
 
     Args:
-        run: What `fit.simulate(data)` returned.
+        run: Result of `fit.simulate(data)`.
         state: Name of the state.
         width: Width of the figure in inches.
     """
     data, band = run.data, run.states[state]
-    several = {"run": data.run, "run_names": list(data.run_names)} if data.n_run > 1 else {}
     return plot_free_run(
         data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
         state=state, holds=run.holds, seen_as=seen_as(data, state), unit=data.unit(state), time_unit=data.unit("t"),
-        width=width, **several,
+        width=width, **_runs(data),
     )  # fmt: skip
 
 
 def discrepancy_over_states(
     fit: Posterior, equation: str | None = None, variables: tuple[str, ...] | None = None, level: float = 0.9
 ) -> Figure:
-    """Posterior of f over one or two of its variables."""
+    """Draw the posterior of f over one or two of its variables."""
     equation = equation or next(iter(fit.equations))
     grid = discrepancy_grid(fit, equation, variables, level=level)
     return plot_discrepancy_over_states(grid, noise=_noise(fit, equation))
 
 
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
-    """Posterior of f along the training data, against the noise level."""
+    """Draw the posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
     return plot_discrepancy_over_time(
@@ -133,13 +134,13 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
         equation=equation,
         sigma=_noise(fit, equation),
         level=level,
-        **_runs(fit),
+        **_runs(fit.data),
         **_units(fit, equation),
     )
 
 
 def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
-    """Posterior pairs of the coefficient that f can stand in for most."""
+    """Draw posterior pairs of the coefficient that f can stand in for most."""
     pair = strongest_trade_off(fit, equation or next(iter(fit.equations)))
     return plot_tradeoff(
         pair.theta,
@@ -152,7 +153,7 @@ def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def predictive(fit: Posterior, equation: str | None = None) -> Figure:
-    """Distribution of the measured rate, or output, beside data sets drawn from the prior and from the posterior.
+    """Draw the distribution of the measured rate, or output, beside data drawn from prior and posterior.
 
     Raises:
         InputError: The fit holds no predictive draws, which are left out for long records.
@@ -168,7 +169,7 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
         source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
         for source in ("posterior", "prior")
     }
-    label, unit = _label(fit, equation), target_unit(equation, fit.data)
+    label, unit = row_label(fit, equation, "samples"), target_unit(equation, fit.data)
     if fit.data.samples is not None and fit.equations[equation].rows.gain != 1.0:
         units = {fit.data.samples.unit(name) for name in fit.data.samples.state_names}
         label, unit = "samples", (units.pop() or "") if len(units) == 1 else ""
@@ -176,13 +177,13 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
-    """Where the measurements fall in their leave-one-out predictions, against a uniform distribution."""
+    """Draw the leave-one-out probabilities of the measurements against a uniform distribution."""
     pit = checks(fit).loo_pit[equation or next(iter(fit.equations))]
     return plot_loo_pit(pit.value, equation=pit.equation, band=pit.band, p=pit.p)
 
 
 def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
-    """Autocorrelation of the whitened residuals."""
+    """Draw the autocorrelation of the whitened residuals."""
     white = checks(fit).whiteness[equation or next(iter(fit.equations))]
     return plot_autocorrelation(
         white.lag,
@@ -196,25 +197,18 @@ def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
 
 
 def sensitivity(fit: Posterior) -> Figure:
-    """Power-scaling sensitivity of coefficients and inclusion probabilities."""
-    labels = {name: _label(fit, name) for name in fit.equations}
+    """Draw the power-scaling sensitivity of coefficients and inclusion probabilities."""
+    labels = {name: row_label(fit, name, "samples") for name in fit.equations}
     return plot_sensitivity(checks(fit).sensitivity, threshold=SENSITIVITY_THRESHOLD, labels=labels)
 
 
-def _label(fit: Posterior, name: str) -> str:
-    """What rows are of: a rate, an output, or samples that several equations share."""
-    return fit.data.target_label(name) if name in fit.model.equations else "samples"
-
-
 def _noise(fit: Posterior, equation: str) -> float:
-    """Posterior mean of the noise's standard deviation."""
+    """Return the posterior mean of the noise's standard deviation."""
     return float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
 
 
-def _runs(fit: Posterior) -> dict:
-    if fit.data.n_run == 1:
-        return {}
-    return {"run": fit.data.run, "run_names": list(fit.data.run_names)}
+def _runs(data: Trajectories) -> dict[str, Any]:
+    return {} if data.n_run == 1 else {"run": data.run, "run_names": list(data.run_names)}
 
 
 def _units(fit: Posterior, equation: str) -> dict:

@@ -8,52 +8,45 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.fleet.pooling import Pooled
-from bayes_greybox.report.plots.style import BLUE, DARK, LIGHT, STYLE, new_figure, plain
+from bayes_greybox.report.plots import style
 
-MOST = 60
-"""Assets in one figure; of more, as many from the smallest to the largest."""
+MOST_ASSETS = 60
+"""Largest number of assets in one figure; of more, as many from the smallest to the largest."""
 
-LONG = 28
+LONGEST_ASSET_NAME = 28
 """Letters of a name in a figure."""
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_pooled(
     names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
 ) -> Figure:
-    """A forest of one coefficient: each asset's own estimate, what it is once all are known, and the whole.
+    """Draw a forest of one coefficient: each asset's own estimate, its pooled one, and their mean.
 
     Args:
-        names: Of the assets.
+        names: Names of the assets.
         mean: Posterior mean in each.
         sd: Its standard deviation.
         whole: Their pooling.
-        label: Of the axis, with the unit.
-        width: Inches.
+        label: Label of the axis, with the unit.
+        width: Width in inches.
     """
     order = np.argsort(mean)
-    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST, len(order))).round().astype(int))]
-    shown = [name if len(name) <= LONG else f"{name[: LONG - 1]}…" for name in map(str, names)]
-    figure = new_figure(width, 1.3 + 0.24 * len(order))
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
+    shown = [
+        name if len(name) <= LONGEST_ASSET_NAME else f"{name[: LONGEST_ASSET_NAME - 1]}…" for name in map(str, names)
+    ]
+    figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
-    ax.axvspan(whole.lower, whole.upper, color=LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
-    own = np.asarray(mean)[order]
-    ax.errorbar(
-        own,
-        place + 0.13,
-        xerr=INTERVAL_REACH * np.asarray(sd)[order],
-        fmt="o",
-        ms=3.5,
-        color=BLUE,
-        label="its own data",
-    )
-    ax.errorbar(
-        np.asarray(whole.each)[order], place - 0.13, xerr=INTERVAL_REACH * np.asarray(whole.each_sd)[order], fmt="s",
-        ms=3, color=DARK, label="pooled",
-    )  # fmt: skip
-    ax.set_yticks(place, [plain(shown[int(i)]) for i in order])
+    ax.axvspan(whole.lower, whole.upper, color=style.LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
+    means, sds = (np.asarray(each)[order] for each in (mean, sd))
+    pooled, pooled_sds = (np.asarray(each)[order] for each in (whole.each, whole.each_sd))
+    own_bars, pooled_bars = INTERVAL_REACH * sds, INTERVAL_REACH * pooled_sds
+    ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
+    ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
+    ax.set_yticks(place, [style.plain(shown[int(i)]) for i in order])
     ax.set_ylim(-0.7, len(order) - 0.3)
-    ax.set_xlabel(plain(label))
+    ax.set_xlabel(style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)
     return figure

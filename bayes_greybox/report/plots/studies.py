@@ -10,17 +10,25 @@ from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import (
+    added,
+    added_draws,
+    answer,
+    changed,
+    shown_part,
+    support,
+    tied_sets,
+    trace_bands,
+)
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
 from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
 from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
 from bayes_greybox.report.plots.gap.responses import plot_responses
-from bayes_greybox.report.plots.study_numbers import normal_band, support
 from bayes_greybox.report.plots.style import AFTER, BEFORE
 from bayes_greybox.report.words.formatting import formula
-from bayes_greybox.report.words.sampled import added_draws
-from bayes_greybox.report.words.study import added, answer, name_of, set_label, shown_part, tied_sets
+from bayes_greybox.report.words.study import name_of, set_label
 from bayes_greybox.running.errors import InputError
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
@@ -29,19 +37,9 @@ MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 LEAST_PROBABLE = 0.001
 """Beyond the fewest, hypotheses that are less probable are not drawn."""
 
-PARTS = ("before", "after")
-"""Maps of the gap."""
-
-SAME = 0.01
-"""Maps that differ by less, over what counts as a gap, are one."""
-
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
-    """Every figure of a study, by file name: gap maps, gap over time, ranking, sets, coefficients, free runs.
-
-    Args:
-        study: The study.
-    """
+    """Return every figure of a study by file name: gap, ranking, sets, coefficients, free runs."""
     figures: dict[str, Figure] = {}
     several = len(study.maps) > 1
     for equation in study.maps:
@@ -60,13 +58,12 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
 
 
 def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
-    """Which maps of the gap there are: "before" and "after", or the first alone where nothing was changed."""
-    gap = study.maps[equation]
-    return ("before",) if np.allclose(gap.after, gap.before, rtol=0.0, atol=SAME * gap.threshold) else PARTS
+    """Return the parts of the gap map, "before" and "after"; the first alone where nothing was changed."""
+    return ("before", "after") if changed(study.maps[equation]) else ("before",)
 
 
 def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = None) -> Figure:
-    """Gap over the state space before and after, on one scale; curves where it is over one variable.
+    """Draw the gap over the state space before and after, on one scale; curves where it is over one variable.
 
     Colours go to the threshold at least: what is small beside the noise is pale.
 
@@ -106,17 +103,17 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
 
 
 def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figure:
-    """Gap along the training data before and after, with its 90 % bands."""
+    """Draw the gap along the training data before and after, with its 90 % bands."""
     trace = study.traces[equation]
     return plot_gap_over_time(
-        trace.time, normal_band(trace.before, trace.before_sd), normal_band(trace.after, trace.after_sd),
+        trace.time, *trace_bands(trace),
         equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
         **_runs(study.train, trace.run),
     )  # fmt: skip
 
 
 def ranking(study: StudyResult, equation: str) -> Figure:
-    """Hypotheses about one equation, most probable first."""
+    """Draw the hypotheses about one equation, most probable first."""
     table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
     likely = int((table["probability"] >= LEAST_PROBABLE).sum())
     table = table.head(min(MOST_HYPOTHESES, max(likely, FEWEST_HYPOTHESES)))
@@ -130,7 +127,7 @@ def ranking(study: StudyResult, equation: str) -> Figure:
 
 
 def rounds(study: StudyResult, equation: str) -> Figure:
-    """The likeliest set with no effect, with one, with two, and what each leaves of the gap."""
+    """Draw the likeliest set with no effect, with one, with two, and the share of the gap that each leaves."""
     table = study.rounds.xs(equation, level=0)
     labels, left = ["the simulation as given"], [1.0]
     for row in table.to_dict("records"):
@@ -142,7 +139,7 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 
 
 def added_coefficients(study: StudyResult) -> Figure:
-    """Posterior of the coefficient of each effect that was added."""
+    """Draw the posterior of the coefficient of each effect that was added."""
     chosen = study.effects.loc[added(study)]
     return plot_posteriors(
         [
@@ -156,7 +153,7 @@ def added_coefficients(study: StudyResult) -> Figure:
 
 
 def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
-    """A state as measured and as the models run it from its start alone."""
+    """Draw a state as measured and as the models run it from its start alone."""
     path = study.paths[state]
     data = study.train if study.test is None or shown_part(study) == "train" else study.test
     return plot_free_run(
@@ -167,15 +164,15 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
 
 
 def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -> dict[str, Figure]:
-    """What each sensor of an experiment would show under each explanation, by file name.
+    """Draw the responses of each sensor of an experiment under each explanation; figures by file name.
 
     Bands hold 90 % of the simulated outcomes, without noise; below, their difference from the likeliest explanation's
     median.
 
     Args:
         found: The answer of `Study.next_experiment`.
-        place: Of the experiment among those that are to be done together.
-        width: Of the figures, in inches.
+        place: Number of the experiment among those that are to be done together.
+        width: Width of the figures in inches.
 
     Raises:
         InputError: Nothing was predicted, or fewer experiments were.

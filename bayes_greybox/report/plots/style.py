@@ -1,4 +1,4 @@
-"""What all figures share: colours, text with units, and figures that pyplot does not keep."""
+"""Style of all figures: colours, text with units, and figures that pyplot does not keep."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -52,7 +52,7 @@ STYLE: dict[str, Any] = {
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure with constrained layout that pyplot knows how to show but does not hold on to."""
+    """Return an empty figure with constrained layout that pyplot knows how to show but does not hold on to."""
     layout = ConstrainedLayoutEngine(w_pad=0.08, h_pad=0.08, wspace=0.03)
     figure = plt.figure(figsize=(width, height), layout=layout)
     # Left open, a notebook would show it twice: as the value of the cell and as an open figure.
@@ -62,7 +62,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 @contextmanager
 def laid_out(figure: Figure) -> Iterator[None]:
-    """A figure with its layout settled: saving it would draw everything twice otherwise, first for the layout alone."""
+    """Settle the layout of a figure while it is saved, which would draw everything twice otherwise."""
     engine = figure.get_layout_engine()
     if engine is None:
         yield
@@ -77,18 +77,18 @@ def laid_out(figure: Figure) -> Iterator[None]:
 
 
 def figure_of(ax: Axes) -> Figure:
-    """The outermost figure that holds the axes."""
+    """Return the outermost figure that holds the axes."""
     figure = ax.get_figure(root=True)
     assert isinstance(figure, Figure)
     return figure
 
 
 def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
-    """A legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
+    """Place a legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
 
     Args:
         ax: axes whose labelled artists the legend names, and which hold it where the figure is the caller's.
-        own: whether the figure is ours.
+        own: if true, the figure is ours.
         handles: labelled artists to name instead of those of the axes.
         columns: labels in a row; all of them by default.
     """
@@ -106,12 +106,12 @@ def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, c
 
 
 def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> list[Axes]:
-    """The caller's axes as a flat list, checked for their number.
+    """Return the caller's axes as a flat list, checked for their number.
 
     Args:
         axes: the axes as given.
-        needed: how many the figure draws into.
-        order: what they are, in order, for the message.
+        needed: number of axes that the figure draws into.
+        order: names of the axes, in order, for the message.
 
     Raises:
         InputError: another number of axes was given.
@@ -122,13 +122,33 @@ def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> li
     return flat
 
 
+def panels_of(
+    axes: Sequence[Axes] | np.ndarray | None, needed: int, order: str, size: tuple[float, float], **subplots: Any
+) -> list[Axes]:
+    """Return the caller's axes, or those of a new figure.
+
+    Args:
+        axes: Axes as the caller gave them; None for a new figure.
+        needed: Number of axes.
+        order: Names of the axes, in order, for the message.
+        size: Width and height of a new figure in inches.
+        subplots: Arguments of `Figure.subplots` for a new figure; by default the axes stand in a column.
+
+    Raises:
+        InputError: Another number of axes was given.
+    """
+    if axes is not None:
+        return given_axes(axes, needed, order)
+    return list(np.ravel(new_figure(*size).subplots(**{"nrows": needed, "squeeze": False, **subplots})))
+
+
 def plain(text: str) -> str:
-    """Text that is drawn as it stands: a dollar sign does not start a formula."""
+    """Return text that is drawn as it stands: a dollar sign does not start a formula."""
     return text.replace("$", r"\$")
 
 
 def formula_or_name(name: str, latex: str | None) -> str:
-    """The formula where there is one that can be drawn, and the plain name otherwise."""
+    """Return the formula where there is one that can be drawn, and the plain name otherwise."""
     if not latex:
         return plain(name)
     formula = f"${latex.strip('$ ')}$"
@@ -140,6 +160,6 @@ def formula_or_name(name: str, latex: str | None) -> str:
 
 
 def with_unit(label: str, unit: str | None) -> str:
-    """A label with its unit in brackets; the label alone where there is no unit."""
+    """Return a label with its unit in brackets; the label alone where there is no unit."""
     shown = plain(unit_text(unit))
     return f"{plain(label)} [{shown}]" if shown else plain(label)

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 
 
 def extreme_rows(values: Float[np.ndarray, " n_obs"], n_bin: int) -> Int[np.ndarray, " n_kept"]:
-    """Rows to draw of a long record: the smallest and the largest of each bin, in order.
+    """Return the rows to draw of a long record: the smallest and the largest of each bin, in order.
 
     Args:
         values: the record.
@@ -31,7 +31,7 @@ def outer_band(
     upper: Float[np.ndarray, " n_obs"],
     n_bin: int,
 ) -> tuple[Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"]]:
-    """A band to draw that covers the whole band of a long record.
+    """Return a band to draw that covers the whole band of a long record.
 
     Args:
         time: time of each row.
@@ -55,7 +55,7 @@ def outer_band(
 
 
 def every_nth(n_obs: int, most: int) -> slice:
-    """Evenly spaced rows, at most about `most` of them."""
+    """Return evenly spaced rows, at most about `most` of them."""
     return slice(None, None, max(1, -(-n_obs // most)))
 
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 
 def datasets_table(table: pd.DataFrame) -> RenderableType:
-    """The benchmark data sets one below the other, each with its files: too long for columns."""
+    """Return the benchmark data sets one below the other, each with its files: too long for columns."""
     parts: list[RenderableType] = []
     for name, entry in table.to_dict("index").items():
         state = "ready" if entry["verified"] else ("altered" if entry["found"] else "not found")

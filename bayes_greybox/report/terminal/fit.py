@@ -1,6 +1,7 @@
 """A fit as short tables for a terminal."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
 import pandas as pd
 from rich.console import Group, RenderableType
@@ -12,10 +13,10 @@ from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
+from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words.fit import is_learned, size_text, stated_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
-    estimate,
-    exact_text,
     formula,
     interval,
     level_text,
@@ -25,15 +26,14 @@ from bayes_greybox.report.words.formatting import (
     unit_text,
 )
 from bayes_greybox.report.words.remarks import data_remarks
-from bayes_greybox.report.words.stated import stated_text, term_probability
 
-from .tables import plain_table, verdict_text
+from .tables import drawn, verdict_text
 
-_LEVEL = 0.9
+_INTERVAL_LEVEL = 0.9
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Verdict in words, then the learned equations, coefficients, discrepancy and error on held-out data.
+    """Yield verdict, learned equations, coefficients, discrepancy and error on held-out data, to print.
 
     Args:
         fit: The fit.
@@ -45,11 +45,11 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield verdict_text(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
-    table = inclusion(fit, _LEVEL)
+    table = inclusion(fit, _INTERVAL_LEVEL)
     for equation in fit.model.equations:
         priors = fit.model.stated(equation, fit.data).priors
         yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
-    yield _discrepancy(discrepancy_table(fit, _LEVEL))
+    yield _discrepancy(discrepancy_table(fit, _INTERVAL_LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
@@ -57,34 +57,34 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
 
 
 def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coefficient]) -> RenderableType:
-    rows = plain_table(f"Coefficients of {label}")
-    probability = probability_column(table)
-    rows.add_column("term", overflow="fold")
-    for title in (PROBABILITIES[probability], "coefficient", f"{level_text(_LEVEL)} interval"):
-        rows.add_column(title, justify="right", no_wrap=True)
-    rows.add_column("unit", overflow="fold")
-    if priors:
-        # Below the table: beside it there is no room on a narrow terminal.
-        told = [f"{formula(str(term))} {stated_text(priors[str(term)])}" for term in table.index if str(term) in priors]
-        rows.caption, rows.caption_justify, rows.caption_style = Text(f"Stated: {'; '.join(told)}"), "left", "dim"
-    for term, entry in table.to_dict("index").items():
-        prior = priors.get(str(term))
-        numbers = [estimate(entry["mean"], entry["sd"]), interval(entry["lower"], entry["upper"])]
-        if prior is not None and not prior.learned:
-            numbers = [exact_text(entry["mean"]), "–"]
-        cells = [formula(str(term)), term_probability(entry, probability, prior), *numbers, unit_text(entry["unit"])]
-        rows.add_row(*map(Text, cells))
-    return Group("", rows)
+    column = probability_column(table)
+
+    def ends(row: Any) -> str:
+        return interval(row["lower"], row["upper"]) if is_learned(priors.get(row["term"])) else "–"
+
+    columns = {
+        "term": lambda row: formula(row["term"]),
+        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
+        "#coefficient": lambda row: size_text(row, priors.get(row["term"]), unit=False),
+        f"#{level_text(_INTERVAL_LEVEL)} interval": ends,
+        "unit": lambda row: unit_text(row["unit"]),
+    }
+    stated = [f"{formula(term)} {stated_text(priors[term])}" for term in map(str, table.index) if term in priors]
+    below = f"Stated: {'; '.join(stated)}" if priors else ""
+    return drawn(table_of(records_of(table), columns, f"Coefficients of {label}"), below)
 
 
 def _discrepancy(table: pd.DataFrame) -> RenderableType:
-    rows = plain_table(f"Shares of the variance, with the {level_text(_LEVEL)} interval of the discrepancy's")
-    rows.add_column("equation", overflow="fold")
-    parts = ("simulation", "dictionary", "noise", "discrepancy", "discrepancy_lower", "discrepancy_upper")
-    for title in (*parts[:4], "lower", "upper"):
-        rows.add_column(title, justify="right", no_wrap=True)
-    entries = table.to_dict("index")
-    for equation, entry in entries.items():
-        rows.add_row(Text(str(equation)), *(Text(share_text(entry[part])) for part in parts))
-    trades = ", ".join(f"{number(entry['correlation'], 2)} ({formula(entry['term'])})" for entry in entries.values())
-    return Group("", rows, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
+    parts = {"simulation": "simulation", "dictionary": "dictionary", "noise": "noise", "discrepancy": "discrepancy"}
+    parts |= {"lower": "discrepancy_lower", "upper": "discrepancy_upper"}
+
+    def share(part: str) -> Callable[[Any], str]:
+        return lambda row: share_text(row[part])
+
+    columns = {"equation": lambda row: row["equation"], **{f"#{title}": share(part) for title, part in parts.items()}}
+    title = f"Shares of the variance, with the {level_text(_INTERVAL_LEVEL)} interval of the discrepancy's"
+    trades = ", ".join(
+        f"{number(row['correlation'], 2)} ({formula(row['term'])})" for row in table.to_dict("index").values()
+    )
+    shown = drawn(table_of(records_of(table), columns, title))
+    return Group(shown, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))

@@ -1,26 +1,24 @@
-"""A fleet in a terminal."""
+"""A fleet for a terminal."""
 
-import math
-
-from rich.table import Table
+from rich.console import Group
 from rich.text import Text
 
 from bayes_greybox.discovery.fleet.shared import Fleet
+from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, not_pooled
-from bayes_greybox.report.words.formatting import share_text
+from bayes_greybox.report.words.formatting import known_share
 
-from .tables import plain_table
+from .tables import drawn
 
 
-def fleet_tables(fleet: Fleet) -> tuple[Text | Table, ...]:
-    """The sentence, the assets by their gap, and what is not pooled."""
-    table = plain_table("Assets by their gap")
-    for name in ("asset", "verdict", "lacks"):
-        table.add_column(name)
-    for name in ("gap", "left"):
-        table.add_column(name, justify="right")
-    for each in fleet.assets:
-        shares = ["–" if math.isnan(value) else share_text(value) for value in (each.gap, each.left)]
-        what = each.sentence if each.failed else lacks_text(each)
-        table.add_row(*(Text(cell) for cell in (each.asset, each.verdict, what, *shares)))
+def fleet_tables(fleet: Fleet) -> tuple[Text | Group, ...]:
+    """Return the sentence, the assets by their gap, and the effects that are not pooled."""
+    columns = {
+        "asset": lambda each: each.asset,
+        "verdict": lambda each: each.verdict,
+        "lacks": lambda each: each.sentence if each.failed else lacks_text(each),
+        "#gap": lambda each: known_share(each.gap),
+        "#left": lambda each: known_share(each.left),
+    }
+    table = drawn(table_of(fleet.assets, columns, "Assets by their gap"))
     return Text(fleet_sentence(fleet), style="bold"), table, *map(Text, not_pooled(fleet))

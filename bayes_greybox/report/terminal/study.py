@@ -1,54 +1,42 @@
 """A missing-effect study as a sentence and short tables for a terminal."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.contradictions import notable
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.summary import shown_part
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.equations.text import equations_text
-from bayes_greybox.report.words.doubts import NOTABLE, doubts
+from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
 from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import (
-    closed_share,
-    metric_value,
-    name_of,
-    reversed_text,
-    shown_part,
-    suspect_size,
-)
+from bayes_greybox.report.words.study import closed_share, metric_value, name_of, reversed_text, suspect_size
 
-from .tables import plain_table
+from .tables import drawn
 
 MOST_EFFECTS = 5
 """Effects shown; the report and the record have them all."""
 
 STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
 
-SHORT = {"added": "+", "one of": "~", "": ""}
+STATUS_MARKS = {"added": "+", "one of": "~", "": ""}
 """Marks of effects by their status."""
 
-SIGNS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–", "dim")}
-"""Marks of what speaks against a verdict, of what does not, and of what was not looked at."""
+FINDING_MARKS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–", "dim")}
+"""Marks and styles of findings by whether they speak against the verdict; None where that was not looked at."""
 
 
 def study_tables(study: StudyResult) -> Iterator[RenderableType]:
-    """Verdict and equations, what speaks against it, the measurement, where, what, and the gap before and after.
-
-    Args:
-        study: The study.
-
-    Yields:
-        What to print, in order.
-    """
+    """Yield verdict, equations, findings, measurement, regions, effects, and the gap before and after, to print."""
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")
@@ -56,103 +44,82 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     yield Text("\n".join([rows, *data_remarks(study.train, study.test)]), style="dim")
     if study.amendments:
         yield Text(f"\n{equations_text(studied_system(study))}")
-    yield Group("", _against(study))
+    yield _findings(study)
     if IN_MODEL in set(study.instrument["status"]):
-        yield Group("", _measurement(study))
+        yield _measurement(study)
     if len(study.where):
-        yield Group("", _where(study))
+        yield _where(study)
     if len(study.effects):
-        yield Group("", _effects(study))
-    yield Group("", _gap(study))
+        yield _effects(study)
+    yield _gap(study)
     for tie in study.ties:
         names = " or ".join(within(name_of(study, slug)) for slug in tie["slugs"])
         yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
 
 
-def _against(study: StudyResult) -> Table:
-    table = plain_table("What speaks against it")
-    table.show_header = False
-    for _ in range(3):
-        table.add_column(overflow="fold")
-    for each in sorted(doubts(study), key=lambda each: each.against is not True):
-        sign, style = SIGNS[each.against]
-        table.add_row(Text(sign, style=style), Text(each.topic), Text(each.text))
-    return table
+def _findings(study: StudyResult) -> Group:
+    rows = sorted(doubts(study), key=lambda each: each.against is not True)
+    columns = {
+        "": lambda each: FINDING_MARKS[each.against][0],
+        "topic": lambda each: each.topic,
+        "text": lambda each: each.text,
+    }
+    styles = [FINDING_MARKS[each.against][1] for each in rows]
+    return drawn(table_of(rows, columns, "What speaks against it"), styles=styles, header=False)
 
 
-def _measurement(study: StudyResult) -> Table:
-    rows = [
-        (
-            "+" if row["status"] == IN_MODEL else "",
-            numbers_in(row["text"]),
-            row["equation"],
-            probability_text(row["probability"]),
-            *suspect_size(row)[:2],
-        )
-        for row in study.instrument.to_dict("records")
-        if row["status"] == IN_MODEL or row["probability"] >= NOTABLE
-    ]
-    title = "The measurement (+ in the model)"
-    return _table(study, title, ("", "what", "equation", "#P", "#size", "#90 % interval"), rows)
+def _measurement(study: StudyResult) -> Group:
+    rows = study.instrument
+    shown = rows[(rows["status"] == IN_MODEL) | (rows["probability"] >= notable(study))]
+    columns = {
+        "": lambda row: "+" if row["status"] == IN_MODEL else "",
+        "what": lambda row: numbers_in(row["text"]),
+        "equation": lambda row: row["equation"],
+        "#P": lambda row: probability_text(row["probability"]),
+        "#size": lambda row: suspect_size(row)[0],
+        "#90 % interval": lambda row: suspect_size(row)[1],
+    }
+    return _table(study, records_of(shown), columns, "The measurement (+ in the model)")
 
 
-def _where(study: StudyResult) -> Table:
-    rows = [
-        (
-            numbers_in(row["description"]),
-            row["equation"],
-            probability_text(row["probability"]),
-            share_text(row["gap_share"]),
-            share_text(row["sample_share"]),
-        )
-        for row in study.where.to_dict("records")
-    ]
-    return _table(study, "Where the gap is", ("where", "equation", "#P", "#of the gap", "#of the samples"), rows)
+def _where(study: StudyResult) -> Group:
+    columns = {
+        "where": lambda row: numbers_in(row["description"]),
+        "equation": lambda row: row["equation"],
+        "#P": lambda row: probability_text(row["probability"]),
+        "#of the gap": lambda row: share_text(row["gap_share"]),
+        "#of the samples": lambda row: share_text(row["sample_share"]),
+    }
+    return _table(study, records_of(study.where), columns, "Where the gap is")
 
 
-def _effects(study: StudyResult) -> Table:
-    rows = [
-        (
-            SHORT[row["status"]],
-            # The sentence says what that means.
-            f"{row['name']}, sign reversed" if reversed_text(row) else row["name"],
-            row["equation"],
-            formula(row["expression"]),
-            probability_text(row["probability"]),
-            estimate(row["mean"], row["sd"], row["unit"]),
-        )
-        for row in study.effects.head(MOST_EFFECTS).to_dict("records")
-    ]
+def _effects(study: StudyResult) -> Group:
+    columns = {
+        "": lambda row: STATUS_MARKS[row["status"]],
+        # The sentence says what a reversed sign means.
+        "effect": lambda row: f"{row['name']}{', sign reversed' if reversed_text(row) else ''}",
+        "equation": lambda row: row["equation"],
+        "term": lambda row: formula(row["expression"]),
+        "#P": lambda row: probability_text(row["probability"]),
+        "#coefficient": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
+    }
     several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
     title = f"Effects, best first (+ added to the model{several})"
-    return _table(study, title, ("", "effect", "equation", "term", "#P", "#coefficient"), rows)
+    return _table(study, records_of(study.effects.head(MOST_EFFECTS)), columns, title)
 
 
-def _gap(study: StudyResult) -> Table:
+def _gap(study: StudyResult) -> Group:
     part = shown_part(study)
-    table = study.gap.xs(part, level=0)
-    rows = [
-        (
-            metric,
-            variable,
-            metric_value(study, metric, row["before"]),
-            metric_value(study, metric, row["after"]),
-            closed_share(row["closed"]),
-        )
-        for (metric, variable), row in zip(table.index, table.to_dict("records"), strict=True)
-    ]
+    columns = {
+        "measure": lambda row: row["metric"],
+        "variable": lambda row: row["variable"],
+        "#before": lambda row: metric_value(study, row["metric"], row["before"]),
+        "#after": lambda row: metric_value(study, row["metric"], row["after"]),
+        "#closed": lambda row: closed_share(row["closed"]),
+    }
     title = f"The gap before and after, on {'held-out' if part == 'test' else 'training'} data"
-    return _table(study, title, ("measure", "variable", "#before", "#after", "#closed"), rows)
+    return _table(study, records_of(study.gap.xs(part, level=0)), columns, title)
 
 
-def _table(study: StudyResult, title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> Table:
-    """A table; the column that says which equation is left out where there is one equation only."""
-    table = plain_table(title)
-    kept = [i for i, column in enumerate(columns) if column != "equation" or len(study.maps) > 1]
-    for i in kept:
-        number = columns[i].startswith("#")
-        side = "right" if number else "left"
-        table.add_column(columns[i].lstrip("#"), justify=side, no_wrap=number, overflow="fold")
-    for row in rows:
-        table.add_row(*(Text(str(row[i])) for i in kept))
-    return table
+def _table(study: StudyResult, rows: Iterable[Mapping[Any, Any]], columns: Mapping[str, Any], title: str) -> Group:
+    return drawn(table_of(rows, columns, title, equations=list(study.maps)))

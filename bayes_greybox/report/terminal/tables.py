@@ -1,21 +1,48 @@
-"""What the tables for a terminal have in common."""
+"""Tables and verdicts for a terminal."""
+
+from collections.abc import Sequence
 
 import pandas as pd
-from rich.table import Table
+from rich.console import Group
+from rich.table import Table as RichTable
 from rich.text import Text
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.tables import Table
 from bayes_greybox.report.words.formatting import number
 
 
-def plain_table(title: str) -> Table:
-    """An empty table without lines."""
-    return Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+def plain_table(title: str) -> RichTable:
+    """Return an empty table without lines."""
+    return RichTable(
+        title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim"
+    )
 
 
-def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> Table:
-    """Any table with a plain index, which comes first, and on several lines where that may wrap."""
+def drawn(table: Table, below: str = "", styles: Sequence[str] = (), header: bool = True) -> Group:
+    """Return a table for a terminal, an empty line above it.
+
+    Args:
+        table: The table; its caption stands above it.
+        below: Text below it: beside it there is no room on a narrow terminal.
+        styles: Style of the first cell of each row.
+        header: If true, the headings are written.
+    """
+    rows = plain_table(table.caption)
+    rows.show_header = header
+    for title, kind in table.heads:
+        side = "right" if kind == "number" else "left"
+        rows.add_column(title, justify=side, no_wrap=kind == "number", overflow="fold")
+    for k, (first, *rest) in enumerate(table.rows):
+        rows.add_row(Text(first, style=styles[k] if styles else ""), *map(Text, rest))
+    if below:
+        rows.caption, rows.caption_justify, rows.caption_style = Text(below), "left", "dim"
+    return Group("", rows)
+
+
+def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> RichTable:
+    """Return any table with a plain index, which comes first, and on several lines where that may wrap."""
     rows = plain_table(title)
     rows.add_column(str(table.index.name or ""), no_wrap=not wrap)
     for column in table.columns:
@@ -26,10 +53,10 @@ def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> Table
 
 
 def verdict_text(fit: Posterior, label: str = "") -> Text:
-    """What the convergence checks say of a fit; `label` comes before it."""
-    first, *rest = str(convergence(fit)).splitlines()
-    style = "green" if convergence(fit).ok else "bold yellow" if convergence(fit).mixed else "bold red"
-    text = Text(f"{label}{first}", style=style)
+    """Return the result of the convergence checks of a fit; `label` comes before it."""
+    verdict = convergence(fit)
+    first, *rest = str(verdict).splitlines()
+    text = Text(f"{label}{first}", style="green" if verdict.ok else "bold yellow" if verdict.mixed else "bold red")
     for line in rest:
         text.append(f"\n{line}", style="not bold default")
     return text

@@ -1,55 +1,53 @@
-"""What speaks against a study's verdict, and what was looked at and does not: for pages, terminal and record alike."""
+"""Words for the findings about a study's verdict: the same for pages, terminal and record."""
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.discovery.answer.instrument import IN_MODEL
-from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.discovery.decision.probabilities import STOPS
-from bayes_greybox.discovery.decision.vetoes import left_in_words, left_over, misfits, worse_in_words, worsened
-from bayes_greybox.discovery.sensor_errors.channels import DELAY_STEPS
+from bayes_greybox.discovery.contradictions import LARGEST_DELAY, Finding, findings, notable
+from bayes_greybox.discovery.decision.vetoes import left_in_words, worse_in_words
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.ties import sorted_by_probability
+from bayes_greybox.discovery.summary import free_run_errors
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import listed, number, numbers_in, p_text, probability_text, share_text
-from .remainder import remembered
-from .sampled import sampled_elsewhere
-from .study import (
-    added,
-    answer,
-    free_run_errors,
-    free_run_part,
-    metric_value,
-    name_of,
-    not_helped,
-    not_weighed,
-    rows_of,
-    worse_runs,
-)
+from .formatting import estimate, listed, number, numbers_in, p_text, probability_text, share_text
+from .study import metric_value, name_of, remembered
 
-NEGLIGIBLE = Criteria().remainder
-"""Share of the gap from which on what remains beside an answer speaks against it."""
-
-NOTABLE = 1 - Criteria().named
-"""Another explanation speaks against the verdict from this probability on."""
-
-FAR = 3.0
-"""A delay of more than so many of its prior standard deviations is hardly one."""
-
-FINE = {
+PASSED = {
     "whiteness": "residuals are white ({})",
     "LOO-PIT": "the noise has the shape that the model gives it (LOO-PIT, {})",
     "motion": "the samples move as is said of their rate ({})",
     "linearity": "samples are linear enough in what was found, within its posterior ({})",
 }
-"""What a check that is passed says, by the first word of its name, with its p-value or k-hat."""
+"""Words for a check that passed, by the first word of its name, with its p-value or k-hat."""
 
-TOPICS = {"motion": "Motion", "linearity": "Linear rows"}
-"""What a check looks at, by the first word of its name, where that is not the residuals."""
+FINDING_TOPICS = {
+    "residuals not tested": "Residuals", "other explanations": "Other explanations", "remains": "What remains",
+    "runner-up": "Runner-up", "hardly late": "Measurement", "possible errors": "Measurement",
+    "no further error": "Measurement", "rows": "Rows", "not weighed": "Not weighed", "tie": "Ties", "no tie": "Ties",
+    "held-out samples": "Held-out samples", "free run": "Free run", "sampler": "Sampler",
+}  # fmt: skip
+"""Topics of findings by their codes."""
+
+RUN_TEXTS = {
+    "not integrated": "not integrated, so it has no veto",
+    "no better": "the free run of {states} does not get better",
+    "nothing added": "nothing was added, so it stays as it is",
+    "by sensors": "no effect was added, and what was found of the sensors does this",
+    # Where nothing has a name the model after holds f.
+    "by f": "no name was added, and f of any shape does this",
+    "better": "its error shrinks",
+}
+"""Words for the change of free runs, which their errors follow."""
+
+SAMPLER_TEXTS = {
+    "not sampled": "not sampled: coefficients are those of the closed form",
+    "converged": "every convergence check of the amended model's fit passed",
+    "few draws": "the chains of the amended model's fit agree, though more draws are wanted: {}",
+    "not converged": "the amended model's fit did not converge: {}",
+}
+"""Words for the state of the sampler, with reasons."""
 
 
 @dataclass(frozen=True)
@@ -57,9 +55,9 @@ class Doubt:
     """One thing that could speak against a verdict.
 
     Attributes:
-        topic: What was looked at, in a word or two.
-        text: What was found, in words with its numbers.
-        against: Whether it speaks against the verdict; None where it could not be looked at.
+        topic: Subject in a word or two.
+        text: Finding in words, with its numbers.
+        against: True if it speaks against the verdict; None if it could not be looked at.
     """
 
     topic: str
@@ -68,158 +66,112 @@ class Doubt:
 
 
 def doubts(study: StudyResult) -> list[Doubt]:
-    """Checks, the free run, what remains, runner-up, ties, the measurement, what was not weighed, and the sampler.
-
-    Args:
-        study: The study.
-    """
-    found: list[Doubt] = []
-    for equation in study.maps or study.hypotheses.index.unique(0):
-        about = f" of {study.train.target_label(equation)}" if len(study.maps) > 1 else ""
-        parts = (*_checks(study, equation), *_explanations(study, equation), *_measurement(study, equation))
-        found += [replace(each, topic=f"{each.topic}{about}") for each in parts]
-    rows = [Doubt("Rows", text, True) for text in study.warnings]
-    rows += [Doubt("Not weighed", text, None) for text in not_weighed(study)]
-    more = (*_ties(study), *_held_out(study), _free_run(study), _sampler(study))
-    return [_said(each) for each in (*found, *rows, *more)]
+    """Return the findings about a study's verdict in words, in the order of `findings`."""
+    return [_in_words(study, each) for each in findings(study)]
 
 
-def _said(doubt: Doubt) -> Doubt:
-    return replace(doubt, text=doubt.text[:1].upper() + doubt.text[1:])
+def role_text(role: str, count: int) -> str:
+    """Return that effects were not weighed because no column plays a role, and how to give it."""
+    many = f"{count} effects were" if count > 1 else "1 effect was"
+    how = f"give roles={{{role!r}: ...}}, in a file [study.roles] {role}"
+    return f"{many} not weighed: no column plays the role {role!r}; {how}"
 
 
-def _checks(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    table = rows_of(study.checks, equation)
-    for name, row in zip(table.index, table.to_dict("records"), strict=True):
-        p = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
-        kind, _, state = name.partition(" of ")
-        topic = f"{TOPICS[kind]}{f' of {state}' if state else ''}" if kind in TOPICS else "Residuals"
-        yield Doubt(topic, FINE[kind].format(p) if row["ok"] else f"{row['text']} ({name}, {p})", not row["ok"])
-    if not any(name in FINE and name not in TOPICS for name in table.index):
-        why = "there is a rest beside what has a name, of any shape or a process in time, which takes up what the "
-        why = f"{why}tests would find" if study.checkable(equation) else "the rows that count are too few"
-        yield Doubt("Residuals", f"not tested: {why}", None)
+def _in_words(study: StudyResult, finding: Finding) -> Doubt:
+    if finding.code == "check":
+        topic, text = _check(finding.values)
+    else:
+        topic, text = FINDING_TOPICS[finding.code], _text(study, finding)
+    if finding.equation and len(study.maps) > 1:
+        topic = f"{topic} of {study.train.target_label(finding.equation)}"
+    return Doubt(topic, text[:1].upper() + text[1:], finding.against)
 
 
-def _explanations(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    """What remains beside the answer, and the likeliest other explanation."""
-    table = sorted_by_probability(rows_of(study.hypotheses, equation))
-    own, records = answer(study, equation), table.to_dict("index")
-    if "unknown" in records:
-        p, remembers = float(records["unknown"]["probability"]), remembered(study, equation)
-        if own == "unknown":
-            # Unknown is the answer, so that what speaks against it is all else.
-            text = f"what has a name, or needs none, has probability {probability_text(1 - p)} in all"
+def _check(row: Mapping[str, Any]) -> tuple[str, str]:
+    """Return topic and text of a check; those of the motion, in older files, are about one state each."""
+    kind, _, state = row["name"].partition(" of ")
+    topic = {"motion": "Motion", "linearity": "Linear rows"}.get(kind, "Residuals")
+    value = p_text(row["p"]) if math.isnan(row["khat"]) else f"k-hat {number(float(row['khat']), 2)}"
+    text = PASSED[kind].format(value) if row["ok"] else f"{row['text']} ({row['name']}, {value})"
+    return f"{topic} of {state}" if state else topic, text
+
+
+def _text(study: StudyResult, finding: Finding) -> str:
+    values = finding.values
+    p = probability_text(values.get("probability", math.nan))
+    match finding.code:
+        case "residuals not tested":
+            rest = "there is a rest beside what has a name, of any shape or a process in time"
+            why = f"{rest}, which takes up what the tests would find"
+            return f"not tested: {why if values['enough'] else 'the rows that count are too few'}"
+        case "other explanations":
+            remembers = remembered(study, finding.equation)
             also = f"; what is missing {remembers}" if remembers else ""
-            yield Doubt("Other explanations", f"{text}{also}", p < 0.5)
-        else:
-            text = f"the probability that something unknown is missing is {probability_text(p)}"
-            text += f"; if so, it {remembers}" if remembers else ""
-            share = float(records[own]["share_left"]) if own in records else math.nan
+            return f"what has a name, or needs none, has probability {p} in all{also}"
+        case "remains":
+            remembers, share = remembered(study, finding.equation), values["share"]
+            also = f"; if so, it {remembers}" if remembers else ""
             left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
-            yield Doubt("What remains", f"{text}{left}", p >= NOTABLE or share >= NEGLIGIBLE)
-    name, row = next(((str(name), row) for name, row in records.items() if name != own), ("", {}))
-    if name:
-        p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, name))
-        text = f"{name_of(study, name)} with probability {probability_text(q)}, the answer {probability_text(p)}"
-        if q > p and own in STOPS and name not in STOPS:
-            text += f"; but it leaves {share_text(row['share_left'])} of the gap to something else"
-        yield Doubt("Runner-up", text, q >= NOTABLE)
+            return f"the probability that something unknown is missing is {p}{also}{left}"
+        case "runner-up":
+            text = f"{name_of(study, values['name'])} with probability {p}"
+            text = f"{text}, the answer {probability_text(values['answer'])}"
+            if "share" not in values:
+                return text
+            return f"{text}; but it leaves {share_text(values['share'])} of the gap to something else"
+        case "hardly late":
+            texts = "; ".join(numbers_in(row["text"]) for row in values["rows"])
+            return f"more than {LARGEST_DELAY:g} samples are hardly a delay: {texts}"
+        case "possible errors":
+            rows = [(numbers_in(row["text"]), probability_text(row["probability"])) for row in values["rows"]]
+            return f"not taken for true, but possible: {'; '.join(f'{text} (probability {p})' for text, p in rows)}"
+        case "no further error":
+            return f"no further suspect is as likely as {probability_text(notable(study))}"
+        case "rows":
+            return values["text"]
+        case "not weighed":
+            return role_text(**values)
+        case "tie":
+            own, *others = (within(name_of(study, slug)) for slug in values["slugs"])
+            return f"these data do not tell {own} from {' or '.join(others)}"
+        case "no tie":
+            return "no other effect of the catalogue could stand in the place of what was named"
+        case "held-out samples":
+            left = f"{number(values['misfit'], 2)} times what their noise and the coefficients leave open"
+            return left_in_words(values["misfit"]) if finding.against else f"what is left of them is {left}"
+        case "free run":
+            return _free_run(study, **values)
+    return _sampler(**values)
 
 
-def _measurement(study: StudyResult, equation: str) -> Iterator[Doubt]:
-    """Suspects that are not in the model, but likely; and delays that are too large for delays."""
-    rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
-    odd = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > FAR * DELAY_STEPS]
-    if odd:
-        texts = "; ".join(numbers_in(row["text"]) for row in odd)
-        yield Doubt("Measurement", f"more than {FAR * DELAY_STEPS:g} samples are hardly a delay: {texts}", True)
-    likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= NOTABLE]
-    if likely:
-        texts = "; ".join(
-            f"{numbers_in(row['text'])} (probability {probability_text(row['probability'])})" for row in likely
-        )
-        yield Doubt("Measurement", f"not taken for true, but possible: {texts}", True)
-    elif not odd:
-        yield Doubt("Measurement", f"no further suspect is as likely as {probability_text(NOTABLE)}", False)
+def _free_run(study: StudyResult, change: str, part: str = "", states: Iterable[str] = (), sooner: Any = None) -> str:
+    if change == "not integrated":
+        return RUN_TEXTS[change]
+    where = "on held-out data" if part == "test" else "on the training data"
+    table, names = free_run_errors(study.gap), list(states)
+    ends = [[share_text(table.loc[name, column]) for column in ("before", "after")] for name in names]
+    errors = ", ".join(f"{name} {before} → {after}" for name, (before, after) in zip(names, ends, strict=True))
+    if change != "worse":
+        return f"{RUN_TEXTS[change].format(states=listed(names))} {where}: {errors}"
+    worse = "; ".join(f"the free run of {name} gets worse" for name in names)
+    texts = [f"{worse} {where}: {errors}"] if names else []
+    return "; ".join([*texts, *([f"{_sooner(study, sooner)} {where}"] if sooner else [])])
 
 
-def _ties(study: StudyResult) -> Iterator[Doubt]:
-    for tie in study.ties:
-        own, *others = (within(name_of(study, slug)) for slug in tie["slugs"])
-        yield Doubt("Ties", f"these data do not tell {own} from {' or '.join(others)}", True)
-    if not study.ties and added(study).size:
-        yield Doubt("Ties", "no other effect of the catalogue could stand in the place of what was named", False)
+def _sooner(study: StudyResult, key: tuple[str, str, str]) -> str:
+    after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
+    later, earlier = (metric_value(study, key[1], value) for value in (after, before))
+    earlier = f"after {earlier}" if math.isfinite(before) else earlier
+    return f"{worse_in_words(key)}: the amended model's after {later}, the simulation's {earlier},"
 
 
-def _held_out(study: StudyResult) -> Iterator[Doubt]:
-    """What held-out samples say of the model after; nothing of rates."""
-    left = left_over(study.gap)
-    for name, misfit in misfits(study.gap, "test").items():
-        if name in left:
-            yield Doubt("Held-out samples", left_in_words(misfit), True)
-        else:
-            text = f"what is left of them is {number(misfit, 2)} times what their noise and the coefficients leave open"
-            yield Doubt("Held-out samples", text, False)
-
-
-def _free_run(study: StudyResult) -> Doubt:
-    errors = free_run_errors(study.gap)
-    where = "on held-out data" if free_run_part(study.gap) == "test" else "on the training data"
-    if not len(errors):
-        return Doubt("Free run", "not integrated, so it has no veto", None)
-
-    def change(names: Any) -> str:
-        parts = [
-            f"{name} {share_text(errors.loc[name, 'before'])} → {share_text(errors.loc[name, 'after'])}"
-            for name in names
-        ]
-        return f"{where}: {', '.join(parts)}"
-
-    worse, failing = worse_runs(study.gap), _fails_sooner(study)
-    if worse or failing:
-        states = [f"the free run of {name} gets worse" for name in worse]
-        texts = [f"{'; '.join(states)} {change(worse)}"] if worse else []
-        return Doubt("Free run", "; ".join([*texts, *([f"{failing} {where}"] if failing else [])]), True)
-    idle = not_helped(study.gap)
-    if not added(study).size and study.verdict in ("no gap", "instrument", "unknown"):
-        # What the integrator alone makes of it is no change.
-        alike = all(share_text(row["before"]) == share_text(row["after"]) for row in errors.to_dict("records"))
-        if alike or set(idle) == set(errors.index):
-            return Doubt("Free run", f"nothing was added, so it stays as it is {change(errors.index)}", False)
-        if study.verdict == "instrument":
-            text = f"no effect was added, and what was found of the sensors does this {change(errors.index)}"
-            return Doubt("Free run", text, False)
-        # Where nothing has a name the model after holds f.
-        return Doubt("Free run", f"no name was added, and f of any shape does this {change(errors.index)}", False)
-    if idle:
-        return Doubt("Free run", f"the free run of {listed(idle)} does not get better {change(idle)}", True)
-    return Doubt("Free run", f"its error shrinks {change(errors.index)}", False)
-
-
-def _fails_sooner(study: StudyResult) -> str:
-    """What the free run's time to failure says; the veto decides, so that no page denies what the sentence says."""
-    for key in worsened(study.gap):
-        if key[1] == "time to failure":
-            after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
-            said = {name: metric_value(study, key[1], value) for name, value in (("after", after), ("before", before))}
-            earlier = f"after {said['before']}" if math.isfinite(before) else said["before"]
-            return f"{worse_in_words(key)}: the amended model's after {said['after']}, the simulation's {earlier},"
-    return ""
-
-
-def _sampler(study: StudyResult) -> Doubt:
-    if study.fit is None:
-        return Doubt("Sampler", "not sampled: coefficients are those of the closed form", None)
-    verdict, elsewhere = convergence(study.fit), sampled_elsewhere(study)
-    if elsewhere:
-        also = "" if verdict.mixed else f", and it did not converge: {' '.join(verdict.reasons)}"
-        return Doubt(
-            "Sampler", f"the amended model's fit disagrees with the tables: {'; '.join(elsewhere)}{also}", True
-        )
-    if verdict.ok:
-        return Doubt("Sampler", "every convergence check of the amended model's fit passed", False)
-    if verdict.mixed:
-        text = f"the chains of the amended model's fit agree, though more draws are wanted: {' '.join(verdict.reasons)}"
-        return Doubt("Sampler", text, False)
-    return Doubt("Sampler", f"the amended model's fit did not converge: {' '.join(verdict.reasons)}", True)
+def _sampler(state: str, reasons: Iterable[str] = (), apart: Iterable[tuple[Any, float, float]] = ()) -> str:
+    why = " ".join(reasons)
+    if state != "apart":
+        return SAMPLER_TEXTS[state].format(why)
+    texts = []
+    for row, mean, sd in apart:
+        sampled, tabled = estimate(mean, sd, row["unit"]), estimate(row["mean"], row["sd"], row["unit"])
+        texts.append(f"its coefficient of {within(row['name'])} is {sampled}, not {tabled}")
+    also = f", and it did not converge: {why}" if why else ""
+    return f"the amended model's fit disagrees with the tables: {'; '.join(texts)}{also}"

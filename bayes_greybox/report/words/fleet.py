@@ -1,16 +1,16 @@
-"""What a fleet of studies says, in sentences."""
+"""Sentences about a fleet of studies."""
 
 from collections.abc import Iterable
 
+from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.fleet.shared import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import formula, listed, number, probability_text, quantity, unit_text
-from .study import LIKELY
 
 
 def fleet_sentence(fleet: Fleet) -> str:
-    """The fleet in a few words: how many assets lack what, whether that is one cause, and what is wrong in others."""
+    """Return a fleet in a few words: how many assets lack something, its causes, and other faults."""
     n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
         return f"None of {_assets(failed)} could be studied."
@@ -18,30 +18,30 @@ def fleet_sentence(fleet: Fleet) -> str:
 
 
 def shared_text(shared: Shared) -> str:
-    """An effect's heading: its name, formula and equation."""
+    """Return the heading of an effect: its name, formula and equation."""
     return f"{shared.name}, {formula(shared.expression)}, in the equation of {shared.equation}"
 
 
 def lacks_text(asset: AssetStudy) -> str:
-    """What an asset lacks, and what it may lack; a dash for nothing."""
+    """Return the effects that an asset lacks, and those that it may lack; a dash for nothing."""
     return ", ".join([*asset.lacks, *(f"perhaps {within(name)}" for name in asset.may_lack)]) or "–"
 
 
 def likely_text(probabilities: Iterable[float]) -> str:
-    """How likely something is in some assets: 0.758, or 0.612 to 0.758; a dash for none."""
+    """Return probabilities in some assets as their range: 0.758, or 0.612 to 0.758; a dash for none."""
     known = sorted(probabilities)
     return " to ".join(dict.fromkeys(map(probability_text, (known[0], known[-1])))) if known else "–"
 
 
 def unit_of(shared: Shared) -> str:
-    """The unit of an effect's coefficient, or all that it has where assets differ; a dash where it is not known."""
+    """Return the unit of an effect's coefficient, all of them where assets differ; a dash where it is not known."""
     if shared.one_unit:
         return unit_text(shared.unit) or "–"
     return " or ".join(dict.fromkeys(unit_text(unit) or "not known" for unit in shared.units)) or "–"
 
 
 def why_not_pooled(shared: Shared) -> str:
-    """Why the coefficients of several assets are not pooled, as a clause; "" where they are, or where one is alone."""
+    """Return why the coefficients of several assets are not pooled, as a clause; "" where they are."""
     if len(shared.assets) < 2 or shared.whole is not None:
         return ""
     if not shared.one_unit:
@@ -53,9 +53,9 @@ def why_not_pooled(shared: Shared) -> str:
 
 
 def not_pooled(fleet: Fleet) -> list[str]:
-    """A sentence on each effect whose coefficients are not pooled."""
-    said = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
-    return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in said))
+    """Return a sentence on each effect whose coefficients are not pooled."""
+    reasons = [(within(each.name), why) for each in fleet.shared if (why := why_not_pooled(each))]
+    return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in reasons))
 
 
 def _found(fleet: Fleet) -> str:
@@ -84,19 +84,19 @@ def _lacking(fleet: Fleet) -> str:
         perhaps = [_perhaps(each, within(each.name)) for each in fleet.shared if not each.assets]
         return f"{have}: {asset} {listed([*([f'lacks {listed(sure)}'] if sure else []), *perhaps])}"
     if common := fleet.causes or fleet.suspected:
-        said = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
-        return f"{listed(said)}{_of(common[0]) if len(common) == 1 else ''}"
+        causes = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
+        return f"{listed(causes)}{_of(common[0]) if len(common) == 1 else ''}"
     names = [within(each.name) for each in fleet.shared]
-    told = [
+    effects = [
         # One name may be that of two formulas.
         f"{name}{f' {formula(each.expression)}' if names.count(name) > 1 else ''} ({_count(each)})"
         for name, each in zip(names, fleet.shared, strict=True)
     ]
-    return f"{have}; what they lack differs: {listed(told[:4])}"
+    return f"{have}; what they lack differs: {listed(effects[:4])}"
 
 
 def _who(shared: Shared, of: str) -> str:
-    """How many assets lack an effect, and in how many more it is not told from something else."""
+    """Return the number of assets that lack an effect, and of those that may."""
     sure, more = len(shared.assets), len(shared.possible)
     what = f"{within(shared.name)} in the equation of {shared.equation}"
     if not sure:
@@ -105,16 +105,20 @@ def _who(shared: Shared, of: str) -> str:
 
 
 def _perhaps(shared: Shared, what: str) -> str:
-    """That assets of which none is sure may lack an effect, and what else it may be."""
+    """Return that assets of which none is sure may lack an effect, or else have a fault of a sensor."""
     n, more = len(shared.likely), len(shared.possible) - len(shared.likely)
-    lack = f"most likely {'lacks' if n == 1 else 'lack'}" if min(shared.likely.values()) >= LIKELY else "may lack"
+    lack = (
+        f"most likely {'lacks' if n == 1 else 'lack'}"
+        if min(shared.likely.values()) >= Criteria.missing
+        else "may lack"
+    )
     p = f"probability {likely_text(shared.likely.values())}{f'; {more} more may' if more else ''}"
     fault = f", or else a sensor is at fault ({', '.join(shared.faults)})" if shared.faults else ""
     return f"{lack} {what} ({p}){fault}"
 
 
 def _count(shared: Shared) -> str:
-    """How many assets lack an effect: 2; or 2, 1 more may; or 1 may."""
+    """Return the number of assets that lack an effect: 2; or 2, 1 more may; or 1 may."""
     sure, may = len(shared.assets), len(shared.possible)
     return ", ".join([*([str(sure)] if sure else []), *([f"{may} {'more ' if sure else ''}may"] if may else [])])
 

@@ -1,4 +1,4 @@
-"""How numbers, probabilities, shares, units and formulas are printed: one way for every page, figure and terminal.
+"""Numbers, probabilities, shares, units and formulas in one way for every page, figure and terminal.
 
 Units and formulas are written by `data.writing`, which the sentences of the rooms before this one use too.
 """
@@ -11,59 +11,35 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from bayes_greybox.data.writing import formula, unit_text
-
-__all__ = [
-    "PROBABILITIES",
-    "Concise",
-    "concise",
-    "count_text",
-    "estimate",
-    "formula",
-    "interval",
-    "level_text",
-    "listed",
-    "nats",
-    "number",
-    "p_text",
-    "pareto",
-    "percent_text",
-    "probability_column",
-    "probability_text",
-    "quantity",
-    "share_interval",
-    "share_text",
-    "unbroken",
-    "unit_text",
-    "weight_text",
-]
+from bayes_greybox.data.writing import formula as formula
+from bayes_greybox.data.writing import unit_text as unit_text
 
 PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""
 
-_LEAST = 1e-3
+_LEAST_PROBABILITY = 1e-3
 """Probabilities nearer than this to 0 or 1 are not told from each other, and never rounded to certainty."""
 
 _LEAST_SHARE = 1e-4
 """Shares below it are not told from each other: that none is left of anything is not known so well."""
 
-_SMALL, _LARGE = 1e-3, 1e5
+_WITHOUT_POWER = 1e-3, 1e5
 """Numbers below the first and from the second on are written with a power of ten."""
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_RAISED_NUMBERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def probability_text(value: float | np.floating) -> str:
-    """A probability to three decimals, never rounded to certainty."""
+    """Return a probability to three decimals, never rounded to certainty."""
     if not np.isfinite(value):
         return "–"
-    if value < _LEAST:
+    if value < _LEAST_PROBABILITY:
         return "<\u00a00.001"
-    return ">\u00a00.999" if value > 1 - _LEAST else f"{value:.3f}"
+    return ">\u00a00.999" if value > 1 - _LEAST_PROBABILITY else f"{value:.3f}"
 
 
 def percent_text(share: float | np.floating, digits: int | None = None) -> str:
-    """A share in percent, never rounded to all or nothing, in one piece: its spaces do not break.
+    """Return a share in percent, never rounded to all or nothing, with spaces that do not break.
 
     Args:
         share: The share, 1 being all.
@@ -72,7 +48,7 @@ def percent_text(share: float | np.floating, digits: int | None = None) -> str:
     if not np.isfinite(share):
         return "–"
     percent = 100 * float(share)
-    if abs(percent) >= _LARGE:
+    if abs(percent) >= _WITHOUT_POWER[1]:
         # Of 2320176 % nobody counts the digits.
         return f"{number(percent)}\u00a0%"
     if digits is None:
@@ -86,17 +62,22 @@ def percent_text(share: float | np.floating, digits: int | None = None) -> str:
 
 
 def level_text(level: float | np.floating) -> str:
-    """The probability that an interval holds, as intervals are called: 90 %."""
+    """Return the probability of an interval as intervals are called: 90 %."""
     return percent_text(level, 0)
 
 
 def share_text(share: float | np.floating) -> str:
-    """A share of something, in percent; what does not show is not said to be nothing, but less than shows."""
+    """Return a share in percent; one too small to show is less than 0.01 %, and not nothing."""
     return f"<\u00a0{_LEAST_SHARE:.2%}".replace("%", "\u00a0%") if abs(share) < _LEAST_SHARE else percent_text(share)
 
 
+def known_share(share: float) -> str:
+    """Return a share in percent; a dash where it is not known."""
+    return "–" if math.isnan(share) else share_text(share)
+
+
 def share_interval(lower: float | np.floating, upper: float | np.floating) -> str:
-    """The interval of a share, `1.2 to 3.4 %`; one text where both ends read alike."""
+    """Return the interval of a share, `1.2 to 3.4 %`; one text where both ends read alike."""
     ends = [share_text(lower), share_text(upper)]
     if ends[0] == ends[1]:
         return ends[0]
@@ -106,7 +87,7 @@ def share_interval(lower: float | np.floating, upper: float | np.floating) -> st
 
 
 def number(value: Any, digits: int = 3) -> str:
-    """A number to some significant digits, whole numbers with all; a dash for none; other values as they are."""
+    """Return a number to some significant digits, whole numbers with all; a dash for none; other values as text."""
     if value is None:
         return "–"
     if isinstance(value, bool | str) or not hasattr(value, "__float__"):
@@ -120,7 +101,7 @@ def number(value: Any, digits: int = 3) -> str:
     if float(value) == int(value) and abs(value) < 1e6:
         return f"{int(value)}".replace("-", "−")
     rounded = float(f"{float(value):.{digits}g}")
-    if _SMALL <= abs(rounded) < _LARGE:
+    if _WITHOUT_POWER[0] <= abs(rounded) < _WITHOUT_POWER[1]:
         whole = math.floor(math.log10(abs(rounded))) + 1
         # Digits before the point are all written.
         return (f"{float(value):.0f}" if whole > digits else f"{rounded:.{digits}g}").replace("-", "−")
@@ -129,48 +110,48 @@ def number(value: Any, digits: int = 3) -> str:
 
 
 def numbers_in(text: str) -> str:
-    """Text such as "y < -0.43 m" with its numbers written as pages write them; names and units stay."""
-    return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda found: number(float(found[0]), 4), text)
+    """Return text such as "y < -0.43 m" with its numbers written as pages write them."""
+    return re.sub(r"(?<![\w.-])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?!\w)", lambda match: number(float(match[0]), 4), text)
 
 
 def unbroken(text: str) -> str:
-    """Text such as "t = 0 to 2.5 s" whose lines do not end between a number and its unit."""
+    """Return text such as "t = 0 to 2.5 s" in which lines do not end between a number and its unit."""
     return re.sub(r"(?<=\d) (?=(?!to\b|and\b|or\b)[^\W\d_])", "\u00a0", text)
 
 
 def quantity(value: Any, unit: str | None, digits: int = 3) -> str:
-    """A number with its unit."""
+    """Return a number with its unit."""
     return f"{number(value, digits)} {unit_text(unit)}".rstrip()
 
 
 def count_text(value: float) -> str:
-    """A number of things, such as an effective sample size; a dash where it is not known."""
+    """Return a number of things, such as an effective sample size; a dash where it is not known."""
     return f"{value:.0f}" if math.isfinite(value) else "–"
 
 
 def p_text(p: float) -> str:
-    """A p-value as it is said: p = 0.337, p < 0.001."""
+    """Return a p-value: p = 0.337, p < 0.001."""
     text = probability_text(p)
     return f"p\u00a0{text}" if text[0] in "<>" else f"p\u00a0= {number(float(p), 2)}"
 
 
 def nats(value: float, digits: int = 1) -> str:
-    """A log density in nats, to some decimals: columns of them stand point under point."""
+    """Return a log density in nats, to fixed decimals: columns of them stand point under point."""
     return f"{value:.{digits}f}".replace("-", "−") if math.isfinite(value) else number(value)
 
 
 def pareto(k: float) -> str:
-    """A Pareto k; a dash where no fold relies on importance sampling."""
+    """Return a Pareto k; a dash where no fold relies on importance sampling."""
     return f"{k:.2f}".replace("-", "−") if math.isfinite(k) else "–" if k < 0 else number(k)
 
 
 def weight_text(weight: float) -> str:
-    """The weight of a model among others."""
+    """Return the weight of a model among others."""
     return f"{weight:.2f}"
 
 
 def estimate(mean: float | np.floating, sd: float | np.floating, unit: str | None = "") -> str:
-    """`mean ± sd unit`, to two significant digits of the sd, with one power of ten for both where one is needed."""
+    """Return `mean ± sd unit`, to two significant digits of the sd, with one power of ten for both if needed."""
     mean, sd = float(mean), float(sd)
     tail = f" {unit_text(unit)}" if unit_text(unit) else ""
     if not (math.isfinite(mean) and math.isfinite(sd)):
@@ -188,16 +169,16 @@ def estimate(mean: float | np.floating, sd: float | np.floating, unit: str | Non
 
 
 def _power(size: float) -> int:
-    """The power of ten that numbers of this size are written with; 0 for none."""
-    return 0 if size == 0 or _SMALL <= size < _LARGE else math.floor(math.log10(size))
+    """Return the power of ten that numbers of this size are written with; 0 for none."""
+    return 0 if size == 0 or _WITHOUT_POWER[0] <= size < _WITHOUT_POWER[1] else math.floor(math.log10(size))
 
 
 def _times(power: int) -> str:
-    return f"·10{str(power).translate(_SUPERSCRIPT)}"
+    return f"·10{str(power).translate(_RAISED_NUMBERS)}"
 
 
 def _alike(lower: float, upper: float, decimals: int) -> tuple[str, str]:
-    """Both ends with the same decimals, without zeros that neither needs; nothing is a plain zero."""
+    """Return both ends with the same decimals, without zeros that neither needs; nothing is a plain zero."""
     while (
         decimals > 0
         and round(lower, decimals - 1) == round(lower, decimals)
@@ -222,7 +203,7 @@ class Concise(NamedTuple):
 
 
 def concise(mean: float, sd: float) -> tuple[bool, Concise]:
-    """A coefficient with its standard deviation in units of the last digit: −1.001(2) is −1.001 ± 0.002.
+    """Return a coefficient with its standard deviation in units of the last digit: −1.001(2) is −1.001 ± 0.002.
 
     The standard deviation has one digit, two where the first is 1, as rounding would change that too much.
 
@@ -256,19 +237,19 @@ def concise(mean: float, sd: float) -> tuple[bool, Concise]:
 
 
 def exact(value: float) -> tuple[bool, Concise]:
-    """A number that is known, with all digits that it has: whether it is negative, and its size."""
+    """Return whether a known number is negative, and its size with all its digits."""
     mantissa, _, power = repr(abs(float(value))).partition("e")
     return value < 0, Concise(mantissa.removesuffix(".0"), int(power or 0))
 
 
 def exact_text(value: float, unit: str = "") -> str:
-    """A number that is known, as a table has it: `−40 1/(m²·s²)`."""
+    """Return a known number as tables write it: `−40 1/(m²·s²)`."""
     negative, size = exact(value)
     return f"{'−' if negative else ''}{size}{f' {unit_text(unit)}' if unit_text(unit) else ''}"
 
 
 def interval(lower: float, upper: float) -> str:
-    """`lower to upper`, with digits enough to tell them apart and one power of ten for both where one is needed."""
+    """Return `lower to upper`, with digits that tell them apart and one power of ten for both if needed."""
     if not (math.isfinite(lower) and math.isfinite(upper)):
         return "–"
     width, size = upper - lower, max(abs(lower), abs(upper))
@@ -283,10 +264,10 @@ def interval(lower: float, upper: float) -> str:
 
 
 def probability_column(inclusion: pd.DataFrame) -> str:
-    """The column of an inclusion table that says how probable each term is."""
+    """Return the column of an inclusion table that holds the probability of each term."""
     return next((name for name in PROBABILITIES if name in inclusion), "outside_rope")
 
 
 def listed(words: Sequence[str]) -> str:
-    """Words as a sentence lists them: a, b and c."""
+    """Return words as a sentence lists them: a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

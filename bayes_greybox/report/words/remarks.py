@@ -1,10 +1,10 @@
-"""What pages and terminal say of the data beside their rows."""
+"""Remarks on the data, for pages and terminal."""
 
 from bayes_greybox.data.trajectories import Trajectories
 
 
 def data_remarks(*parts: Trajectories | None) -> list[str]:
-    """What was done to the data and what of them is missing, each remark once.
+    """Return what was done to the data and what of them is missing, each remark once.
 
     Args:
         parts: Training and held-out data; None where there are none.

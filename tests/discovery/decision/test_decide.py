@@ -6,6 +6,7 @@ import pytest
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW, VERDICTS, decide
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
+from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.grid.evidence.gram import Gram
 from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
@@ -212,9 +213,9 @@ def test_of_two_effects_each_has_what_could_stand_beside_the_other():
 def test_effects_that_may_be_one_law_name_no_more_than_a_part_and_say_why():
     others = ("fifth", 0.25), ("dry", 0.1), ("", 0.05, (LAW, 1.0, 0.9))
     found = verdict(("cube + zone", 0.6), *others)
-    assert found.code == "partly named" and found.reasons == (ONE_LAW,)
+    assert found.code == "partly named" and found.reasons == (Reason("one law", ONE_LAW),)
     more = verdict(("cube + zone", 0.6, (LAW, 0.9, 0.3)), *others)
-    assert more.code == "unknown" or more.reasons == (AND_MORE,)
+    assert more.code == "unknown" or more.reasons == (Reason("one law and more", AND_MORE),)
 
 
 def test_effects_that_may_be_one_law_and_have_no_rival_are_a_law_without_a_name():
@@ -265,9 +266,9 @@ def test_an_effect_that_is_sure_is_not_neglected_with_the_rest():
 
 
 def test_nothing_is_named_against_its_own_checks():
-    found = verdict(*codes()["named"]).against(["residuals hang together"])
-    assert found.code == "partly named" and found.reasons == ("residuals hang together",)
-    assert verdict(*codes()["no gap"]).against(["x"]).code == "no gap"
+    found = verdict(*codes()["named"]).against([Reason("check", "residuals hang together")])
+    assert found.code == "partly named" and found.reasons == (Reason("check", "residuals hang together"),)
+    assert verdict(*codes()["no gap"]).against([Reason("check", "x")]).code == "no gap"
     plain = verdict(*codes()["named"])
     assert plain.against([]) is plain
 

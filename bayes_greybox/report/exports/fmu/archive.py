@@ -19,18 +19,14 @@ from ..names import identifiers
 from .description import description
 
 COMPILERS = ("cc", "gcc", "clang")
-"""Those that are looked for, in order."""
+"""Names of C compilers that are looked for, in order."""
 
 HEADERS = ("fmi2Functions.h", "fmi2FunctionTypes.h", "fmi2TypesPlatform.h")
-"""Of the standard, which come with FMPy."""
+"""Headers of the standard, which come with FMPy."""
 
 
 def fmu_archive(model: ExportedModel, name: str) -> bytes:
-    """The content of NAME.fmu: FMI 2.0, both kinds, for the system that this runs on; sources are in it.
-
-    Args:
-        model: The model.
-        name: What it is called.
+    """Return the content of NAME.fmu: FMI 2.0, both kinds, for this operating system, with its sources.
 
     Raises:
         InputError: FMPy is not installed; there is no C compiler; a simulation that is a function.
@@ -40,12 +36,12 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     fmpy, compiler = installed_fmpy(), c_compiler()
     own = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
     own["model.c"] = program.encode()
-    said = model.notes.verdict or f"The equations of a {model.origin}"
+    about = model.notes.verdict or f"The equations of a {model.origin}"
     # Of all that may differ, as importers keep what they know by it.
-    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", said)]
+    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
     guid = hashlib.sha256(b"\n".join(every)).hexdigest()[:32]
     sources = {**standard_headers(fmpy), **own, "model.h": _sizes(model, program, guid).encode()}
-    content = {"modelDescription.xml": description(model, name, called, guid, said)}
+    content = {"modelDescription.xml": description(model, name, called, guid, about)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
     content[library] = compiled(compiler, sources, "fmi2.c")
     content |= {f"sources/{each}": text for each, text in sources.items()}
@@ -53,7 +49,7 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
 
 
 def packed(content: Mapping[str, bytes]) -> bytes:
-    """An FMU of its files by their names, without times, so that the same files are the same FMU.
+    """Return an FMU of its files by their names, without times, so that the same files give the same FMU.
 
     Args:
         content: Files.
@@ -66,7 +62,7 @@ def packed(content: Mapping[str, bytes]) -> bytes:
 
 
 def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
-    """The library that a C compiler makes.
+    """Return the library that a C compiler makes of sources.
 
     Args:
         compiler: The compiler.
@@ -84,28 +80,28 @@ def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True, errors="replace")
         if done.returncode:
             lines = done.stderr.splitlines() or ["it said nothing"]
-            said = next((line for line in lines if "error" in line), lines[0])
-            raise InputError(f"The C compiler {compiler} could not compile the FMU ({said}): export to .c instead.")
+            error = next((line for line in lines if "error" in line), lines[0])
+            raise InputError(f"The C compiler {compiler} could not compile the FMU ({error}): export to .c instead.")
         return (Path(folder) / "library").read_bytes()
 
 
 def c_compiler() -> str:
-    """The C compiler of this system.
+    """Return the C compiler of this system.
 
     Raises:
         InputError: There is none.
     """
-    found = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if found is None:
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
         raise InputError(
             f"An FMU is compiled, and there is no C compiler here ({', '.join(COMPILERS)}): install one, or export to "
             ".c."
         )
-    return found
+    return compiler
 
 
 def installed_fmpy() -> Any:
-    """FMPy, with the headers of the standard.
+    """Return FMPy, which comes with the headers of the standard.
 
     Raises:
         InputError: It is not installed.
@@ -119,17 +115,17 @@ def installed_fmpy() -> Any:
 
 
 def standard_headers(fmpy: Any) -> dict[str, bytes]:
-    """The headers of the standard by name.
+    """Return the headers of the standard by name.
 
     Args:
-        fmpy: Of `installed_fmpy`.
+        fmpy: Package that `installed_fmpy` returned.
     """
     folder = Path(fmpy.__file__).parent / "c-code"
     return {each: (folder / each).read_bytes() for each in HEADERS}
 
 
 def _sizes(model: ExportedModel, program: str, guid: str) -> str:
-    """What fmi2.c has to know of model.c."""
+    """Return the definitions that fmi2.c needs of model.c."""
     place = {each.name: k for k, each in enumerate(model.states)}
     place |= {each.name: 2 * len(model.states) + k for k, each in enumerate(model.inputs)}
 

@@ -1,4 +1,4 @@
-"""What an FMU says of itself: modelDescription.xml of FMI 2.0."""
+"""Description of an FMU: modelDescription.xml of FMI 2.0."""
 
 from importlib.metadata import version
 from xml.etree import ElementTree
@@ -10,22 +10,22 @@ from ..model import ExportedModel
 from ..names import one_line
 
 
-def description(model: ExportedModel, name: str, called: str, guid: str, said: str) -> bytes:
-    """The text of modelDescription.xml; value references are those of fmi2.c.
+def description(model: ExportedModel, name: str, called: str, guid: str, about: str) -> bytes:
+    """Return the text of modelDescription.xml; value references are those of fmi2.c.
 
     Args:
         model: The model.
-        name: What users call it.
-        called: What its library is called.
-        guid: What library and description recognise each other by.
-        said: What it is, in a sentence.
+        name: Name that users see.
+        called: Name of its library.
+        guid: Identifier by which library and description recognise each other.
+        about: Description in a sentence.
     """
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="2.0",
         modelName=one_line(name),
         guid=guid,
-        description=one_line(said),
+        description=one_line(about),
         generationTool=f"bayes_greybox {version('bayes-greybox')}",
         variableNamingConvention="flat",
         numberOfEventIndicators="0",
@@ -41,8 +41,8 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
             ElementTree.SubElement(definitions, "Unit", name=text)
     variables = ElementTree.SubElement(root, "ModelVariables")
 
-    def variable(name: str, said: str, unit: str, number: dict[str, str], **kind: str) -> None:
-        attributes = {"name": name, "valueReference": str(len(variables)), "description": one_line(said), **kind}
+    def variable(name: str, about: str, unit: str, number: dict[str, str], **kind: str) -> None:
+        attributes = {"name": name, "valueReference": str(len(variables)), "description": one_line(about), **kind}
         scalar = ElementTree.SubElement(variables, "ScalarVariable", attributes)
         text = unit_text(unit)
         ElementTree.SubElement(scalar, "Real", {**number, **({"unit": text} if text else {})})
@@ -51,7 +51,7 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         # One that moves along with another where a run starts is calculated from it.
         known = {} if each.follows else {"start": repr(each.start)}
         variable(
-            each.name, each.said, each.unit, known, causality="output", variability="continuous",
+            each.name, each.about, each.unit, known, causality="output", variability="continuous",
             initial="calculated" if each.follows else "exact",
         )  # fmt: skip
     for k, each in enumerate(model.rates):
@@ -60,9 +60,9 @@ def description(model: ExportedModel, name: str, called: str, guid: str, said: s
         unit = each.unit if model.per_second == 1.0 else ""
         variable(f"der({each.name})", "", unit, of, causality="local", variability="continuous")
     for each in model.inputs:
-        variable(each.name, each.said, each.unit, {"start": "0.0"}, causality="input", variability="continuous")
+        variable(each.name, each.about, each.unit, {"start": "0.0"}, causality="input", variability="continuous")
     for each in model.outputs:
-        variable(each.name, each.said, each.unit, {}, causality="output", variability="continuous")
+        variable(each.name, each.about, each.unit, {}, causality="output", variability="continuous")
     for each in model.factors:
         mean = {"start": repr(float(each.value.mean))}
         variable(

@@ -11,42 +11,30 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.report.plots.posterior.over_time import N_BIN, name_run, rows_of_runs
-from bayes_greybox.report.plots.style import (
-    AFTER,
-    BEFORE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
+from bayes_greybox.report.plots.posterior.over_time import RECORD_BINS, name_run, rows_of_runs
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
-from .gap_map import SURE, draw_threshold
+from .gap_map import SURE_GAP, draw_threshold
 
-UNSEEN = "path through the samples"
-"""What runs of a state are compared with that no sensor shows."""
+UNSEEN_STATE = "path through the samples"
+"""Name of the curve that runs of a state without a sensor are compared with."""
 
 # Stretches of time closer than this share of the record are drawn as one.
-_CLOSE = 1 / 400
+_NEAR_STRETCHES = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
-_NARROW = 6.0
+_NARROW_LEGEND = 6.0
 # Characters of three labels that fit in a row there.
-_WIDE = 45
+_LEGEND_CHARACTERS = 45
 # Characters of a label that fit beside another one there.
-_LABEL = 34
+_LABEL_CHARACTERS = 34
 # Rows up to which measurements are drawn as points.
-_MOST_MARKERS = 400
+_MOST_RUN_MARKERS = 400
 # Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
-_LONG, _CLOSE_UP = 2000, 200
+_LONG_RUN, _LAST_ROWS = 2000, 200
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_over_time(
     time: Float[np.ndarray, " n_obs"],
     before: Float[np.ndarray, "3 n_obs"],
@@ -62,52 +50,49 @@ def plot_gap_over_time(
     width: float = 9.0,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """The gap along the record before and after, with the times at which it surely exceeds the threshold.
+    """Draw the gap along the record before and after, with the times at which it surely exceeds the threshold.
 
     Args:
         time: time of each row, in `time_unit`.
         before: mean, lower and upper end of the gap that the simulation leaves, in `unit`.
         after: the same of the amended model.
         equation: name of the state whose derivative the equation gives.
-        threshold: what counts as a gap, in `unit`.
-        probability: that `|gap|` exceeds the threshold, before.
+        threshold: size from which on a gap counts as one, in `unit`.
+        probability: probability that `|gap|` exceeds the threshold, before.
         run: run of each row; all one run by default. At most six runs are drawn.
         run_names: name of each run.
         time_unit: unit of time.
         unit: unit of the gap.
         width: width of the figure in inches.
         axes: axes to draw into, one a drawn run.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
     panels = _panels(rows, width, axes)
     # One line over the other would hide it, and the legend speak of what nobody sees.
     same = np.allclose(before, after, rtol=1e-6, atol=1e-6 * float(np.nanmax(np.abs(after))), equal_nan=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
-        ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
         if same:
-            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "before and after")
+            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
         else:
-            _draw_band(ax, time[chosen], before[:, chosen], BEFORE, "before")
-            _draw_band(ax, time[chosen], after[:, chosen], AFTER, "after")
+            _draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
+            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
         if probability is not None:
-            sure = probability[chosen] > SURE
+            sure = probability[chosen] > SURE_GAP
             stretches = _stretches(time[chosen], sure)
-            at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE:g}"
-            ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=DARK,
+            at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE_GAP:g}"
+            ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=style.DARK,
                       linewidth=5, label=label if len(stretches) else "")  # fmt: skip
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01, y=0.12)
-    panels[0].set_title(f"Gap in the equation for {plain(equation)}{note}")
-    _label(panels, with_unit("gap", unit), with_unit("time", time_unit), axes is None)
-    return figure_of(panels[0])
+    panels[0].set_title(f"Gap in the equation for {style.plain(equation)}{note}")
+    _label(panels, style.with_unit("gap", unit), style.with_unit("time", time_unit), axes is None)
+    return style.figure_of(panels[0])
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_free_run(
     time: Float[np.ndarray, " n_obs"],
     measured: Float[np.ndarray, " n_obs"],
@@ -124,7 +109,7 @@ def plot_free_run(
     width: float = 9.0,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """A state as measured and as the model runs it from its start alone, before and after.
+    """Draw a state as measured and as the model runs it from its start alone, before and after.
 
     A run that failed ends with a cross where it did. The scale is that of the measurements and of the amended model:
     a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
@@ -136,67 +121,64 @@ def plot_free_run(
         before: mean, lower and upper end of the free run before; NaN from where it failed. None: there is one model.
         after: the same of the amended model.
         state: name of the state.
-        holds: what the band after holds, for the legend.
-        seen_as: what the state is that the runs are compared with, for the legend.
+        holds: sources of uncertainty in the band after, for the legend.
+        seen_as: name of the curve that the runs are compared with, for the legend.
         run: run of each row; all one run by default. At most six runs are drawn.
         run_names: name of each run.
         time_unit: unit of time.
         unit: unit of the state.
         width: width of the figure in inches.
         axes: axes to draw into, one a drawn run.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
-    closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG
+    closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG_RUN
     if closer:
-        rows = [rows[0], rows[0][-_CLOSE_UP:]]
+        rows = [rows[0], rows[0][-_LAST_ROWS:]]
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
-    if figure_of(panels[0]).get_figwidth() < _NARROW:
-        holds = fill(holds, _LABEL)
-    shown = [(after, AFTER, "model" if before is None else "after", holds)]
+    if style.figure_of(panels[0]).get_figwidth() < _NARROW_LEGEND:
+        holds = fill(holds, _LABEL_CHARACTERS)
+    shown = [(after, style.AFTER, "model" if before is None else "after", holds)]
     if before is not None:
-        shown.insert(0, (before, BEFORE, "before", ""))
+        shown.insert(0, (before, style.BEFORE, "before", ""))
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         t, seen = time[chosen], measured[chosen]
         for values, look, label, band in shown:
             _draw_band(ax, t, values[:, chosen], look, label, band)
-        if len(t) <= _MOST_MARKERS:
-            ax.plot(t, seen, "o", color=DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
+        if len(t) <= _MOST_RUN_MARKERS:
+            ax.plot(t, seen, "o", color=style.DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
         else:
-            kept = extreme_rows(seen, N_BIN)
-            ax.plot(t[kept], seen[kept], color=DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as)
+            kept = extreme_rows(seen, RECORD_BINS)
+            ax.plot(
+                t[kept], seen[kept], color=style.DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as
+            )
         ax.set_ylim(low - margin, high + margin)
         for values, look, *_ in shown:
             _mark_failure(ax, t, values[0, chosen], look["color"])
         if closer:
-            name_run(ax, index, ["whole run", f"its last {_CLOSE_UP} samples"])
+            name_run(ax, index, ["whole run", f"its last {_LAST_ROWS} samples"])
         elif len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
-    panels[0].set_title(f"Free run of {plain(state)}{note}")
-    _label(panels, with_unit(state, unit), with_unit("time", time_unit), axes is None)
-    return figure_of(panels[0])
+    panels[0].set_title(f"Free run of {style.plain(state)}{note}")
+    _label(panels, style.with_unit(state, unit), style.with_unit("time", time_unit), axes is None)
+    return style.figure_of(panels[0])
 
 
 def seen_as(data: Trajectories, state: str) -> str:
-    """What a state is called that free runs are compared with: one that no sensor shows is no measurement.
+    """Return the name of the curve that free runs of a state are compared with: a measurement if it has a sensor.
 
     Args:
         data: The runs.
         state: One of their states.
     """
-    return "measured" if state in (data.samples or data).states else UNSEEN
+    return "measured" if state in (data.samples or data).states else UNSEEN_STATE
 
 
 def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndarray | None) -> list[Axes]:
-    if axes is not None:
-        return given_axes(axes, len(rows), "one a run")
-    figure = new_figure(width, 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows)))
-    return list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
+    height = 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows))
+    return style.panels_of(axes, len(rows), "one a run", (width, height), sharey=True)
 
 
 def _draw_band(
@@ -211,13 +193,13 @@ def _draw_band(
     if not alive.any():
         return
     time, (mean, lower, upper) = time[alive], values[:, alive]
-    band_time, low, high = outer_band(time, lower, upper, N_BIN)
+    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
     ax.fill_between(band_time, low, high, color=look["color"], alpha=0.25, linewidth=0, label=band or None)
-    kept = extreme_rows(mean, N_BIN)
+    kept = extreme_rows(mean, RECORD_BINS)
     whole = len(kept) == len(mean)
     # Dashes of swings that are too many to be told apart are noise.
-    style = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
-    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **style})
+    line = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
+    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **line})
 
 
 def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:
@@ -232,12 +214,12 @@ def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> 
 
 
 def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]) -> Float[np.ndarray, "n_stretch 2"]:
-    """Start and end of the stretches of rows that are on, near ones joined."""
+    """Return start and end of the stretches of rows that are on, near ones joined."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], on, [False]]).astype(int)))
     pairs = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
     joined: list[np.ndarray] = []
     for pair in pairs:
-        if joined and pair[0] - joined[-1][1] < _CLOSE * (time[-1] - time[0]):
+        if joined and pair[0] - joined[-1][1] < _NEAR_STRETCHES * (time[-1] - time[0]):
             joined[-1][1] = pair[1]
         else:
             joined.append(pair)
@@ -247,19 +229,19 @@ def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]
 def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     panels[-1].set_xlabel(time)
     if own and len(panels) > 1:
-        figure_of(panels[0]).supylabel(quantity, fontsize=10)
+        style.figure_of(panels[0]).supylabel(quantity, fontsize=10)
     else:
         panels[0].set_ylabel(quantity)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
-    first = ("measured", UNSEEN, "before", "after", "before and after", "model", "± threshold")
+    first = ("measured", UNSEEN_STATE, "before", "after", "before and after", "model", "± threshold")
     order = [label for label in first if label in handles]
     order += [label for label in handles if label not in order]
     # What a band holds is a long label.
-    widest = _NARROW + 0.06 * max(0, sum(map(len, order)) - 50)
-    narrow = figure_of(panels[0]).get_figwidth() < widest
-    place_legend(
+    widest = _NARROW_LEGEND + 0.06 * max(0, sum(map(len, order)) - 50)
+    narrow = style.figure_of(panels[0]).get_figwidth() < widest
+    style.place_legend(
         panels[0],
         own,
         [handles[label] for label in order],
-        2 if narrow and (len(order) > 3 or sum(map(len, order)) > _WIDE) else None,
+        2 if narrow and (len(order) > 3 or sum(map(len, order)) > _LEGEND_CHARACTERS) else None,
     )

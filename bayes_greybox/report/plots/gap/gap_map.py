@@ -11,31 +11,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bayes_greybox.report.plots.posterior.over_states import fade_outside, outline
-from bayes_greybox.report.plots.style import (
-    AFTER,
-    BEFORE,
-    DARK,
-    GREY,
-    SIGNED,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
+from bayes_greybox.report.plots.posterior.over_states import draw_map, fade_outside, outline
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import quantity
 
-SURE = 0.9
+SURE_GAP = 0.9
 """Probability from which a gap counts as there, in every figure."""
 
-_MOST_POINTS = 2000
+_MOST_SAMPLES = 2000
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_map(
     grid: tuple[Float[np.ndarray, " n_0"], Float[np.ndarray, " n_1"]],
     maps: Mapping[str, tuple[Float[np.ndarray, "n_0 n_1"], Float[np.ndarray, "n_0 n_1"]]],
@@ -50,7 +37,7 @@ def plot_gap_map(
     colours: Sequence[str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior mean of the gap over two variables, outlined where it surely exceeds the threshold, on one scale.
+    """Draw the posterior mean of the gap over two variables, outlined where it surely exceeds the threshold.
 
     Args:
         grid: positions along the first and the second variable.
@@ -58,42 +45,36 @@ def plot_gap_map(
             `|gap|` exceeds the threshold.
         variables: names of the two variables.
         units: their units.
-        threshold: what counts as a gap, in `unit`.
+        threshold: size from which on a gap counts as one, in `unit`.
         unit: unit of the gap.
         limit: end of the colour range; the largest `|gap|` of all maps by default.
         inside: where there are data; elsewhere a map is hatched and pale.
         samples: positions of the data rows, to mark.
-        colours: of the titles and frames, one a map: what curves of the same model have elsewhere.
+        colours: colours of titles and frames, one a map, as curves of the same models have them elsewhere.
         axes: axes to draw into, one a map.
-
-    Returns:
-        The figure.
     """
-    if axes is None:
-        panels = list(np.ravel(new_figure(5.4 * len(maps), 4.5).subplots(1, len(maps), squeeze=False)))
-    else:
-        panels = given_axes(axes, len(maps), "one a map")
+    panels = style.panels_of(axes, len(maps), "one a map", (5.4 * len(maps), 4.5), nrows=1, ncols=len(maps))
     seen = _seen(inside, (len(grid[0]), len(grid[1])))
     end = float(limit) if limit else max(float(np.abs(gap[seen]).max()) for gap, _ in maps.values()) or 1.0
     bold = False
     framed = colours if colours is not None else [None] * len(maps)
     for ax, colour, (title, (gap, probability)) in zip(panels, framed, maps.items(), strict=True):
-        bold = _draw_map(ax, grid, gap, probability, seen, end, with_unit("gap", unit)) or bold
+        bold = _draw_map(ax, grid, gap, probability, seen, end, style.with_unit("gap", unit)) or bold
         if samples is not None:
-            shown = samples[every_nth(len(samples), _MOST_POINTS)]
-            ax.plot(shown[:, 0], shown[:, 1], "o", color=DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
-        ax.set_xlabel(with_unit(variables[0], units[0]))
-        ax.set_ylabel(with_unit(variables[1], units[1]))
+            shown = samples[every_nth(len(samples), _MOST_SAMPLES)]
+            ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
+        ax.set_xlabel(style.with_unit(variables[0], units[0]))
+        ax.set_ylabel(style.with_unit(variables[1], units[1]))
         ax.set_title(title)
         if colour is not None:
             ax.set_title(title, color=colour, fontweight="bold")
             ax.spines[:].set(visible=True, edgecolor=colour, linewidth=2.0)
     event = f"|gap| > {quantity(threshold, unit)}"
     _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
-    return figure_of(panels[0])
+    return style.figure_of(panels[0])
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_gap_curve(
     grid: Float[np.ndarray, " n_0"],
     before: Float[np.ndarray, " n_0"],
@@ -110,33 +91,30 @@ def plot_gap_curve(
     samples: Float[np.ndarray, " n_obs"] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior mean of the gap over one variable, before and after; thick where it surely exceeds the threshold.
+    """Draw the posterior mean of the gap over one variable, before and after; thick where it is surely there.
 
     Args:
         grid: positions along the variable.
         before: posterior mean of the gap that the simulation leaves, in `unit`.
-        after: what the amended model leaves.
-        probability: that `|gap|` exceeds the threshold, before.
+        after: the same of the amended model.
+        probability: probability that `|gap|` exceeds the threshold, before.
         after_probability: the same after.
         variable: name of the variable.
         variable_unit: its unit.
-        title: what the curves show.
-        threshold: what counts as a gap, in `unit`: drawn as a pair of reference lines.
+        title: title of the curves.
+        threshold: size from which on a gap counts as one, in `unit`: drawn as a pair of reference lines.
         unit: unit of the gap.
         inside: where there are data; elsewhere the curves are dotted.
         samples: positions of the data rows, to mark.
         axes: one axes to draw into.
-
-    Returns:
-        The figure.
     """
-    (ax,) = [new_figure(6.6, 3.9).subplots()] if axes is None else given_axes(axes, 1, "the curves")
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    (ax,) = style.panels_of(axes, 1, "the curves", (6.6, 3.9))
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     draw_threshold(ax, threshold)
     seen = _seen(inside, grid.shape)
     for values, sure, look, label in (
-        (before, probability > SURE, BEFORE, "before"),
-        (after, after_probability > SURE, AFTER, "after"),
+        (before, probability > SURE_GAP, style.BEFORE, "before"),
+        (after, after_probability > SURE_GAP, style.AFTER, "after"),
     ):
         if not seen.all():
             ax.plot(grid, values, color=look["color"], linewidth=1.0, linestyle=(0, (1, 2)))
@@ -144,23 +122,23 @@ def plot_gap_curve(
         bold = np.where(seen & sure, values, np.nan)
         ax.plot(grid, bold, linewidth=3.4, solid_capstyle="butt", dash_capstyle="butt", **look)
     if samples is not None:
-        shown = samples[every_nth(len(samples), _MOST_POINTS)]
-        ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=DARK, alpha=0.45,
+        shown = samples[every_nth(len(samples), _MOST_SAMPLES)]
+        ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=style.DARK, alpha=0.45,
                 markersize=7, markeredgewidth=0.6)  # fmt: skip
     ax.margins(x=0.02)
-    ax.set_xlabel(with_unit(variable, variable_unit))
-    ax.set_ylabel(with_unit("gap", unit))
+    ax.set_xlabel(style.with_unit(variable, variable_unit))
+    ax.set_ylabel(style.with_unit("gap", unit))
     ax.set_title(title)
     handles: list[Artist] = [*ax.get_legend_handles_labels()[0]]
-    handles.append(Line2D([], [], color=GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE:g}"))
-    place_legend(ax, axes is None, handles)
-    return figure_of(ax)
+    handles.append(Line2D([], [], color=style.GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE_GAP:g}"))
+    style.place_legend(ax, axes is None, handles)
+    return style.figure_of(ax)
 
 
 def draw_threshold(ax: Axes, threshold: float | np.floating) -> None:
-    """The pair of lines that a gap has to leave to count as one."""
+    """Draw the pair of lines that a gap has to leave to count as one."""
     for sign, label in ((1.0, "± threshold"), (-1.0, "_")):
-        ax.axhline(sign * float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
+        ax.axhline(sign * float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
 
 
 def _seen(inside: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
@@ -176,25 +154,24 @@ def _draw_map(
     end: float,
     label: str,
 ) -> bool:
-    """One map; says whether it has an outline."""
+    """Draw one map, and return whether it has an outline."""
     x, y = grid
-    mesh = ax.pcolormesh(x, y, gap.T, cmap=SIGNED, vmin=-end, vmax=end, shading="nearest", rasterized=True)
-    over, under = gap.max() > end, gap.min() < -end
-    extend = "both" if over and under else "max" if over else "min" if under else "neither"
-    figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
+    draw_map(ax, grid, gap, style.SIGNED, (-end, end), label)
     fade_outside(ax, x, y, seen)
     ax.set_xlim(x[0], x[-1])
     ax.set_ylim(y[0], y[-1])
-    return outline(ax, x, y, probability, SURE, seen)
+    return outline(ax, x, y, probability, SURE_GAP, seen)
 
 
 def _explain(ax: Axes, bold: bool, event: str, samples: bool, outside: bool, own: bool) -> None:
     handles: list[Artist] = []
     if bold:
-        handles.append(Line2D([], [], color=DARK, linewidth=2.0, label=plain(f"around P({event}) > {SURE:g}")))
+        handles.append(
+            Line2D([], [], color=style.DARK, linewidth=2.0, label=style.plain(f"around P({event}) > {SURE_GAP:g}"))
+        )
     if samples:
-        handles.append(Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data"))
+        handles.append(Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data"))
     if outside:
-        handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="////", label="no data"))
+        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data"))
     if handles:
-        place_legend(ax, own, handles)
+        style.place_legend(ax, own, handles)

@@ -10,21 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import estimate, level_text
 from bayes_greybox.running.errors import InputError
 
-_N_BIN = 40
+_HISTOGRAM_BINS = 40
 
 
 @dataclass(frozen=True)
@@ -32,7 +22,7 @@ class Coefficient:
     """A coefficient to draw.
 
     Attributes:
-        name: What the panel is headed with.
+        name: Heading of the panel.
         term: The term it multiplies.
         mean: Posterior mean, in `unit`.
         sd: Posterior standard deviation, in `unit`.
@@ -52,22 +42,16 @@ class Coefficient:
     draws: Float[np.ndarray, " n_draw"] | None = None
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_posteriors(
-    coefficients: Sequence[Coefficient],
-    *,
-    level: float = 0.9,
-    axes: Sequence[Axes] | np.ndarray | None = None,
+    coefficients: Sequence[Coefficient], *, level: float = 0.9, axes: Sequence[Axes] | np.ndarray | None = None
 ) -> Figure:
-    """Histogram of the draws of each coefficient, with its mean and interval, one panel each.
+    """Draw a histogram of the draws of each coefficient, with its mean and interval, one panel each.
 
     Args:
-        coefficients: What to draw.
+        coefficients: Coefficients to draw.
         level: Probability that the intervals hold.
         axes: Axes to draw into, one a coefficient.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: There are no coefficients.
@@ -75,21 +59,17 @@ def plot_posteriors(
     if not coefficients:
         raise InputError("No effect was added, so there is no coefficient to draw.")
     n = len(coefficients)
-    if axes is None:
-        figure = new_figure(5.4, 0.5 + 1.75 * n)
-        panels = list(np.ravel(figure.subplots(n, 1, squeeze=False)))
-    else:
-        panels = given_axes(axes, n, "one a coefficient")
+    panels = style.panels_of(axes, n, "one a coefficient", (5.4, 0.5 + 1.75 * n))
     for ax, item in zip(panels, coefficients, strict=True):
         _draw(ax, item)
     below = panels[-1]
     below.set_xlabel(f"{below.get_xlabel()}\ndot and bar: mean and {level_text(level)} interval")
-    return figure_of(panels[0])
+    return style.figure_of(panels[0])
 
 
 def _draw(ax: Axes, item: Coefficient) -> None:
     if item.draws is not None and np.ptp(item.draws) > 0:
-        ax.hist(item.draws, bins=_N_BIN, color=BLUE, alpha=0.35)
+        ax.hist(item.draws, bins=_HISTOGRAM_BINS, color=style.BLUE, alpha=0.35)
     low, high = ax.get_xlim() if item.draws is not None else (item.lower, item.upper)
     pad = 0.15 * (item.upper - item.lower) or 0.1 * abs(item.mean) or 1.0
     low, high = min(low, item.lower - pad), max(high, item.upper + pad)
@@ -100,14 +80,14 @@ def _draw(ax: Axes, item: Coefficient) -> None:
         high = -0.03 * low
     ax.set_xlim(low, high)
     if low <= 0 <= high:
-        ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        ax.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     base = ax.get_xaxis_transform()
-    ax.plot([item.lower, item.upper], [0.07, 0.07], color=BLUE, linewidth=3.0, transform=base)
-    ax.plot([item.mean], [0.07], "o", color=BLUE, markersize=7, markeredgecolor="white", transform=base)
+    ax.plot([item.lower, item.upper], [0.07, 0.07], color=style.BLUE, linewidth=3.0, transform=base)
+    ax.plot([item.mean], [0.07], "o", color=style.BLUE, markersize=7, markeredgecolor="white", transform=base)
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel(with_unit(f"coefficient of {item.term}", item.unit))
-    ax.set_title(plain(item.name))
+    ax.set_xlabel(style.with_unit(f"coefficient of {item.term}", item.unit))
+    ax.set_title(style.plain(item.name))
     text = estimate(item.mean, item.sd)
-    ax.text(1.0, 1.0, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=DARK)
+    ax.text(1.0, 1.0, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)

@@ -9,25 +9,14 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    LIGHT,
-    SKY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    plain,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import probability_text, share_text
 
 # Points between the columns of text, and the width of a character in them.
-_GAP, _CHARACTER = 8.0, 6.0
+_COLUMN_SPACE, _CHARACTER = 8.0, 6.0
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_hypotheses(
     names: Sequence[str],
     probability: Float[np.ndarray, " n_hypothesis"],
@@ -38,21 +27,18 @@ def plot_hypotheses(
     title: str = "What could close the gap",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Probability of each hypothesis, and the share of the gap it leaves open.
+    """Draw the probability of each hypothesis, and the share of the gap that it leaves open.
 
     Args:
         names: the hypotheses, best first.
-        probability: of each; they sum to one over all hypotheses.
+        probability: probability of each; they sum to one over all hypotheses.
         share_left: share of the gap that f has to carry under each.
         chosen: names that the study settled on: drawn dark.
         tied: names that these data do not tell from a chosen one: drawn pale and marked.
-        title: what the bars show.
+        title: title of the bars.
         axes: one axes to draw into.
-
-    Returns:
-        The figure.
     """
-    colours = [BLUE if name in chosen else SKY if name in tied else LIGHT for name in names]
+    colours = [style.BLUE if name in chosen else style.SKY if name in tied else style.LIGHT for name in names]
     labels = [f"{name}  (tied)" if name in tied else name for name in names]
     columns = {
         "P": [probability_text(value) for value in probability],
@@ -61,7 +47,7 @@ def plot_hypotheses(
     return _bars(labels, probability, colours, columns, title, "probability", axes)
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_rounds(
     labels: Sequence[str],
     share_left: Float[np.ndarray, " n_round"],
@@ -69,19 +55,16 @@ def plot_rounds(
     title: str = "Likeliest sets of each size",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Share of the gap that the likeliest set with no effect, with one, with two leaves.
+    """Draw the share of the gap that the likeliest set with no effect, with one, with two leaves.
 
     Args:
-        labels: what each set holds, in order.
+        labels: names of the sets, in order.
         share_left: share of the gap that it leaves.
-        title: what the bars show.
+        title: title of the bars.
         axes: one axes to draw into.
-
-    Returns:
-        The figure.
     """
     columns = {"left by columns": [share_text(value) for value in share_left]}
-    return _bars(labels, share_left, [BLUE] * len(labels), columns, title, "share of the gap left", axes)
+    return _bars(labels, share_left, [style.BLUE] * len(labels), columns, title, "share of the gap left", axes)
 
 
 def _bars(
@@ -93,22 +76,19 @@ def _bars(
     quantity: str,
     axes: Sequence[Axes] | np.ndarray | None,
 ) -> Figure:
-    """Bars from 0 to 1, each below its label, with columns of text at the right."""
-    if axes is None:
-        (ax,) = [new_figure(5.4, 0.95 + 0.44 * len(labels)).subplots()]
-    else:
-        (ax,) = given_axes(axes, 1, "the bars")
+    """Draw bars from 0 to 1, each below its label, with columns of text at the right."""
+    (ax,) = style.panels_of(axes, 1, "the bars", (5.4, 0.95 + 0.44 * len(labels)))
     rows = np.arange(len(labels))
     shown = np.clip(np.nan_to_num(length), 0.0, 1.0)
     ax.barh(rows, 1.0, height=0.3, color="#F3F3F3")
-    ax.barh(rows, shown, height=0.3, color=colours, edgecolor=GREY, linewidth=[0.6 * (s > 0) for s in shown])
+    ax.barh(rows, shown, height=0.3, color=colours, edgecolor=style.GREY, linewidth=[0.6 * (s > 0) for s in shown])
     for row, label in enumerate(labels):
-        ax.text(0.0, row - 0.24, plain(label), va="bottom", fontsize=9.5, color=DARK)
+        ax.text(0.0, row - 0.24, style.plain(label), va="bottom", fontsize=9.5, color=style.DARK)
     right, at = ax.get_yaxis_transform(), 0.0
     for heading, texts in columns.items():
-        at += _GAP + _CHARACTER * max(len(text) for text in (heading, *texts))
+        at += _COLUMN_SPACE + _CHARACTER * max(len(text) for text in (heading, *texts))
         beside: dict[str, Any] = {"xytext": (at, 0), "textcoords": "offset points", "ha": "right"}
-        ax.annotate(heading, (1, 1), xycoords="axes fraction", va="bottom", fontsize=9, color=GREY, **beside)
+        ax.annotate(heading, (1, 1), xycoords="axes fraction", va="bottom", fontsize=9, color=style.GREY, **beside)
         for row, text in enumerate(texts):
             ax.annotate(text, (1, row), xycoords=right, va="center", fontsize=9.5, **beside)
     ax.set_xlim(0, 1)
@@ -118,4 +98,4 @@ def _bars(
     ax.set_xlabel(quantity)
     ax.set_title(title)
     ax.spines["left"].set_visible(False)
-    return figure_of(ax)
+    return style.figure_of(ax)

@@ -10,27 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    LIGHT,
-    ORANGE,
-    SKY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import formula, p_text
 
 _MOST_CURVES = 60
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_predictive(
     measured: Float[np.ndarray, " n_obs"],
     posterior: Float[np.ndarray, "n_draw n_obs"],
@@ -41,39 +27,36 @@ def plot_predictive(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Distribution function of the measured derivative, and of data sets drawn from the prior and the posterior.
+    """Draw distribution functions of the measured derivative, and of data drawn from prior and posterior.
 
     Args:
         measured: measured derivative, in `unit`.
         posterior: posterior predictive data sets.
         prior: prior predictive data sets.
         equation: name of the state whose derivative is drawn.
-        label: what is drawn instead, such as an output.
+        label: name of another drawn quantity, such as an output.
         unit: unit of the derivative.
         axes: axes to draw into: prior, posterior.
-
-    Returns:
-        The figure.
     """
-    panels = new_figure(9.0, 3.6).subplots(1, 2) if axes is None else given_axes(axes, 2, "prior, posterior")
+    panels = style.panels_of(axes, 2, "prior, posterior", (9.0, 3.6), nrows=1, ncols=2)
     steps = (np.arange(len(measured)) + 0.5) / len(measured)
     for ax, drawn, name in zip(panels, (prior, posterior), ("prior", "posterior"), strict=True):
         shown = drawn[np.unique(np.linspace(0, len(drawn) - 1, _MOST_CURVES).round().astype(int))]
         for i, values in enumerate(np.sort(shown, axis=1)):
-            ax.plot(values, steps, color=SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
-        ax.plot(np.sort(measured), steps, color=DARK, linewidth=1.6, label="measured")
+            ax.plot(values, steps, color=style.SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
+        ax.plot(np.sort(measured), steps, color=style.DARK, linewidth=1.6, label="measured")
         ax.set_title(f"Drawn from the {name}")
-        ax.set_xlabel(with_unit(label or f"d({equation})/dt", unit))
+        ax.set_xlabel(style.with_unit(label or f"d({equation})/dt", unit))
         ax.xaxis.set_major_locator(MaxNLocator(5))
     # Priors with heavy tails would leave nothing to see of the data.
     reach = np.quantile(prior, [0.02, 0.98])
     panels[0].set_xlim(min(float(reach[0]), float(measured.min())), max(float(reach[1]), float(measured.max())))
     panels[0].set_ylabel("share of the rows below")
-    place_legend(panels[0], axes is None)
-    return figure_of(panels[0])
+    style.place_legend(panels[0], axes is None)
+    return style.figure_of(panels[0])
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_loo_pit(
     value: Float[np.ndarray, " n_obs"],
     *,
@@ -82,7 +65,7 @@ def plot_loo_pit(
     p: float | np.floating,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Distribution function of the LOO-PIT values less that of the uniform distribution, with its band.
+    """Draw the distribution function of the LOO-PIT values less the uniform one, with its band.
 
     A curve that rises on the left and falls on the right comes from predictions that are too narrow, the opposite from
     predictions that are too wide.
@@ -93,26 +76,23 @@ def plot_loo_pit(
         band: half-width of the band that holds the whole curve in 99 % of well-specified data sets.
         p: p-value of uniformity.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = new_figure(5.6, 3.4).subplots() if axes is None else given_axes(axes, 1, "the curve")[0]
+    (ax,) = style.panels_of(axes, 1, "the curve", (5.6, 3.4))
     # The distribution function jumps at each value, and less uniform it falls between them.
     u = np.concatenate([[0.0], np.repeat(np.sort(value), 2), [1.0]])
     share = np.repeat(np.arange(len(value) + 1) / len(value), 2)
-    ax.axhspan(-float(band), float(band), color=LIGHT, alpha=0.6, linewidth=0, label="99 % band")
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
-    ax.plot(u, share - u, color=BLUE, linewidth=1.4, label="LOO-PIT")
+    ax.axhspan(-float(band), float(band), color=style.LIGHT, alpha=0.6, linewidth=0, label="99 % band")
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8)
+    ax.plot(u, share - u, color=style.BLUE, linewidth=1.4, label="LOO-PIT")
     ax.set_xlim(0.0, 1.0)
     ax.set_xlabel("LOO-PIT value")
     ax.set_ylabel("share below, less uniform")
-    ax.set_title(f"Leave-one-out predictions of {plain(equation)} ({p_text(float(p))})")
-    place_legend(ax, axes is None)
-    return figure_of(ax)
+    ax.set_title(f"Leave-one-out predictions of {style.plain(equation)} ({p_text(float(p))})")
+    style.place_legend(ax, axes is None)
+    return style.figure_of(ax)
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_autocorrelation(
     lag: Int[np.ndarray, " n_lag"],
     autocorrelation: Float[np.ndarray, " n_lag"],
@@ -124,7 +104,7 @@ def plot_autocorrelation(
     by_frequency: bool = False,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Autocorrelation of the whitened residuals with the bound that white noise keeps.
+    """Draw the autocorrelation of the whitened residuals with the bound that white noise keeps.
 
     Args:
         lag: lags.
@@ -133,29 +113,26 @@ def plot_autocorrelation(
         equation: name of the state whose derivative is modelled.
         p: p-value of whiteness.
         standing_out: lags to mark.
-        by_frequency: whether the lags are steps of frequency.
+        by_frequency: if true, the lags are steps of frequency.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = new_figure(5.6, 3.4).subplots() if axes is None else given_axes(axes, 1, "the bars")[0]
-    ax.fill_between(lag, -bound, bound, color=LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
-    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    (ax,) = style.panels_of(axes, 1, "the bars", (5.6, 3.4))
+    ax.fill_between(lag, -bound, bound, color=style.LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8)
     marked = np.isin(lag, standing_out)
-    for chosen, colour, name in ((~marked, BLUE, "autocorrelation"), (marked, ORANGE, "standing out")):
+    for chosen, colour, name in ((~marked, style.BLUE, "autocorrelation"), (marked, style.ORANGE, "standing out")):
         if chosen.any():
             ax.vlines(lag[chosen], 0.0, autocorrelation[chosen], color=colour, linewidth=2.0)
             ax.plot(lag[chosen], autocorrelation[chosen], "o", color=colour, markersize=4, label=name)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
     ax.set_ylabel("autocorrelation")
-    ax.set_title(f"Whitened residuals of {plain(equation)} ({p_text(float(p))})")
-    place_legend(ax, axes is None)
-    return figure_of(ax)
+    ax.set_title(f"Whitened residuals of {style.plain(equation)} ({p_text(float(p))})")
+    style.place_legend(ax, axes is None)
+    return style.figure_of(ax)
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_sensitivity(
     table: pd.DataFrame,
     *,
@@ -163,18 +140,15 @@ def plot_sensitivity(
     labels: Mapping[str, str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Sensitivity of each quantity to prior and likelihood, against the threshold.
+    """Draw the sensitivity of each quantity to prior and likelihood, against the threshold.
 
     Args:
         table: indexed by (equation, quantity), with columns prior and likelihood.
         threshold: sensitivities above it are worth a look.
-        labels: what each equation gives; by default the derivative of a state.
+        labels: left-hand side of each equation; by default the derivative of a state.
         axes: axes to draw into, one.
-
-    Returns:
-        The figure.
     """
-    ax = new_figure(6.4, 1.4 + 0.26 * len(table)).subplots() if axes is None else given_axes(axes, 1, "the dots")[0]
+    (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
     rows = np.arange(len(table))
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
     labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
@@ -182,26 +156,26 @@ def plot_sensitivity(
     names = [formula(str(quantity)) for _, quantity in table.index]
     if several:
         names = [f"{name} in {labels[equation]}" for name, (equation, _) in zip(names, table.index, strict=True)]
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
-    ax.axvline(float(threshold), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
+    ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)
     ax.plot(
         likelihood,
         rows,
         "o",
-        color=GREY,
+        color=style.GREY,
         markersize=5,
         markerfacecolor="none",
         clip_on=False,
         label="to the likelihood",
     )
-    ax.plot(prior, rows, "o", color=BLUE, markersize=5.5, clip_on=False, label="to the prior")
-    ax.set_yticks(rows, [plain(name) for name in names])
+    ax.plot(prior, rows, "o", color=style.BLUE, markersize=5.5, clip_on=False, label="to the prior")
+    ax.set_yticks(rows, [style.plain(name) for name in names])
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlim(left=0.0)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("change for each doubling of its weight")
     ax.set_title("Power-scaling sensitivity")
-    place_legend(ax, axes is None)
-    return figure_of(ax)
+    style.place_legend(ax, axes is None)
+    return style.figure_of(ax)

@@ -10,21 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    LIGHT,
-    ORANGE,
-    STYLE,
-    figure_of,
-    formula_or_name,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import PROBABILITIES, estimate, formula, number, probability_text, unit_text
 from bayes_greybox.running.errors import InputError
 
@@ -34,7 +20,7 @@ _LINEAR_RATIO = 30.0
 _LINEAR_DECADES = 1.0
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_coefficients(
     table: pd.DataFrame,
     *,
@@ -44,7 +30,7 @@ def plot_coefficients(
     scale: Literal["auto", "linear", "symlog"] = "auto",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Mean and interval of each coefficient, its value in figures, and the probability that it matters.
+    """Draw mean and interval of each coefficient, its value in figures, and the probability that it matters.
 
     One row of panels for each unit of an equation, as numbers of different units have no common axis. The bars show
     `inclusion` where the table has it, and otherwise `outside_rope` under its own name; without either column there
@@ -52,7 +38,7 @@ def plot_coefficients(
 
     Args:
         table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
-            outside_rope (probabilities), unit (text) and latex (text).
+            outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text).
         equation: draw this equation only.
         truth: true coefficients, `{(equation, term): value}` or `{equation: {term: value}}`; terms without
             one get no marker.
@@ -60,9 +46,6 @@ def plot_coefficients(
         scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
         axes: axes to draw into, in reading order: per equation the coefficients, whatever their units, and, where
             there are probabilities, the bars.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: a column is missing, the table is empty, or it does not hold the equation.
@@ -78,7 +61,7 @@ def plot_coefficients(
         true = _for_equation(truth, name)
         _draw_forest(forest, block, true, _units_of(name, block, units), scale)
         if k == 0 or names[k - 1] != name:
-            forest.set_title(f"Coefficients in the equation for {plain(name)}")
+            forest.set_title(f"Coefficients in the equation for {style.plain(name)}")
         if bars is not None:
             _draw_bars(bars, block, source)
             if k + 1 < len(names) and names[k + 1] == name:
@@ -87,8 +70,8 @@ def plot_coefficients(
                 bars.set_xticklabels([])
     marks = [mark for forest, _ in pairs for mark in forest.get_lines() if mark.get_label() == "true value"]
     if marks:
-        place_legend(pairs[0][0], axes is None, marks[:1])
-    return figure_of(pairs[0][0])
+        style.place_legend(pairs[0][0], axes is None, marks[:1])
+    return style.figure_of(pairs[0][0])
 
 
 def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
@@ -106,7 +89,7 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
 def _by_unit(
     names: list[str], blocks: list[pd.DataFrame], units: Mapping[Any, Any] | None
 ) -> tuple[list[str], list[pd.DataFrame]]:
-    """Each equation's terms by the unit of their coefficients, in the order in which the units come."""
+    """Return each equation's terms by the unit of their coefficients, in the order in which the units come."""
     parts = []
     for name, block in zip(names, blocks, strict=True):
         known = _units_of(name, block, units)
@@ -130,7 +113,7 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
     heights = [0.29 * len(block) + 0.8 for block in blocks]
     longest = max(len(str(term)) for block in blocks for term in block.index)
     width = min(8.0 + 0.05 * max(0, longest - 12), 11.0) + (0.0 if with_bars else -1.6)
-    figure = new_figure(width, sum(heights) + 0.35)
+    figure = style.new_figure(width, sum(heights) + 0.35)
     columns, ratios = (2, [3.0, 1.1]) if with_bars else (1, [1.0])
     grid = figure.subplots(len(blocks), columns, squeeze=False, height_ratios=heights, width_ratios=ratios)
     return [(row[0], row[1] if with_bars else None) for row in grid]
@@ -138,8 +121,8 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
 
 def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
     if not with_bars:
-        return [(ax, None) for ax in given_axes(axes, n_equation, "one an equation")]
-    flat = given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
+        return [(ax, None) for ax in style.given_axes(axes, n_equation, "one an equation")]
+    flat = style.given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
     return list(zip(flat[::2], flat[1::2], strict=True))
 
 
@@ -168,13 +151,13 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
         threshold = _power_of_ten(0.01 * float(np.max(np.abs([mean, lower, upper]))) or 1.0)
     values = np.concatenate([mean, lower, upper, true[np.isfinite(true)], [0.0]])
     shown = {unit_text(units.get(term)) for term in terms}
-    about = with_unit("coefficient", shown.pop()) if len(shown) == 1 else "coefficient, each in its own unit"
+    about = style.with_unit("coefficient", shown.pop()) if len(shown) == 1 else "coefficient, each in its own unit"
     label = _set_scale(ax, float(values.min()), float(values.max()), threshold, about)
     several = "each in its own" in about
-    ax.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
-    ax.hlines(rows, lower, upper, color=BLUE, linewidth=2.2, zorder=2)
-    ax.plot(mean, rows, "o", color=BLUE, markersize=5.5, zorder=3, label="mean")
+    ax.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
+    ax.hlines(rows, lower, upper, color=style.BLUE, linewidth=2.2, zorder=2)
+    ax.plot(mean, rows, "o", color=style.BLUE, markersize=5.5, zorder=3, label="mean")
     if np.isfinite(true).any():
         ax.plot(
             true,
@@ -182,14 +165,14 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
             "D",
             markersize=9,
             markerfacecolor="none",
-            markeredgecolor=ORANGE,
+            markeredgecolor=style.ORANGE,
             zorder=4,
             label="true value",
         )
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
-        text = plain(estimate(value, sd, units.get(term) if several else ""))
-        ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=DARK)
-    ax.set_yticks(rows, [formula_or_name(formula(term), latex.get(term)) for term in terms])
+        text = style.plain(estimate(value, sd, units.get(term) if several else ""))
+        ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=style.DARK)
+    ax.set_yticks(rows, [style.formula_or_name(formula(term), latex.get(term)) for term in terms])
     ax.set_ylim(len(terms) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
@@ -197,7 +180,7 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
 
 
 def _set_scale(ax: Axes, low: float, high: float, threshold: float | None, label: str) -> str:
-    """Scale, limits and ticks of the coefficients' axis, which spans low ≤ 0 ≤ high; returns its whole label."""
+    """Set scale, limits and ticks of an axis that spans low ≤ 0 ≤ high, and return its whole label."""
     if threshold is None:
         pad = 0.08 * (high - low) or 1.0
         ax.set_xlim(low - pad, high + pad)
@@ -222,7 +205,7 @@ def _power_of_ten(value: float) -> float:
 
 
 def _linear_range(mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, true: np.ndarray) -> float | None:
-    """Half width of the linear part of a symmetric-log axis; None where a linear axis shows everything."""
+    """Return the half width of the linear part of a symmetric-log axis; None where a linear axis will do."""
     clear = np.abs(mean[(lower * upper > 0) & (mean != 0)])
     largest = np.nanmax(np.abs(np.stack([mean, lower, upper, true])))
     if clear.size == 0 or largest <= _LINEAR_RATIO * clear.min():
@@ -236,11 +219,8 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
         return
     rows = np.arange(len(block))
     probability = block[source].to_numpy(dtype=float)
-    stated = _column(block, "stated")
-    # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.
-    marks = ("= ", "N(") if source == "inclusion" else ("= ",)
-    given = np.array([stated.get(str(term), "").startswith(marks) for term in block.index])
-    ax.barh(rows[~given], probability[~given], height=0.55, color=BLUE)
+    given = block["given"].to_numpy(bool) if "given" in block else np.zeros(len(block), bool)
+    ax.barh(rows[~given], probability[~given], height=0.55, color=style.BLUE)
     for row, value in enumerate(probability):
         text = "given" if given[row] else probability_text(value)
         ax.text(1.04, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)

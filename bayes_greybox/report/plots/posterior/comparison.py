@@ -10,18 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    LIGHT,
-    ORANGE,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    plain,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import pareto, weight_text
 from bayes_greybox.running.errors import InputError
 
@@ -32,9 +21,9 @@ _WORST_K = 0.7
 _LINE = 40
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
-    """Expected log predictive density of each model, its difference to the best, and its weight.
+    """Draw the expected log predictive density of each model, its difference to the best, and its weight.
 
     Models whose worst Pareto k is above the table's threshold are marked, because their elpd may be off.
 
@@ -42,9 +31,6 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
         table: indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and
             worst_k; what `compare` puts into its `attrs` ("folds", "threshold") is shown.
         axes: axes to draw into: elpd, difference.
-
-    Returns:
-        The figure.
 
     Raises:
         InputError: a column is missing or the table is empty.
@@ -54,43 +40,42 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     if missing or table.empty:
         lack = f"lacks the column {missing[0]!r}" if missing else "has no rows"
         raise InputError(f"The comparison table {lack}; pass the table that compare() returns.")
-    if axes is None:
-        longest = max(len(str(name)) for name in table.index)
-        width = 8.4 + 0.06 * min(max(0, longest - 14), 40)
-        left, right = new_figure(width, 1.25 + 0.36 * len(table)).subplots(1, 2, width_ratios=[1.25, 1.0])
-    else:
-        left, right = given_axes(axes, 2, "elpd, difference")
+    longest = max(len(str(name)) for name in table.index)
+    size = (8.4 + 0.06 * min(max(0, longest - 14), 40), 1.25 + 0.36 * len(table))
+    left, right = style.panels_of(axes, 2, "elpd, difference", size, nrows=1, ncols=2, width_ratios=[1.25, 1.0])
     rows = np.arange(len(table))
     elpd, se, difference, diff_se, weight, worst_k = (table[name].to_numpy(dtype=float) for name in needed)
     threshold = table.attrs.get("threshold", _WORST_K)
     suspect = worst_k > threshold
     _draw_intervals(left, rows, elpd, se, suspect, threshold)
     _draw_intervals(right, rows, difference, diff_se, suspect, threshold)
-    left.set_yticks(rows, [plain(str(name)) for name in table.index])
+    left.set_yticks(rows, [style.plain(str(name)) for name in table.index])
     # A longer line would run on below the other panel.
     left_out = f"\n{fill('leaving out ' + table.attrs['folds'], _LINE)}" if "folds" in table.attrs else ""
     left.set_xlabel(f"elpd ± se [nat]{left_out}\nhigher is better")
     right.set_yticks([])
-    right.axvline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    right.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     right.set_xlabel("difference to the best ± se [nat]")
     beside = right.get_yaxis_transform()
-    right.text(1.03, 1.0, "weight", transform=right.transAxes, va="bottom", fontsize=9, color=DARK)
+    right.text(1.03, 1.0, "weight", transform=right.transAxes, va="bottom", fontsize=9, color=style.DARK)
     for row, (share, k, bad) in enumerate(zip(weight, worst_k, suspect, strict=True)):
-        right.text(1.03, row, weight_text(share), transform=beside, va="center", fontsize=9, color=DARK)
+        right.text(1.03, row, weight_text(share), transform=beside, va="center", fontsize=9, color=style.DARK)
         if bad:
             warning = f"▲ worst k = {pareto(k)}"
-            right.text(1.18, row, warning, transform=beside, va="center", fontsize=9, color=ORANGE)
-    return figure_of(left)
+            right.text(1.18, row, warning, transform=beside, va="center", fontsize=9, color=style.ORANGE)
+    return style.figure_of(left)
 
 
 def _draw_intervals(
     ax: Axes, rows: np.ndarray, value: np.ndarray, half: np.ndarray, suspect: np.ndarray, threshold: float
 ) -> None:
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
-    ax.hlines(rows, value - half, value + half, color=BLUE, linewidth=2.0)
-    ax.plot(value[~suspect], rows[~suspect], "o", color=BLUE, markersize=6, label="elpd")
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
+    ax.hlines(rows, value - half, value + half, color=style.BLUE, linewidth=2.0)
+    ax.plot(value[~suspect], rows[~suspect], "o", color=style.BLUE, markersize=6, label="elpd")
     if suspect.any():
-        ax.plot(value[suspect], rows[suspect], "^", color=ORANGE, markersize=8, label=f"worst k > {threshold:.2g}")
+        ax.plot(
+            value[suspect], rows[suspect], "^", color=style.ORANGE, markersize=8, label=f"worst k > {threshold:.2g}"
+        )
     ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)

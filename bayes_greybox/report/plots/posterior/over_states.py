@@ -13,27 +13,15 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    SIGNED,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
 from bayes_greybox.running.errors import InputError
 
-_MOST_POINTS = 2000
+_MOST_DATA_POINTS = 2000
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_discrepancy_over_states(
     grid: DiscrepancyGrid,
     *,
@@ -41,7 +29,7 @@ def plot_discrepancy_over_states(
     noise: float | np.floating = 0.0,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior of the discrepancy f over one variable (curve with band) or two (maps of mean and sd).
+    """Draw the posterior of f over one variable (curve with band) or two (maps of mean and sd).
 
     Where the grid lies outside the data's support, f is extrapolated: a curve is dashed and pale there, a map
     is hatched and pale, and the colour range ignores it.
@@ -53,9 +41,6 @@ def plot_discrepancy_over_states(
             beside the noise is pale.
         axes: axes to draw into: one for one variable; mean and sd for two.
 
-    Returns:
-        The figure.
-
     Raises:
         InputError: the grid spans neither one variable nor two.
     """
@@ -63,88 +48,73 @@ def plot_discrepancy_over_states(
     n_variable = len(grid.variables)
     if n_variable not in (1, 2):
         raise InputError(f"A discrepancy is drawn over 1 or 2 variables, but the grid spans {n_variable}.")
-    if axes is None:
-        figure = new_figure(6.6, 3.9) if n_variable == 1 else new_figure(10.0, 4.5)
-        panels = list(np.ravel(figure.subplots(1, n_variable, squeeze=False)))
-    else:
-        panels = given_axes(axes, n_variable, "the curve" if n_variable == 1 else "mean and sd")
     if n_variable == 1:
+        panels = style.panels_of(axes, 1, "the curve", (6.6, 3.9))
         _draw_curve(panels[0], grid, points, axes is None)
     else:
+        panels = style.panels_of(axes, 2, "mean and sd", (10.0, 4.5), nrows=1, ncols=2)
         _draw_maps(panels, grid, points, float(noise), axes is None)
-    return figure_of(panels[0])
+    return style.figure_of(panels[0])
 
 
 def _title(grid: DiscrepancyGrid, what: str) -> str:
-    held = ", ".join(f"{plain(name)} = {number(value)}" for name, value in grid.fixed.items())
-    title = f"{what} in the equation for {plain(grid.equation)}"
+    held = ", ".join(f"{style.plain(name)} = {number(value)}" for name, value in grid.fixed.items())
+    title = f"{what} in the equation for {style.plain(grid.equation)}"
     return f"{title}\nheld: {held}" if held else title
 
 
 def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
     x = grid.axes[0]
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     # The faded copy runs underneath everywhere, so the two parts meet without a gap.
-    ax.fill_between(x, grid.lower, grid.upper, color=BLUE, alpha=0.12, linewidth=0)
-    ax.plot(x, grid.mean, color=BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
+    ax.fill_between(x, grid.lower, grid.upper, color=style.BLUE, alpha=0.12, linewidth=0)
+    ax.plot(x, grid.mean, color=style.BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
     band = ax.fill_between(
-        x,
-        grid.lower,
-        grid.upper,
-        where=grid.inside.tolist(),
-        color=BLUE,
-        alpha=0.28,
-        linewidth=0,
+        x, grid.lower, grid.upper, where=grid.inside.tolist(), color=style.BLUE, alpha=0.28, linewidth=0
     )
     band.set_label(f"{level_text(grid.level)} interval")
-    ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=BLUE, linewidth=2.0, label="mean")
+    ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=style.BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
-    shown = points[every_nth(len(points), _MOST_POINTS), 0]
+    shown = points[every_nth(len(points), _MOST_DATA_POINTS), 0]
     ax.plot(
         shown,
         np.full(len(shown), 0.02),
         "|",
         transform=ax.get_xaxis_transform(),
-        color=DARK,
+        color=style.DARK,
         alpha=0.45,
         markersize=7,
         markeredgewidth=0.6,
         label="data",
     )
-    ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
-    ax.set_ylabel(with_unit("discrepancy f", grid.unit))
+    ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
+    ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
     wanted = ["mean", band.get_label(), "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
     known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
-    place_legend(ax, own, [known[label] for label in wanted])
+    style.place_legend(ax, own, [known[label] for label in wanted])
 
 
 def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, own: bool) -> None:
     x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
-    _draw_map(panels[0], grid, grid.mean, SIGNED, (-limit, limit), with_unit("mean of f", grid.unit))
+    draw_map(panels[0], grid.axes, grid.mean, style.SIGNED, (-limit, limit), style.with_unit("mean of f", grid.unit))
+    fade_outside(panels[0], x, y, grid.inside)
     largest = max(noise, _first_positive(grid.sd[seen]))
-    _draw_map(panels[1], grid, grid.sd, _pale_map(), (0.0, largest), with_unit("sd of f", grid.unit))
-    levels = np.linspace(-limit, limit, 9)
-    _lines(panels[0], grid, grid.mean, levels, 0.6)
+    draw_map(panels[1], grid.axes, grid.sd, _pale_map(), (0.0, largest), style.with_unit("sd of f", grid.unit))
+    fade_outside(panels[1], x, y, grid.inside)
+    _draw_lines(panels[0], grid, np.linspace(-limit, limit, 9))
     # Positive where the interval lies on one side of zero.
     beyond = np.maximum(grid.lower, -grid.upper)
     bold = outline(panels[0], x, y, beyond, 0.0, seen)
     for ax in panels:
-        shown = points[every_nth(len(points), _MOST_POINTS)]
+        shown = points[every_nth(len(points), _MOST_DATA_POINTS)]
         ax.plot(
-            shown[:, 0],
-            shown[:, 1],
-            "o",
-            color=DARK,
-            markersize=1.6,
-            alpha=0.35,
-            markeredgewidth=0,
-            label="data",
+            shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0, label="data"
         )
-        ax.set_xlabel(with_unit(grid.variables[0], grid.units[0]))
-        ax.set_ylabel(with_unit(grid.variables[1], grid.units[1]))
+        ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
+        ax.set_ylabel(style.with_unit(grid.variables[1], grid.units[1]))
         ax.set_xlim(x[0], x[-1])
         ax.set_ylim(y[0], y[-1])
     panels[0].set_title(_title(grid, "Discrepancy f"))
@@ -153,26 +123,24 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
 
 
 def _first_positive(*candidates: np.ndarray) -> float:
-    """Largest value of the first array that is not all zero; 1 where they all are."""
+    """Return the largest value of the first array that is not all zero; 1 where they all are."""
     return next((float(values.max()) for values in candidates if values.max() > 0), 1.0)
 
 
-def _draw_map(
+def draw_map(
     ax: Axes,
-    grid: DiscrepancyGrid,
-    values: np.ndarray,
+    grid: Sequence[np.ndarray],
+    values: Float[np.ndarray, "n_0 n_1"],
     colours: str | Colormap,
     limits: tuple[float, float],
     label: str,
 ) -> None:
-    x, y = grid.axes
-    mesh = ax.pcolormesh(
-        x, y, values.T, cmap=colours, vmin=limits[0], vmax=limits[1], shading="nearest", rasterized=True
-    )
-    above, below = values.max() > limits[1], values.min() < limits[0]
+    """Draw values over two variables by colour, with a colour bar whose ends show what lies beyond the limits."""
+    low, high = limits
+    mesh = ax.pcolormesh(*grid, values.T, cmap=colours, vmin=low, vmax=high, shading="nearest", rasterized=True)
+    above, below = values.max() > high, values.min() < low
     extend = "both" if above and below else "max" if above else "min" if below else "neither"
-    figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
-    fade_outside(ax, x, y, grid.inside)
+    style.figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
 
 
 def outline(
@@ -183,7 +151,7 @@ def outline(
     level: float,
     seen: Bool[np.ndarray, "n_0 n_1"],
 ) -> bool:
-    """A bold closed line around where values exceed a level and there are data; says whether there is such a place."""
+    """Draw a bold closed line around values above a level where there are data, and return whether there are any."""
     top = float(values[seen].max())
     if not top > level:
         return False
@@ -192,15 +160,12 @@ def outline(
     framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
     along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
                      for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
-    ax.contour(along, across, framed.T, levels=[level], colors=[DARK], linewidths=2.0)
+    ax.contour(along, across, framed.T, levels=[level], colors=[style.DARK], linewidths=2.0)
     return True
 
 
 def fade_outside(
-    ax: Axes,
-    x: Float[np.ndarray, " n_0"],
-    y: Float[np.ndarray, " n_1"],
-    inside: Bool[np.ndarray, "n_0 n_1"],
+    ax: Axes, x: Float[np.ndarray, " n_0"], y: Float[np.ndarray, " n_1"], inside: Bool[np.ndarray, "n_0 n_1"]
 ) -> None:
     """Hatch a map and make it pale where there are no data."""
     if inside.all():
@@ -210,29 +175,29 @@ def fade_outside(
     ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
 
 
-def _lines(ax: Axes, grid: DiscrepancyGrid, values: np.ndarray, levels: np.ndarray, linewidth: float) -> bool:
-    """Contour lines where there are data; says whether any level was met."""
-    x, y = grid.axes
-    shown = np.ma.array(values, mask=~grid.inside) if grid.inside.any() else np.ma.array(values)
+def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
+    """Draw contour lines of the mean where there are data."""
+    shown = np.ma.array(grid.mean, mask=~grid.inside) if grid.inside.any() else np.ma.array(grid.mean)
     inner = levels[(levels > shown.min()) & (levels < shown.max())]
     if inner.size:
         # Negative levels are dashed, so that the sign survives in grayscale.
-        ax.contour(x, y, shown.T, levels=inner, colors=[DARK], linewidths=linewidth)
-    return bool(inner.size)
+        ax.contour(*grid.axes, shown.T, levels=inner, colors=[style.DARK], linewidths=0.6)
 
 
 def _pale_map() -> Colormap:
-    """White to middle purple: points stay visible on it, and it is ordered in grayscale."""
+    """Return white to middle purple: points stay visible on it, and it is ordered in grayscale."""
     return LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
 
 
 def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
-    handles: list[Artist] = [Line2D([], [], marker="o", color=DARK, linestyle="none", markersize=2.5, label="data")]
+    handles: list[Artist] = [
+        Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data")
+    ]
     level = level_text(grid.level)
     if bold:
         handles.append(
-            Line2D([], [], color=DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
+            Line2D([], [], color=style.DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
         )
     if not grid.inside.all():
-        handles.append(Patch(facecolor="white", edgecolor=GREY, hatch="////", label="no data: extrapolated"))
-    place_legend(ax, own, handles)
+        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data: extrapolated"))
+    style.place_legend(ax, own, handles)

@@ -8,28 +8,17 @@ from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 from bayes_greybox.report.words.formatting import level_text
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.
-N_BIN = 1200
+RECORD_BINS = 1200
 _LONGEST_NAME = 24
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_discrepancy_over_time(
     time: Float[np.ndarray, " n_obs"],
     mean: Float[np.ndarray, " n_obs"],
@@ -45,7 +34,7 @@ def plot_discrepancy_over_time(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior of the discrepancy f along time, against the noise standard deviation.
+    """Draw the posterior of the discrepancy f along time, against the noise standard deviation.
 
     A long record is thinned for drawing to the extremes of neighbouring rows, so peaks stay.
 
@@ -62,38 +51,32 @@ def plot_discrepancy_over_time(
         time_unit: unit of time.
         unit: unit of f.
         axes: axes to draw into, one a drawn run.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
-    if axes is None:
-        figure = new_figure(8.0, 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows)))
-        panels = list(np.ravel(figure.subplots(len(rows), 1, sharey=True, squeeze=False)))
-    else:
-        panels = given_axes(axes, len(rows), "one a run")
+    height = 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows))
+    panels = style.panels_of(axes, len(rows), "one a run", (8.0, height), sharey=True)
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
-        ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+        ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
         if sigma is not None:
-            ax.axhline(float(sigma), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
-            ax.axhline(-float(sigma), color=DARK, linewidth=1.0, linestyle=(0, (4, 3)))
+            ax.axhline(float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
+            ax.axhline(-float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)))
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
-    panels[0].set_title(f"Discrepancy f in the equation for {plain(equation)}{note}")
-    panels[-1].set_xlabel(with_unit("time", time_unit))
-    label = with_unit("discrepancy f", unit)
+    panels[0].set_title(f"Discrepancy f in the equation for {style.plain(equation)}{note}")
+    panels[-1].set_xlabel(style.with_unit("time", time_unit))
+    label = style.with_unit("discrepancy f", unit)
     if axes is None and len(rows) > 1:
-        figure_of(panels[0]).supylabel(label, fontsize=10)
+        style.figure_of(panels[0]).supylabel(label, fontsize=10)
     else:
         panels[0].set_ylabel(label)
-    place_legend(panels[0], axes is None)
-    return figure_of(panels[0])
+    style.place_legend(panels[0], axes is None)
+    return style.figure_of(panels[0])
 
 
 def rows_of_runs(n_obs: int, run: Int[np.ndarray, " n_obs"] | None) -> tuple[list[np.ndarray], str]:
-    """Rows of each run that gets a panel, and a note for the title where some runs get none."""
+    """Return the rows of each run that gets a panel, and a note for the title where some runs get none."""
     if run is None:
         return [np.arange(n_obs)], ""
     runs = np.unique(run)
@@ -110,22 +93,19 @@ def draw_posterior(
     level: float | np.floating,
     name: str = "mean",
 ) -> None:
-    """Mean line and band of a quantity along time, thinned where the record is long."""
-    band_time, low, high = outer_band(time, lower, upper, N_BIN)
-    ax.fill_between(band_time, low, high, color=BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval")
-    kept = extreme_rows(mean, N_BIN)
+    """Draw mean and band of a quantity along time, thinned where the record is long."""
+    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
+    ax.fill_between(
+        band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval"
+    )
+    kept = extreme_rows(mean, RECORD_BINS)
     ax.plot(
-        time[kept],
-        mean[kept],
-        color=BLUE,
-        linewidth=1.6 if len(kept) == len(mean) else 0.9,
-        zorder=3,
-        label=name,
+        time[kept], mean[kept], color=style.BLUE, linewidth=1.6 if len(kept) == len(mean) else 0.9, zorder=3, label=name
     )
 
 
 def name_run(ax: Axes, index: int, run_names: Sequence[str] | None) -> None:
     """Write the run's name above the panel, at the right, clear of the curves."""
     name = f"run {index}" if run_names is None else str(run_names[index])
-    name = plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
-    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=DARK)
+    name = style.plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
+    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)

@@ -9,28 +9,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    place_legend,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import extreme_rows
 
-from .over_time import N_BIN, draw_posterior, name_run, rows_of_runs
+from .over_time import RECORD_BINS, draw_posterior, name_run, rows_of_runs
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000
 _MOST_SCATTER = 3000
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_predicted(
     time: Float[np.ndarray, " n_obs"],
     measured: Float[np.ndarray, " n_obs"],
@@ -47,7 +36,7 @@ def plot_predicted(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Predicted and measured derivative along time, and beside it predicted against measured.
+    """Draw predicted and measured derivative along time, and beside it predicted against measured.
 
     The scatter holds every row; along time at most six runs are drawn, thinned to the extremes of
     neighbouring rows where they are long.
@@ -59,26 +48,23 @@ def plot_predicted(
         lower: lower end of the predictive interval.
         upper: upper end of the predictive interval.
         equation: name of the state whose derivative is predicted.
-        label: what is predicted instead, such as an output.
+        label: name of another predicted quantity, such as an output.
         level: probability that the interval holds.
         run: run of each row, 0..n_run-1; all one run by default.
         run_names: name of each run.
         time_unit: unit of time.
         unit: unit of the derivative.
         axes: axes to draw into: one a drawn run, then the scatter.
-
-    Returns:
-        The figure.
     """
     rows, note = rows_of_runs(len(time), run)
     if axes is None:
-        figure = new_figure(10.5, max(4.0, 0.9 + 1.5 * len(rows)))
+        figure = style.new_figure(10.5, max(4.0, 0.9 + 1.5 * len(rows)))
         layout = figure.add_gridspec(len(rows), 2, width_ratios=[1.75, 1.0])
         panels = [figure.add_subplot(layout[0, 0])]
         panels += [figure.add_subplot(layout[i, 0], sharey=panels[0]) for i in range(1, len(rows))]
         across = figure.add_subplot(layout[:, 1])
     else:
-        *panels, across = given_axes(axes, len(rows) + 1, "one a run, then the scatter")
+        *panels, across = style.given_axes(axes, len(rows) + 1, "one a run, then the scatter")
     quantity = label or f"d({equation})/dt"
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         _draw_measured(ax, time[chosen], measured[chosen])
@@ -86,56 +72,45 @@ def plot_predicted(
         if len(rows) > 1:
             name_run(ax, index, run_names)
         ax.margins(x=0.01)
-    panels[len(panels) // 2].set_ylabel(with_unit(quantity, unit))
-    panels[0].set_title(f"Predicted and measured {plain(quantity)}{note}")
-    panels[-1].set_xlabel(with_unit("time", time_unit))
-    place_legend(panels[0], axes is None)
+    panels[len(panels) // 2].set_ylabel(style.with_unit(quantity, unit))
+    panels[0].set_title(f"Predicted and measured {style.plain(quantity)}{note}")
+    panels[-1].set_xlabel(style.with_unit("time", time_unit))
+    style.place_legend(panels[0], axes is None)
     _draw_across(across, measured, mean, quantity, unit)
-    return figure_of(across)
+    return style.figure_of(across)
 
 
 def _draw_measured(ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]) -> None:
     if len(time) <= _MOST_MARKERS:
         size = _marker_size(len(time))
-        ax.plot(time, measured, "o", color=DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
+        ax.plot(time, measured, "o", color=style.DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
         return
-    kept = extreme_rows(measured, N_BIN)
-    ax.plot(time[kept], measured[kept], color=GREY, linewidth=0.8, label="measured")
+    kept = extreme_rows(measured, RECORD_BINS)
+    ax.plot(time[kept], measured[kept], color=style.GREY, linewidth=0.8, label="measured")
 
 
 def _draw_across(
-    ax: Axes,
-    measured: Float[np.ndarray, " n_obs"],
-    mean: Float[np.ndarray, " n_obs"],
-    quantity: str,
-    unit: str | None,
+    ax: Axes, measured: Float[np.ndarray, " n_obs"], mean: Float[np.ndarray, " n_obs"], quantity: str, unit: str | None
 ) -> None:
     low, high = (float(edge) for edge in (min(measured.min(), mean.min()), max(measured.max(), mean.max())))
     pad = 0.05 * (high - low) or 1.0
     view = (low - pad, high + pad)
     if len(measured) <= _MOST_SCATTER:
         size = _marker_size(len(measured)) + 0.7
-        ax.plot(measured, mean, "o", color=BLUE, markersize=size, alpha=0.5, markeredgewidth=0, label="rows")
+        ax.plot(measured, mean, "o", color=style.BLUE, markersize=size, alpha=0.5, markeredgewidth=0, label="rows")
     else:
         cells = ax.hexbin(
-            measured,
-            mean,
-            gridsize=60,
-            bins="log",
-            mincnt=1,
-            cmap="cividis_r",
-            extent=view + view,
-            linewidths=0.2,
+            measured, mean, gridsize=60, bins="log", mincnt=1, cmap="cividis_r", extent=view + view, linewidths=0.2
         )
-        figure_of(ax).colorbar(cells, ax=ax, label="rows in the cell", shrink=0.8)
-    ax.axline((low, low), slope=1.0, color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="1:1")
+        style.figure_of(ax).colorbar(cells, ax=ax, label="rows in the cell", shrink=0.8)
+    ax.axline((low, low), slope=1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="1:1")
     ax.set_xlim(*view)
     ax.set_ylim(*view)
     ax.set_aspect("equal", anchor="N")
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel(with_unit(f"measured {quantity}", unit))
-    ax.set_ylabel(with_unit(f"predicted {quantity}", unit))
+    ax.set_xlabel(style.with_unit(f"measured {quantity}", unit))
+    ax.set_ylabel(style.with_unit(f"predicted {quantity}", unit))
     ax.legend(loc="upper left", handletextpad=0.5)
 
 

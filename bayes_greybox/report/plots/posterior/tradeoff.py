@@ -9,27 +9,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bayes_greybox.report.plots.style import (
-    BLUE,
-    DARK,
-    GREY,
-    ORANGE,
-    STYLE,
-    figure_of,
-    given_axes,
-    new_figure,
-    plain,
-    with_unit,
-)
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import number
 
-_MOST_POINTS = 4000
-_N_BIN = 40
+_MOST_DRAWS = 4000
+_MARGINAL_BINS = 40
 _N_CELL = 30
 
 
-@mpl.rc_context(STYLE)
+@mpl.rc_context(style.STYLE)
 def plot_tradeoff(
     theta: Float[np.ndarray, " n_draw"],
     projection: Float[np.ndarray, " n_draw"],
@@ -40,7 +29,7 @@ def plot_tradeoff(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
+    """Draw posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
 
     Both axes have the same unit and the same width. A discrepancy that steals from the term shows as a cloud
     along the line θ + f = constant; one that is orthogonal to it as a flat line at zero.
@@ -53,18 +42,15 @@ def plot_tradeoff(
         correlation: posterior correlation of the two, to print; NaN where one of them does not vary.
         unit: unit of the coefficient.
         axes: axes to draw into: the pairs, the distribution of θ (above), that of f (right).
-
-    Returns:
-        The figure.
     """
     if axes is None:
-        figure = new_figure(5.8, 5.8)
+        figure = style.new_figure(5.8, 5.8)
         layout = figure.add_gridspec(2, 2, width_ratios=[4, 1], height_ratios=[1, 4])
         pairs = figure.add_subplot(layout[1, 0])
         above = figure.add_subplot(layout[0, 0])
         right = figure.add_subplot(layout[1, 1])
     else:
-        pairs, above, right = given_axes(axes, 3, "pairs, θ above, f at the right")
+        pairs, above, right = style.given_axes(axes, 3, "pairs, θ above, f at the right")
     width = 1.12 * max(np.ptp(theta), np.ptp(projection)) or 2.0 * max(np.max(np.abs(theta)), 1.0)
     # Rounding noise around an exact zero is drawn at zero, not magnified by its own range.
     x_view, y_view = _view(theta, width), _view(projection, width)
@@ -74,12 +60,12 @@ def plot_tradeoff(
     pairs.set_ylim(*y_view)
     # Five digits a label, where θ is known that well, leave room for no more.
     pairs.xaxis.set_major_locator(MaxNLocator(4))
-    pairs.set_xlabel(with_unit(f"θ: coefficient of {term}", unit))
-    pairs.set_ylabel(with_unit(f"amount of {term} that f imitates", unit))
+    pairs.set_xlabel(style.with_unit(f"θ: coefficient of {term}", unit))
+    pairs.set_ylabel(style.with_unit(f"amount of {term} that f imitates", unit))
     _draw_marginal(above, theta, zero, x_view, "vertical")
     _draw_marginal(right, projection, zero, y_view, "horizontal")
-    above.set_title(f"θ–f trade-off in the equation for {plain(equation)}{_correlation_text(correlation)}")
-    return figure_of(pairs)
+    above.set_title(f"θ–f trade-off in the equation for {style.plain(equation)}{_correlation_text(correlation)}")
+    return style.figure_of(pairs)
 
 
 def _view(draws: Float[np.ndarray, " n_draw"], width: float | np.floating) -> tuple[float, float]:
@@ -102,11 +88,11 @@ def _draw_pairs(
     zero: Bool[np.ndarray, " n_draw"],
     width: float | np.floating,
 ) -> None:
-    ax.axhline(0.0, color=GREY, linewidth=0.8, zorder=0)
+    ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     on_line = (0.0, float(np.median(theta + projection)))
-    ax.axline(on_line, slope=-1.0, color=DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
-    kept = every_nth(len(theta), _MOST_POINTS)
-    for chosen, colour, label in ((~zero, BLUE, "draws"), (zero, ORANGE, "draws with θ exactly 0")):
+    ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
+    kept = every_nth(len(theta), _MOST_DRAWS)
+    for chosen, colour, label in ((~zero, style.BLUE, "draws"), (zero, style.ORANGE, "draws with θ exactly 0")):
         if chosen.any():
             x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
             ax.plot(x, y, "o", color=colour, markersize=3, alpha=0.25, markeredgewidth=0, label=label)
@@ -121,7 +107,7 @@ def _draw_pairs(
 def _draw_contours(
     ax: Axes, x: Float[np.ndarray, " n_draw"], y: Float[np.ndarray, " n_draw"], width: float | np.floating
 ) -> None:
-    """Outlines of the densest cells that hold half and nine tenths of the draws."""
+    """Draw outlines of the densest cells that hold half and nine tenths of the draws."""
     if len(x) < 200 or min(np.ptp(x), np.ptp(y)) < 0.01 * width:
         return
     # Counted along the principal axes of the cloud: cells along x and y would blur a narrow ridge.
@@ -143,7 +129,7 @@ def _draw_contours(
     if levels[0] < levels[1]:
         centre = 0.5 * (edge[1:] + edge[:-1])
         cells = np.stack(np.meshgrid(centre, centre, indexing="ij"), axis=-1) @ to_draws.T + draws.mean(axis=0)
-        ax.contour(cells[..., 0], cells[..., 1], count, levels=levels, colors=[DARK], linewidths=[0.9, 1.5])
+        ax.contour(cells[..., 0], cells[..., 1], count, levels=levels, colors=[style.DARK], linewidths=[0.9, 1.5])
 
 
 def _draw_marginal(
@@ -155,8 +141,8 @@ def _draw_marginal(
 ) -> None:
     ax.hist(
         [draws[~zero], draws[zero]],
-        bins=np.linspace(*view, _N_BIN + 2).tolist(),
-        color=[BLUE, ORANGE],
+        bins=np.linspace(*view, _MARGINAL_BINS + 2).tolist(),
+        color=[style.BLUE, style.ORANGE],
         stacked=True,
         orientation="vertical" if orientation == "vertical" else "horizontal",
     )

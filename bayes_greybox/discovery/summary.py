@@ -1,0 +1,382 @@
+"""A study in codes and numbers: reports put them into words, and decide nothing."""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float
+
+from bayes_greybox.criticism import discrepancy
+
+from .answer.instrument import IN_MODEL
+from .answer.interval import INTERVAL_REACH
+from .answer.where import GapMap, GapTrace
+from .decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
+from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
+from .linearise.near import LARGEST_ERROR
+from .sensor_errors import bends
+from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, OFFSET, STATES
+from .study import StudyResult
+
+LEAST_CLOSED = 1e-4
+"""A gap that changes by less than this share of it is as it was."""
+
+ONE_FACTOR = 0.1
+"""Coefficients whose relative changes differ by less than this share of them are off by one factor."""
+
+SAMPLER_APART = 3.0
+"""Standard deviations, of the wider posterior, from which on the sampler contradicts the closed form."""
+
+GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state")
+"""Roles whose column may well be in the data where none was recognised; another body's need not be there."""
+
+SAME_MAP = 0.01
+"""Difference of two maps of the gap, over what counts as a gap, below which they are one."""
+
+QUANTITY = "quantity"
+"""Kind of what remains that is a law of known columns, whatever its name."""
+
+
+def rows_of(table: pd.DataFrame, key: str, level: int | str = 0) -> pd.DataFrame:
+    """Return the rows of a table whose index has a value at a level, without that level; none where it has none."""
+    return table.xs(key, level=level) if key in table.index.get_level_values(level) else table.iloc[:0].droplevel(level)
+
+
+def added(study: StudyResult) -> np.ndarray:
+    """Return the row numbers of the effects that were added to the model."""
+    return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
+
+
+def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
+    """Return the slugs of the effects that were added to an equation, and of those tied with them."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    return list(chosen["slug"]), [slug for slugs in chosen["tied_with"] for slug in slugs]
+
+
+def together(slugs: Iterable[str]) -> str:
+    """Return the name of a set of effects in the tables of a study."""
+    return " + ".join(sorted(slugs))
+
+
+def answer(study: StudyResult, equation: str) -> str:
+    """Return the hypothesis that the study settled on for an equation: a set of effects, or a code of `STOPS`."""
+    chosen, _ = marked(study, equation)
+    if chosen:
+        return together(chosen)
+    if len(study.maps) <= 1 and study.verdict in STOPS:
+        return study.verdict
+    if study.verdicts.get(equation) in STOPS:
+        return study.verdicts[equation]
+    # Files of before have the verdict of the whole study alone.
+    rows = rows_of(study.hypotheses, equation)
+    alone = {name: p for name, p in zip(rows.index, rows["probability"], strict=True) if name in STOPS}
+    return max(alone, key=lambda name: alone[name], default=study.verdict)
+
+
+def tied_sets(study: StudyResult, equation: str) -> list[str]:
+    """Return the sets that are tied with an equation's answer: another effect in the place of one of its own."""
+    chosen = study.effects.iloc[added(study)]
+    chosen = chosen[chosen["equation"] == equation]
+    slugs = list(chosen["slug"])
+    return [
+        together([*(slug for slug in slugs if slug != own), other])
+        for own, others in zip(chosen["slug"], chosen["tied_with"], strict=True)
+        for other in others
+    ]
+
+
+def probability_of_answer(study: StudyResult) -> float:
+    """Return the probability of a verdict without effects, as the product over the equations that have it."""
+    total = 1.0
+    for name in study.maps:
+        if study.settings.get("agree in practice", {}).get(name):
+            # What remains is too small to ask whether it is there.
+            continue
+        known = rows_of(study.hypotheses, name)["probability"].to_dict()
+        own = answer(study, name)
+        if own == study.verdict and own in known:
+            # A sensor that was late was put right before hypotheses were weighed: no gap then says the same.
+            late = known.get(NO_GAP, 0.0) if own == INSTRUMENT else 0.0
+            total *= known[own] + (late if late > known[own] else 0.0)
+    return total
+
+
+def shown_part(study: StudyResult) -> str:
+    """Return the part of the data that the gap is summed up on: "test" where there are held-out data, or "train"."""
+    return "test" if "test" in study.gap.index.get_level_values(0) else "train"
+
+
+def free_run_part(gap: pd.DataFrame) -> str:
+    """Return the part of the data that free runs are judged on: "train" also where held-out states are at rest."""
+    return "test" if "test" in _free_runs(gap).index.get_level_values("data") else "train"
+
+
+def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
+    """Return the errors of the free runs by state; empty where none were integrated."""
+    return rows_of(_free_runs(gap), free_run_part(gap), "data")
+
+
+def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
+    # A state at rest has no error to speak of.
+    return rows_of(gap, FREE_RUN, "metric").dropna(subset=["before"])
+
+
+def worse_runs(gap: pd.DataFrame) -> tuple[str, ...]:
+    """Return the states whose free run gets worse."""
+    return tuple(name for _, metric, name in worsened(gap) if metric == FREE_RUN)
+
+
+def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
+    """Return the states whose free run, on the mean, is no better after than before, though not surely worse."""
+    errors, worse = free_run_errors(gap), worse_runs(gap)
+    better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
+    return tuple(str(name) for name, good in better.items() if not good and name not in worse)
+
+
+@dataclass(frozen=True)
+class GapChange:
+    """Change of the unexplained share, summed over the equations.
+
+    Attributes:
+        code: "none shown", "none before", "unchanged", "wider" or "closed".
+        part: "test" if held-out data show it, or "train".
+        before: Unexplained share before.
+        after: Unexplained share after, by what has a name alone.
+        worse: Rows of the gap table that got worse, as `worsened` returns them.
+        idle: States whose free run does not get better.
+    """
+
+    code: str
+    part: str
+    before: float
+    after: float
+    worse: tuple[tuple[str, str, str], ...]
+    idle: tuple[str, ...]
+
+
+def gap_change(gap: pd.DataFrame) -> GapChange:
+    """Return the change of the gap, on held-out data where the rates were measured there.
+
+    Args:
+        gap: Gap table of a study, before and after.
+    """
+    shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+    # f, which takes up anything, has no name and was not added.
+    if NAMES_ALONE in gap.index.get_level_values("metric"):
+        alone = gap.xs(NAMES_ALONE, level="metric")[["before", "after"]]
+        shares = pd.concat([alone, shares.loc[shares.index.difference(alone.index)]])
+    # A state at rest has no rate to explain a share of.
+    shares = shares.dropna()
+    parts = shares.index.get_level_values("data")
+    part = "test" if "test" in parts else "train"
+    before, after = (float(value) for value in shares[parts == part].sum())
+    if before <= after < LEAST_CLOSED:
+        code = "none shown"
+    elif not before > 0:
+        code = "none before"
+    elif abs(1 - after / before) < LEAST_CLOSED:
+        code = "unchanged"
+    else:
+        code = "wider" if after > before else "closed"
+    return GapChange(code, part, before, after, worsened(gap), not_helped(gap))
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """One statement about what is missing without a name.
+
+    Attributes:
+        kind: `QUANTITY`, a kind of the noise grid (law, time, memory) or of a memory (hysteresis, relaxation, drift).
+        of: Columns or channel that it depends on; "" if that is not known.
+        probability: Its probability.
+    """
+
+    kind: str
+    of: str
+    probability: float
+
+
+def remainders(study: StudyResult, equation: str) -> list[Remainder]:
+    """Return the likely statements about what has no name in an equation, the most specific alone.
+
+    Args:
+        study: The study.
+        equation: The equation that lacks it.
+    """
+    rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
+    found = [
+        Remainder(row["kind"], row["channel"], float(row["probability"])) for row in rows if row["probability"] > least
+    ]
+    # A memory of one channel says more than that something remembers.
+    specific = [each for each in found if each.of]
+    if answer(study, equation) == UNKNOWN_KIND and len(study.quantities):
+        # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
+        table = rows_of(study.quantities, equation)
+        laws = zip(map(str, table.index), map(float, table["probability"]), strict=True)
+        named = [Remainder(QUANTITY, of, p) for of, p in laws if of and p > least]
+        specific = [*named, *specific]
+    return specific or found
+
+
+def support(gap: GapMap) -> Bool[np.ndarray, "*grid"]:
+    """Return where the grid of a gap map lies within the data, as for the figures of a fit."""
+    return discrepancy.support(np.reshape(gap.samples, (-1, len(gap.variables))), gap.axes)
+
+
+def changed(gap: GapMap) -> bool:
+    """Return whether the maps of the gap before and after differ."""
+    return not np.allclose(gap.after, gap.before, rtol=0.0, atol=SAME_MAP * gap.threshold)
+
+
+def trace_bands(trace: GapTrace) -> tuple[Float[np.ndarray, "3 n_obs"], Float[np.ndarray, "3 n_obs"]]:
+    """Return mean, lower and upper end of the 90 % bands of the gap along time, before and after."""
+    return tuple(
+        np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])
+        for mean, sd in ((trace.before, trace.before_sd), (trace.after, trace.after_sd))
+    )  # type: ignore[return-value]
+
+
+def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
+    """Return the corrections of coefficients that are more probable than `least` and have a sign.
+
+    One that is there for another's sake, as all are beside a gain, may come to zero.
+    """
+    table = study.corrections
+    likely = table[(table["probability"] > least) & (table["lower"] * table["upper"] >= 0)]
+    return likely.reset_index().to_dict("records")
+
+
+def unclear_sign(table: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
+    """Return which corrections of a table may have either sign: likely there, they are no sure corrections."""
+    lower, upper, mean, sd = (table[name].to_numpy() for name in ("lower", "upper", "mean", "sd"))
+    return ((lower < 0.0) & (upper > 0.0)) | (sd > np.abs(mean))
+
+
+@dataclass(frozen=True)
+class CommonFactor:
+    """Coefficients of an equation that are all off by one factor.
+
+    Attributes:
+        equation: The equation.
+        factor: The factor.
+        rows: Their rows of the table of corrections.
+        gains: Rows of the measurement's table: gains of the whole rate, which do the same.
+    """
+
+    equation: str
+    factor: float
+    rows: Sequence[Mapping[str, Any]]
+    gains: Sequence[Mapping[str, Any]]
+
+
+def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> Iterator[CommonFactor | Mapping]:
+    """Yield corrections one by one, but those of an equation that are all off by one factor together.
+
+    Args:
+        study: The study.
+        off: Rows of its table of corrections.
+    """
+    for name, count in Counter(row["equation"] for row in off).items():
+        rows = [row for row in off if row["equation"] == name]
+        ratios = [row["mean"] / row["nominal"] for row in rows]
+        mean = sum(ratios) / len(ratios)
+        whole = count == len(rows_of(study.corrections, name)) > 1
+        if not whole or max(ratios) - min(ratios) > ONE_FACTOR * abs(mean):
+            yield from rows
+            continue
+        # What a sensor does to one channel does not do what this does; that of the whole rate does.
+        key = (name, GAIN, study.train.target_label(name))
+        gains = [
+            row for row in study.instrument.to_dict("records")
+            if (row.get("equation"), row.get("suspect"), row.get("channel")) == key
+            and row["status"] != IN_MODEL and row["probability"] >= study.criteria.tied
+        ]  # fmt: skip
+        yield CommonFactor(name, 1 + mean, rows, gains)
+
+
+def same_as(study: StudyResult, equation: str) -> dict[str, dict[str, Any]]:
+    """Return the sensor errors that do what another one, or a coefficient that is off, does; none in older files."""
+    return dict(study.settings.get("same as", {}).get(equation, {}))
+
+
+def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
+    """Return the channels of each kind of sensor error that was weighed; none where the prior odds are not recorded.
+
+    A sensor error that is the same column as another one, or as a coefficient, in every equation counts as that.
+
+    Args:
+        study: The study.
+    """
+    if not study.settings.get("prior odds"):
+        return {}
+    data, twins = study.train, [same_as(study, name) for name in study.maps]
+    states, inputs = data.state_names, data.input_names
+    rates = [data.target_label(name) for name in study.maps]
+    # A rate that a filter computed, and a state that is one, have no sensor of their own.
+    if (computed := data.filter) is not None:
+        rates = [data.target_label(name) for name in study.maps if not computed.one_sensor(name)]
+        states = tuple(name for name in states if computed.source(name) == name)
+    # Rows of samples have sensors whose readings are no straight line.
+    sampled = computed is None and not set(study.maps) & set(data.derivatives)
+    bending = (data.samples or data).state_names if sampled else ()
+    found = {
+        DELAY: [*rates, *([STATES] if inputs else []), *(states if len(states) > 1 else ()), *inputs],
+        **dict.fromkeys((GAIN, OFFSET), [*rates, *states, *inputs]),
+        DRIFT: rates,
+        **dict.fromkeys(bends.BEND_ERRORS, bending),
+        LAG: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG),
+    }
+    own = {kind: [c for c in names if not all(f"{kind} of {c}" in each for each in twins)]
+           for kind, names in found.items() if names}  # fmt: skip
+    return {**own, LAG: list(found[LAG])} if found[LAG] else own
+
+
+def sensors_like(study: StudyResult, row: Mapping[str, Any]) -> list[str]:
+    """Return the sensor errors that do the same as a wrong coefficient and are small enough for one.
+
+    Args:
+        study: The study.
+        row: Row of its table of corrections.
+    """
+    key = f"recalibration of {row['term']}"
+    return [
+        name for name, other in same_as(study, row["equation"]).items()
+        if other["what"] == key and abs(row["mean"]) <= LARGEST_ERROR * abs(other["change"])
+    ]  # fmt: skip
+
+
+def not_weighed(study: StudyResult) -> dict[str, int]:
+    """Return the number of effects that were not weighed for want of a role that can be given, by role."""
+    slugs = {role: {slug for (_, slug), own in study.lacking_roles.items() if own == role} for role in GIVEN_ROLES}
+    return {role: len(own) for role, own in slugs.items() if own}
+
+
+def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] | None:
+    """Return posterior draws of the coefficient of an added effect; None where the model was not sampled.
+
+    Its terms are the last of the extended dictionary, in order.
+    """
+    if study.fit is None:
+        return None
+    chosen = study.effects.iloc[added(study)]
+    equation = chosen["equation"].iloc[place]
+    after = int(np.sum(chosen["equation"].iloc[place:] == equation))
+    theta = study.fit.idata["posterior"][study.fit.sites[equation].theta].to_numpy()
+    return theta[..., theta.shape[-1] - after].ravel()
+
+
+def sampler_contradictions(study: StudyResult) -> list[tuple[Mapping[str, Any], float, float]]:
+    """Return the added effects whose coefficient the sampler puts elsewhere: row of the table, its mean and its SD."""
+    found = []
+    for place, row in enumerate(study.effects.iloc[added(study)].to_dict("records")):
+        draws = added_draws(study, place)
+        if draws is None or not np.isfinite(row["mean"]):
+            continue
+        mean, sd = float(np.mean(draws)), float(np.std(draws))
+        if abs(mean - row["mean"]) > SAMPLER_APART * max(sd, float(row["sd"])):
+            found.append((row, mean, sd))
+    return found

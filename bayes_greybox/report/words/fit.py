@@ -1,0 +1,49 @@
+"""Words for the terms and the rows of a fit, in tables."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.physics.coefficient import Coefficient
+
+from .formatting import estimate, exact_text, probability_text
+
+LIKELY_TO_MATTER = 0.5
+"""Probability from which on a term is more likely to matter than not, and stands in the first table."""
+
+
+def row_label(fit: Posterior, name: str, samples: str = "the samples") -> str:
+    """Return the name of an equation's rows: a rate, an output, or samples that several equations share."""
+    return fit.data.target_label(name) if name in fit.model.equations else samples
+
+
+def is_learned(prior: Coefficient | None) -> bool:
+    """Return whether a coefficient was estimated."""
+    return prior is None or prior.learned
+
+
+def term_probability(row: Mapping[Any, Any], column: str) -> str:
+    """Return the probability of a term in a coefficient table; "given" where nothing was learned of it.
+
+    Args:
+        row: Row of the table.
+        column: Name of the probability: `probability_column` of the table.
+    """
+    return "given" if row.get("given", False) else probability_text(row[column])
+
+
+def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = True) -> str:
+    """Return mean and standard deviation of a coefficient, or its value where it was fixed.
+
+    Args:
+        row: Row of the table.
+        prior: Statement about the coefficient, if there was one.
+        unit: If true, the unit is written.
+    """
+    of = row["unit"] if unit else ""
+    return estimate(row["mean"], row["sd"], of) if is_learned(prior) else exact_text(row["mean"], of)
+
+
+def stated_text(prior: Coefficient | None) -> str:
+    """Return the statement about a coefficient: "N(−40, 10²), ≤ 0", "= −2"."""
+    return "" if prior is None else str(prior).replace("-", "−")
