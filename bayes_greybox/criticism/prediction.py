@@ -21,7 +21,7 @@ PREDICTION_DRAWS = 500
 PREDICTIVE_ROWS, PREDICTIVE_DRAWS = 2000, 1000
 """Most rows for which the posterior predictive group is stored, and most draws of it after thinning."""
 
-ROWS_AT_ONCE = 4096
+PREDICTED_AT_ONCE = 4096
 """Rows that are predicted at once."""
 
 
@@ -106,12 +106,12 @@ def predict(
         draws = learned.of(posterior.draws(learned.block, design.worthwhile(at_most)))
         rng = np.random.default_rng(posterior.sampling.seed)
         parts: dict[str, list[Band]] = {"rate": [], "measurement": [], "discrepancy": []}
-        for start in range(0, data.n_obs, ROWS_AT_ONCE):
-            columns = {key: column[start : start + ROWS_AT_ONCE] for key, column in data.columns.items()}
+        for start in range(0, data.n_obs, PREDICTED_AT_ONCE):
+            columns = {key: column[start : start + PREDICTED_AT_ONCE] for key, column in data.columns.items()}
             explained = draws.theta @ np.asarray(frame.dictionary_rows(columns)).T
             f = design.at(frame, columns, draws)
             scale = frame.target_scale
-            rate = g[start : start + ROWS_AT_ONCE] + scale * (explained + f)
+            rate = g[start : start + PREDICTED_AT_ONCE] + scale * (explained + f)
             noise = scale * np.asarray(draws.hyper.sigma)[:, None] * rng.standard_normal(rate.shape)
             parts["rate"].append(Band.of(rate, level))
             parts["measurement"].append(Band.of(rate + noise, level))

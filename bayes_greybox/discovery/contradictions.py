@@ -30,7 +30,7 @@ from .ties import sorted_by_probability
 RESIDUAL_CHECKS = ("whiteness", "LOO-PIT")
 """Checks of the residuals, by name."""
 
-LARGEST_DELAY = 3.0 * DELAY_STEPS
+MOST_DELAYED_SAMPLES = 3.0 * DELAY_STEPS
 """Samples from which on a channel is hardly late, but something else: three prior standard deviations of a delay."""
 
 UNMOVED = 1e-3
@@ -117,7 +117,7 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Finding]:
 def _measurement(study: StudyResult, equation: str) -> Iterator[Finding]:
     """Yield sensor errors that are likely, though not in the model, and delays that are too large for delays."""
     rows = [row for row in study.instrument.to_dict("records") if row["equation"] == equation]
-    late = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > LARGEST_DELAY]
+    late = [row for row in rows if row["status"] == IN_MODEL and abs(row["samples"]) > MOST_DELAYED_SAMPLES]
     if late:
         yield Finding("hardly late", True, equation, {"rows": late})
     likely = [row for row in rows if row["status"] != IN_MODEL and row["probability"] >= notable(study)]

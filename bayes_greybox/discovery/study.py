@@ -49,7 +49,7 @@ TABLES = (
 NO_CATALOGUE = "none"
 """Catalogue in the settings of a study that weighed no effect."""
 
-NO_PATH = "no path of the amended model follows held-out samples"
+NO_HELD_OUT_PATH = "no path of the amended model follows held-out samples"
 """Reason against a verdict that cannot be compared with held-out data."""
 
 HELD_INPUTS = (
@@ -308,7 +308,7 @@ def _result(
     numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
     verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
-    verdict, reasons = verdict_of(verdicts, gap, [NO_PATH for _ in lost], labels, criteria)
+    verdict, reasons = verdict_of(verdicts, gap, [NO_HELD_OUT_PATH for _ in lost], labels, criteria)
     joined: dict[str, Any] = {
         name: pd.concat([each[name] for each in tables], ignore_index=name in numbered) for name in tables[0]
     }

@@ -30,7 +30,7 @@ from .learned import (
     Value,
 )  # fmt: skip
 
-LIKELY_TO_MATTER = 0.5
+LIKELY_INSIDE = 0.5
 """Probability to matter from which on a term stands in the equation, under a prior without inclusion."""
 
 DISCREPANCY_ROWS = 500
@@ -56,7 +56,7 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
     for name, learned in posterior.learned().items():
         part = _Part.of(posterior, learned)
         rows = table.loc[name].loc[list(learned.frame.dictionary.names)]
-        inside = part.active if patterned else (rows["outside_rope"] > LIKELY_TO_MATTER).to_numpy()
+        inside = part.active if patterned else (rows["outside_rope"] > LIKELY_INSIDE).to_numpy()
         probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
         stated = posterior.model.stated(name, posterior.data)
         every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)

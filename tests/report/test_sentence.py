@@ -31,7 +31,7 @@ CLOSED = gap_table(test=(0.4, 0.1))
 
 
 CORRELATED = Reason(CHECK, "residuals hang together over 0.4 s", "x")
-DOUBTED = Reason(ONE_LAW, decide.ONE_LAW, "x")
+DOUBTED = Reason(ONE_LAW, decide.ONE_LAW_IN_WORDS, "x")
 FRICTION = [("Coulomb friction", 0.5, ()), ("Viscous damping", 0.36, ())]
 
 

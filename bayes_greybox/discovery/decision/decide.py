@@ -15,10 +15,10 @@ from .reasons import Reason
 VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
 
-ONE_LAW = "several effects of the same quantity may be one that the catalogue does not have"
+ONE_LAW_IN_WORDS = "several effects of the same quantity may be one that the catalogue does not have"
 """Reason against effects that together may be one law."""
 
-AND_MORE = f"{ONE_LAW}, and something is left besides"
+AND_MORE_IN_WORDS = f"{ONE_LAW_IN_WORDS}, and something is left besides"
 """Reason against them where a discrepancy remains, too."""
 
 
@@ -198,7 +198,7 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
         code = "partly named"
     else:
         code = "named" if all(min(place.share) >= criteria.named for place in places) else "one of"
-    law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE) if more else Reason(codes.ONE_LAW, ONE_LAW)
+    law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE_IN_WORDS) if more else Reason(codes.ONE_LAW, ONE_LAW_IN_WORDS)
     reasons = (law,) if stacked else ()
     sensors = _likely_sensors(probabilities, best)
     return Verdict(

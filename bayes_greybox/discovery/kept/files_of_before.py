@@ -9,11 +9,15 @@ import pandas as pd
 from bayes_greybox.discovery.answer.checks.doubts import SAMPLES_TELL
 from bayes_greybox.discovery.answer.equation_study import KINDS_IN_WORDS
 from bayes_greybox.discovery.decision import reasons as codes
-from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW
+from bayes_greybox.discovery.decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS
 from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
 
-REASON_ENDINGS = {ONE_LAW: codes.ONE_LAW, AND_MORE: codes.ONE_LAW_AND_MORE, SAMPLES_TELL: codes.UNSEEN_SHAPE}
+REASON_ENDINGS = {
+    ONE_LAW_IN_WORDS: codes.ONE_LAW,
+    AND_MORE_IN_WORDS: codes.ONE_LAW_AND_MORE,
+    SAMPLES_TELL: codes.UNSEEN_SHAPE,
+}
 """Codes by how the texts of reasons end."""
 
 UNPLAYED = re.compile(r"no column plays the role '(\w+)'")

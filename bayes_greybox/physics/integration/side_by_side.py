@@ -59,7 +59,7 @@ def side_by_side(
     return states
 
 
-SAME_PATH, MOST_STEPS_BETWEEN_SAMPLES = 1e-2, 32
+SAME_PATH, MOST_HALVED_STEPS = 1e-2, 32
 """Share of a state's range that twice as many steps may change, and most steps between two samples."""
 
 
@@ -73,7 +73,7 @@ def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, "
         now = paths(steps)
         near = (np.abs(now - before) <= SAME_PATH * range_) | (np.isnan(now) & np.isnan(before))
         same = np.all(near.reshape(len(near), -1), axis=1)
-        if np.all(same) or steps >= MOST_STEPS_BETWEEN_SAMPLES:
+        if np.all(same) or steps >= MOST_HALVED_STEPS:
             return steps, same.tolist()
         before, steps = now, 2 * steps
 

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
+from bayes_greybox.equations.learned import INTERVAL_LEVEL
 from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
@@ -29,8 +30,6 @@ from bayes_greybox.report.words.remarks import data_remarks
 
 from .tables import drawn, verdict_text
 
-_INTERVAL_LEVEL = 0.9
-
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
     """Yield verdict, learned equations, coefficients, discrepancy and error on held-out data, to print.
@@ -45,11 +44,11 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
     yield verdict_text(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
-    table = inclusion(fit, _INTERVAL_LEVEL)
+    table = inclusion(fit, INTERVAL_LEVEL)
     for equation in fit.model.equations:
         priors = fit.model.stated(equation, fit.data).priors
         yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
-    yield _discrepancy(discrepancy_table(fit, _INTERVAL_LEVEL))
+    yield _discrepancy(discrepancy_table(fit, INTERVAL_LEVEL))
     if held_out is not None:
         errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
@@ -66,7 +65,7 @@ def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coeffici
         "term": lambda row: formula(row["term"]),
         f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
         "#coefficient": lambda row: size_text(row, priors.get(row["term"]), unit=False),
-        f"#{level_text(_INTERVAL_LEVEL)} interval": ends,
+        f"#{level_text(INTERVAL_LEVEL)} interval": ends,
         "unit": lambda row: unit_text(row["unit"]),
     }
     stated = [f"{formula(term)} {stated_text(priors[term])}" for term in map(str, table.index) if term in priors]
@@ -82,7 +81,7 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
         return lambda row: share_text(row[part])
 
     columns = {"equation": lambda row: row["equation"], **{f"#{title}": share(part) for title, part in parts.items()}}
-    title = f"Shares of the variance, with the {level_text(_INTERVAL_LEVEL)} interval of the discrepancy's"
+    title = f"Shares of the variance, with the {level_text(INTERVAL_LEVEL)} interval of the discrepancy's"
     trades = ", ".join(
         f"{number(row['correlation'], 2)} ({formula(row['term'])})" for row in table.to_dict("index").values()
     )

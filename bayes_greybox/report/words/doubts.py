@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_greybox.discovery.contradictions import LARGEST_DELAY, Finding, findings, notable
+from bayes_greybox.discovery.contradictions import MOST_DELAYED_SAMPLES, Finding, findings, notable
 from bayes_greybox.discovery.decision.vetoes import left_in_words, worse_in_words
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import free_run_errors
@@ -121,7 +121,7 @@ def _text(study: StudyResult, finding: Finding) -> str:
             return f"{text}; but it leaves {share_text(values['share'])} of the gap to something else"
         case "hardly late":
             texts = "; ".join(numbers_in(row["text"]) for row in values["rows"])
-            return f"more than {LARGEST_DELAY:g} samples are hardly a delay: {texts}"
+            return f"more than {MOST_DELAYED_SAMPLES:g} samples are hardly a delay: {texts}"
         case "possible errors":
             rows = [(numbers_in(row["text"]), probability_text(row["probability"])) for row in values["rows"]]
             return f"not taken for true, but possible: {'; '.join(f'{text} (probability {p})' for text, p in rows)}"

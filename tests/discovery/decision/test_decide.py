@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.discovery.decision.decide import AND_MORE, ONE_LAW, VERDICTS, decide
+from bayes_greybox.discovery.decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS, VERDICTS, decide
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
 from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.grid.evidence.gram import Gram
@@ -213,9 +213,9 @@ def test_of_two_effects_each_has_what_could_stand_beside_the_other():
 def test_effects_that_may_be_one_law_name_no_more_than_a_part_and_say_why():
     others = ("fifth", 0.25), ("dry", 0.1), ("", 0.05, (LAW, 1.0, 0.9))
     found = verdict(("cube + zone", 0.6), *others)
-    assert found.code == "partly named" and found.reasons == (Reason("one law", ONE_LAW),)
+    assert found.code == "partly named" and found.reasons == (Reason("one law", ONE_LAW_IN_WORDS),)
     more = verdict(("cube + zone", 0.6, (LAW, 0.9, 0.3)), *others)
-    assert more.code == "unknown" or more.reasons == (Reason("one law and more", AND_MORE),)
+    assert more.code == "unknown" or more.reasons == (Reason("one law and more", AND_MORE_IN_WORDS),)
 
 
 def test_effects_that_may_be_one_law_and_have_no_rival_are_a_law_without_a_name():
