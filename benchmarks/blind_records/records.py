@@ -493,7 +493,7 @@ def balanced_pole(rng):
 @asked("mechanical", "w", "u", "s rad/s V", derivatives={"w": "alpha"}, interpolation="zoh")
 @answers(FOUND, right="input-saturation", harmless="cubic-input input-gain backlash")
 def speed_loop_saturates(rng):
-    """What was logged is the command before the amplifier clips it; it clips just after a change of target, when speed
+    """The log has the command before the amplifier clips it. It clips just after a change of target, when the speed
     is far from it, so that the lost torque also goes with the speed.
     """
     t = np.arange(600) * 0.04

@@ -18,7 +18,7 @@ class Criteria:
         nameless: Share of the unknown's probability that comes from hypotheses without effects, above which a small
             discrepancy is negligible: most of it.
         remainder: Share of the gap's square beside named effects from which on they name only a part of it: one per
-            cent, which no figure shows.
+            cent, a convention.
         level: p-value below which a check speaks against a verdict: of a thousand right answers one is doubted.
         checked_rows: Rows from which on residuals are checked: twice the lags of the whiteness test.
         reversed: Probability of the unusual sign of an effect's coefficient from which on it is reported: odds of
@@ -26,11 +26,11 @@ class Criteria:
         worse: Relative growth of a free run's error from which on it counts as worse: more than numerics move.
         integrator: Error of a free run, over the measurement's standard deviation, that is none: the integrator's own.
         misfit: Misfit of held-out samples, over that of training samples, from which on the answer fails there: half as
-            large again, several times what coefficients leave open.
+            large again, a convention.
         forced: Factor on the noise that held-out samples may have beside a latent force: a force moves one record for
             longer than another.
         bend: Second difference of an effect within reach of a filtered sample, over its RMS, from which on rates do not
-            show its shape there: a quarter is far above what smooth laws have.
+            show its shape there: a convention.
         bent_rows: Share of the samples that may bend so: single ones are chance.
         end: Share of the logarithm of a parameter's range that is its end; a flat posterior has as much there.
         at_end: Share of the draws at one end above which the value may lie beyond: most of them.
