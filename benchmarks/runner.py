@@ -98,9 +98,9 @@ class Benchmark:
         run: Function from the arguments of a case to its record, at the top level of a module.
         score: Function from all records to tables by the name of their file; indices have names.
         show: Function from these tables to those for a terminal, by title.
-        threads: Threads of BLAS while cases run; as many as there are by default.
+        threads: BLAS threads with one worker, all cores by default; several workers have one each.
         refusals: If true, a case that the package refuses has a record with the sentence under "refused".
-        rest: Function from a case and its record of an earlier run to what is left to run of it, if anything is.
+        rest: Function from a case and its record of an earlier run to the unfinished part of the case, or None.
         resumes: If false, nothing is taken over from an earlier run.
         in_summary: Function that says whether a table of that name belongs to summary.json.
         finish: Function of the folder and the tables that writes further files.
@@ -154,8 +154,9 @@ def perform(benchmark: Benchmark, cases: Sequence[Case], asked: Asked) -> Tables
     with lines, stages(asked.progress), stage(label, len(cases)) as bar:
         bar.advance(len(cases) - len(todo))
         for record in _records(benchmark, todo, asked.workers):
-            lines.write(json.dumps(record) + "\n")
-            lines.flush()
+            with _writable(folder):
+                lines.write(json.dumps(record) + "\n")
+                lines.flush()
             records[record["key"]] = record
             bar.advance()
     tables = benchmark.score([records[case.key] for case in cases])

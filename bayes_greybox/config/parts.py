@@ -117,9 +117,7 @@ class Terms(Section):
     """The terms of one equation: those of the polynomial, then the listed ones."""
 
     polynomial: Monomials | None = None
-    terms: list[
-        Annotated[Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))]
-    ] = []
+    terms: list[TermOrFormula] = []
 
     def build(self) -> "list[terms.Term]":
         """Return the terms of the package."""

@@ -132,7 +132,7 @@ def _free_run(study: StudyResult) -> Finding:
     errors, part = free_run_errors(gap), free_run_part(gap)
     if not len(errors):
         return Finding("free run", None, values={"change": "not integrated"})
-    worse, idle = worse_runs(gap), not_helped(gap)
+    worse, idle = worse_runs(gap, study.criteria), not_helped(gap, study.criteria)
     sooner = next((key for key in worsened(gap, study.criteria) if key[1] == FAILURE), None)
     if worse or sooner:
         return Finding("free run", True, values={"change": "worse", "part": part, "states": worse, "sooner": sooner})

@@ -14,6 +14,7 @@ from bayes_greybox.criticism import discrepancy
 from .answer.instrument import IN_MODEL
 from .answer.interval import INTERVAL_REACH
 from .answer.where import GapMap, GapTrace
+from .decision.criteria import CRITERIA, Criteria
 from .decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
 from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
 from .linearise.near import LARGEST_ERROR
@@ -125,14 +126,14 @@ def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
     return rows_of(gap, FREE_RUN, "metric").dropna(subset=["before"])
 
 
-def worse_runs(gap: pd.DataFrame) -> tuple[str, ...]:
+def worse_runs(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, ...]:
     """Return the states whose free run gets worse."""
-    return tuple(name for _, metric, name in worsened(gap) if metric == FREE_RUN)
+    return tuple(name for _, metric, name in worsened(gap, criteria) if metric == FREE_RUN)
 
 
-def not_helped(gap: pd.DataFrame) -> tuple[str, ...]:
+def not_helped(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, ...]:
     """Return the states whose free run, on the mean, is no better after than before, though not surely worse."""
-    errors, worse = free_run_errors(gap), worse_runs(gap)
+    errors, worse = free_run_errors(gap), worse_runs(gap, criteria)
     better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
     return tuple(str(name) for name, good in better.items() if not good and name not in worse)
 
@@ -158,11 +159,12 @@ class GapChange:
     idle: tuple[str, ...]
 
 
-def gap_change(gap: pd.DataFrame) -> GapChange:
+def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
     """Return the change of the gap, on held-out data where the rates were measured there.
 
     Args:
         gap: Gap table of a study, before and after.
+        criteria: Numbers that decide.
     """
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # f, which takes up anything, has no name and was not added.
@@ -182,7 +184,15 @@ def gap_change(gap: pd.DataFrame) -> GapChange:
         code = "unchanged"
     else:
         code = "wider" if after > before else "closed"
-    return GapChange(code, part, before, after, worsened(gap), not_helped(gap))
+    return GapChange(code, part, before, after, worsened(gap, criteria), not_helped(gap, criteria))
+
+
+def is_denied(study: StudyResult) -> bool:
+    """Return whether a smaller gap closes nothing: what fills it has no name, or a free run is no better for it."""
+    if study.verdict == "unknown":
+        return True
+    runs = worsened(study.gap, study.criteria), not_helped(study.gap, study.criteria)
+    return bool(added(study).size and any(runs))
 
 
 @dataclass(frozen=True)

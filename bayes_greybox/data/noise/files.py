@@ -1,6 +1,7 @@
 """Row noise from files."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -36,14 +37,21 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
     if record["kind"] not in NOISE_KINDS:
         kinds = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
         raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {kinds}.')
-    return NOISE_KINDS[record["kind"]](**{name: _field(name, each) for name, each in record.items() if name != "kind"})
+    return _filled(NOISE_KINDS[record["kind"]], record)
 
 
-def _field(name: str, value: Any) -> Any:
+def _filled(kind: Callable[..., Any], record: Mapping[str, Any]) -> Any:
+    """Return a noise with those of its fields that a record has; a value that is no such field is refused here."""
+    declared = {name: each.annotation for name, each in signature(kind).parameters.items() if name in record}
+    return kind(**{name: _field(name, declared[name], record[name]) for name in declared})
+
+
+def _field(name: str, declared: Any, value: Any) -> Any:
     if isinstance(value, Mapping):
-        motion = "kind" not in value
-        return Motion(**{key: _field(key, each) for key, each in value.items()}) if motion else noise_from_dict(value)
-    if isinstance(value, str | int | float):
+        return noise_from_dict(value) if "kind" in value else _filled(Motion, value)
+    if declared in (float, int):
+        return declared(value)
+    if value is None or isinstance(value, str | int | float):
         return value
     if name in ("run_lengths", "steps", "kept", "outputs"):
         return tuple(value)

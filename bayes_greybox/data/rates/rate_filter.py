@@ -145,10 +145,18 @@ class RateFilter:
     @classmethod
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
-        fields: dict[str, Any] = dict(record) | {"steps": tuple(record["steps"])}
-        for name in ("rates", "orders", "sample_noise"):
-            fields[name] = tuple(record[name].items())
-        return cls(**fields)
+        # Numbers of a damaged file are refused here, where its name is known.
+        return cls(
+            method=record["method"],
+            window=int(record["window"]),
+            polyorder=record["polyorder"],
+            band=record["band"],
+            white_share=float(record["white_share"]),
+            rates=tuple(record["rates"].items()),
+            orders=tuple((name, int(order)) for name, order in record["orders"].items()),
+            steps=tuple(record["steps"]),
+            sample_noise=tuple(record["sample_noise"].items()),
+        )
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
         """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""

@@ -14,21 +14,21 @@ class Criteria:
         stacked: Probability that three effects of one quantity, or two of which one bends, are one law without a name:
             as likely as not.
         negligible: RMS of the discrepancy, over that of the modelled rate, below which simulation and measurement agree
-            in practice: one per cent, the user's to set.
+            in practice: one per cent, a convention that the user may change.
         nameless: Share of the unknown's probability that comes from hypotheses without effects, above which a small
             discrepancy is negligible: most of it.
         remainder: Share of the gap's square beside named effects from which on they name only a part of it: one per
             cent, a convention.
-        level: p-value below which a check speaks against a verdict: of a thousand right answers one is doubted.
-        checked_rows: Rows from which on residuals are checked: twice the lags of the whiteness test.
+        level: p-value below which a check speaks against a verdict: each check doubts one right answer in a thousand.
+        checked_rows: Rows from which on residuals are checked: twice the most lags of the whiteness test.
         reversed: Probability of the unusual sign of an effect's coefficient from which on it is reported: odds of
-            twenty.
-        worse: Relative growth of a free run's error from which on it counts as worse: more than numerics move.
+            nineteen.
+        worse: Relative growth of a free run's error from which on it counts as worse: a convention.
         integrator: Error of a free run, over the measurement's standard deviation, that is none: the integrator's own.
         misfit: Misfit of held-out samples, over that of training samples, from which on the answer fails there: half as
             large again, a convention.
-        forced: Factor on the noise that held-out samples may have beside a latent force: a force moves one record for
-            longer than another.
+        forced: Factor by which held-out noise may exceed the training noise beside a latent force, which moves one
+            record for longer than another: a convention.
         bend: Second difference of an effect within reach of a filtered sample, over its RMS, from which on rates do not
             show its shape there: a convention.
         bent_rows: Share of the samples that may bend so: single ones are chance.

@@ -7,10 +7,9 @@ import numpy as np
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.gap.table import NO_SHARES
-from bayes_greybox.discovery.decision.vetoes import worsened
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import added, not_helped, shown_part
+from bayes_greybox.discovery.summary import is_denied, shown_part
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import unbroken
 from bayes_greybox.report.words.remarks import data_remarks
@@ -124,8 +123,7 @@ def _alerts(study: StudyResult) -> list[str]:
 
 def _cards(study: StudyResult) -> list[Card]:
     table = study.gap.xs(shown_part(study), level=0)
-    # f of any shape takes up a gap and explains nothing, and a free run may see none of it.
-    denied = study.verdict == "unknown" or bool(added(study).size and (worsened(study.gap) or not_helped(study.gap)))
+    denied = is_denied(study)
     cards = []
     for metric in METRICS:
         if metric not in table.index.get_level_values(0):

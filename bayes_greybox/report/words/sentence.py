@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
+from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
 from bayes_greybox.discovery.decision.probabilities import UNKNOWN_KIND
 from bayes_greybox.discovery.decision.reasons import OF_SHAPE, ONE_LAW, ONE_LAW_AND_MORE
 from bayes_greybox.discovery.decision.vetoes import worse_in_words
@@ -55,14 +56,15 @@ def measurement_in_words(study: StudyResult) -> list[str]:
     return [numbers_in(text) for text in dict.fromkeys(texts)]
 
 
-def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
+def closed_in_words(gap: pd.DataFrame, what: str = "the rate", criteria: Criteria = CRITERIA) -> str:
     """Return what became of the gap, on held-out data where the rates were measured there.
 
     Args:
         gap: Gap table of a study, before and after.
         what: Name of what is explained or not: the rate, or outputs by name.
+        criteria: Numbers that decide.
     """
-    change = gap_change(gap)
+    change = gap_change(gap, criteria)
     where = "held-out data" if change.part == "test" else "the training data"
     if change.code == "none shown":
         # Next to nothing, whatever multiple of it is left; what precise data show of a small gap may well be closed.
@@ -89,7 +91,7 @@ def closed_in_words(gap: pd.DataFrame, what: str = "the rate") -> str:
 
 def _answer(study: StudyResult) -> str:
     criteria, verdict = study.criteria, study.verdict
-    closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "))
+    closed = closed_in_words(study.gap, study.train.target_in_words(*study.maps, article="the "), study.criteria)
     if verdict == "no gap":
         if left := _left_in_practice(study):
             return f"Nothing of size is missing: simulation and measurements agree.{left}"
