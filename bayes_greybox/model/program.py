@@ -91,6 +91,8 @@ class Program(SamplingProgram):
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
                 "decides which terms are likely, and 1."
             )
+        if not self.rows.linear and not self.rows.shared and len(self.dictionary) > 1:
+            raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
         if self.rows.shared and len(self.dictionary) > 1 and self.discrepancy is not None:
             raise InputError(
                 f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "

@@ -23,7 +23,6 @@ class Regressor:
         group: Name of the columns that exclude each other: the values of an effect's nonlinear parameters.
         name: Name in the tables of probabilities: an effect's slug, else the group.
         sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
-        family: Effects of one family are one answer to a user, such as dry friction.
         quantity: Columns of the data that an effect is a function of.
         bends: True if an effect has a nonlinear parameter.
         log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
@@ -36,7 +35,6 @@ class Regressor:
     group: str
     name: str
     sd: float
-    family: str = ""
     quantity: tuple[str, ...] = ()
     bends: bool = False
     log_weight: float = 0.0

@@ -187,7 +187,7 @@ def as_regressor(column: Column, gap: float) -> Regressor:
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect
         return Regressor(
-            EFFECT, effect.label, effect.slug, column.sd * gap, effect.effect.family or effect.slug,
+            EFFECT, effect.label, effect.slug, column.sd * gap,
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip

@@ -32,12 +32,12 @@ POINTS = (
 NAMES = {
     "free": Regressor(FREE, "free:x", "x", 10.0),
     "k": Regressor(CORRECTION, "correction:k", "k", 0.3),
-    "cube": Regressor(EFFECT, "cube(r=y)", "cube", 1.0, "hardening", ("y",)),
-    "cube v": Regressor(EFFECT, "cube(r=v)", "cube", 1.0, "hardening", ("v",)),
-    "fifth": Regressor(EFFECT, "fifth(r=y)", "fifth", 1.0, "hardening", ("y",)),
-    "zone": Regressor(EFFECT, "zone(r=y)", "zone", 1.0, "zone", ("y",), bends=True),
-    "dry": Regressor(EFFECT, "dry(r=v)", "dry", 1.0, "dry", ("v",)),
-    "force": Regressor(EFFECT, "force()", "force", 1.0, "force", ()),
+    "cube": Regressor(EFFECT, "cube(r=y)", "cube", 1.0, ("y",)),
+    "cube v": Regressor(EFFECT, "cube(r=v)", "cube", 1.0, ("v",)),
+    "fifth": Regressor(EFFECT, "fifth(r=y)", "fifth", 1.0, ("y",)),
+    "zone": Regressor(EFFECT, "zone(r=y)", "zone", 1.0, ("y",), bends=True),
+    "dry": Regressor(EFFECT, "dry(r=v)", "dry", 1.0, ("v",)),
+    "force": Regressor(EFFECT, "force()", "force", 1.0, ()),
     "offset": Regressor("suspect", "suspect:offset of a", "offset of a", 0.1),
     "delay": Regressor("suspect", "suspect:delay of F", "delay of F", 0.1),
 }
