@@ -13,6 +13,7 @@ from bayes_greybox.data.samples.clipping import clipped
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
+from bayes_greybox.discovery.grid.noise.points import OUTPUT_SCALES, SENSOR_SCALES
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
@@ -129,7 +130,8 @@ def _force(regressors: Regressors, data: Trajectories) -> LatentForce:
     """Return the latent force and the noise on rows of rates; none beside a filter's noise."""
     rows, target = regressors.rows, regressors.target
     period = period_of(data, rows.equation)
-    force = ForcedRates(rows.time, rows.run, period, correlation_and_sd(rows.noise)[1], rough_noise(target))
+    scales = OUTPUT_SCALES if rows.output else SENSOR_SCALES
+    force = ForcedRates(rows.time, rows.run, period, correlation_and_sd(rows.noise)[1], rough_noise(target), scales)
     if rows.noise.independent:
         return force
     white = rows.whiten(target[:, None])[:, 0]

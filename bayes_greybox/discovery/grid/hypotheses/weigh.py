@@ -244,7 +244,7 @@ def _noise_grid(table: RegressorTable, odds: Odds, floor: float, window: Window 
     return NoiseGrid(
         force.period, force.step, GAP_RATIOS * force.gap / noise, GAP_RATIOS / noise,
         odds.noise if force.forced else None, table.law.rows.shape[1] > 0,
-        tuple(table.memories) if window is None else window.memories,
+        tuple(table.memories) if window is None else window.memories, force.sensor_scales,
     )  # fmt: skip
 
 

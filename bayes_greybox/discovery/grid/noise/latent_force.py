@@ -17,7 +17,7 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import transition
 
 from .kalman import Process, innovations, smoothed
-from .points import LATENT_FORCE, SENSOR_NOISE, NoisePoint
+from .points import LATENT_FORCE, SENSOR_NOISE, SENSOR_SCALES, NoisePoint
 
 MEDIAN_ABSOLUTE_NORMAL = 0.6745
 """Median of |z| of a standard normal number."""
@@ -44,6 +44,7 @@ class LatentForce(ABC):
         noise: First guess of the noise's standard deviation, over the target's size.
         gap: RMS of the gap as a force, over that of the target: the scale of effects and of what remains.
         forced: True if a latent force is weighed on these rows.
+        sensor_scales: Time scales of a sensor's noise, in periods.
     """
 
     period: float
@@ -51,6 +52,7 @@ class LatentForce(ABC):
     noise: float
     gap: float = 1.0
     forced: bool = True
+    sensor_scales: tuple[float, ...] = SENSOR_SCALES
 
     @abstractmethod
     def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
@@ -108,6 +110,7 @@ class ForcedRates(LatentForce):
         time: Time of each row, in order within its run.
         run: Run of each row.
         spread: s, relative standard deviations of the noise.
+        sensor_scales: Time scales of a sensor's noise, in periods.
     """
 
     time: Float[np.ndarray, " n_row"]
@@ -115,6 +118,7 @@ class ForcedRates(LatentForce):
     period: float
     spread: Float[np.ndarray, " n_row"]
     noise: float
+    sensor_scales: tuple[float, ...] = SENSOR_SCALES
 
     @cached_property
     def _fresh(self) -> Bool[np.ndarray, " n_row"]:

@@ -25,9 +25,12 @@ UNNAMED = (LATENT_FORCE, LAW, MEMORY)
 TIME_SCALES = (0.05, 0.2, 1.0, 4.0)
 """Time scales of the latent force, in periods of the motion."""
 
-SENSOR_SCALES = (0.05, 0.13, 0.32, 0.8)
-"""Time scales of a sensor's noise, in periods, 0.4 decades apart like the ratios: on a coarser grid a latent force fits
-noise between two of them better. Noise slower than the motion is a drift, which has a regressor."""
+SENSOR_SCALES = (0.05, 0.2)
+"""Time scales of a sensor's noise, in periods: what is about as slow as the motion may be a force on the machine."""
+
+OUTPUT_SCALES = (0.05, 0.13, 0.32, 0.8)
+"""Time scales of the noise of an output, which no force reaches through the motion, in periods; 0.4 decades apart like
+the ratios. Noise slower than the motion is a drift, which has a regressor."""
 
 LENGTH_SCALES = (0.3, 0.6, 1.2)
 """Length scales of f, in half-widths of the box that the data fill."""
@@ -81,6 +84,7 @@ class NoiseGrid:
             is weighed.
         law: True if there are features of f.
         memories: Names of the memories.
+        sensor_scales: Time scales of correlated sensor noise, in periods.
     """
 
     period: float
@@ -90,6 +94,7 @@ class NoiseGrid:
     correlated: float | None = 0.05
     law: bool = True
     memories: tuple[str, ...] = ()
+    sensor_scales: tuple[float, ...] = SENSOR_SCALES
 
     def points(self, shapes: Sequence[float] = (0.0,)) -> tuple[NoisePoint, ...]:
         """Return the points of the grid.
@@ -106,7 +111,7 @@ class NoiseGrid:
             families = [(NO_DISCREPANCY, (0.0,), (0.0,), ("",), math.log1p(-(self.correlated or 0.0)))]
             if self.correlated is not None:
                 if not shape:
-                    scales = self._scales(SENSOR_SCALES)
+                    scales = self._scales(self.sensor_scales)
                     families.append((SENSOR_NOISE, self.sensor_ratios, scales, ("",), math.log(self.correlated)))
                 families.append((LATENT_FORCE, ratios, self._scales(TIME_SCALES), ("",), 0.0))
             if self.law:
