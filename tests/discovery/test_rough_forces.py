@@ -47,7 +47,7 @@ def test_a_rough_force_on_a_machine_is_no_noise_of_its_sensor(machine):
 def test_what_is_rough_in_an_output_is_its_sensor(machine):
     t, y, v, _, _ = machine
     force = 9 * y + 4 * v
-    force = force + 0.1 * np.std(force) * rough(N, STEP, 0.4 * PERIOD, 2)
+    force = force + 0.1 * np.std(force) * rough(N, STEP, 0.7 * PERIOD, 2)
     data = bg.Trajectories.from_arrays(t, states={"y": y, "v": v}, outputs={"F": force}, units={"y": "m", "v": "m/s"})
     study = bg.find_missing_effects(
         bg.GreyBox(simulation={"F": "9*y + 4*v"}), data, catalogue="mechanical", settle=False, progress=False
