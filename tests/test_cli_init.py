@@ -160,6 +160,7 @@ def test_what_cannot_be_written_is_refused(here, capsys):
     assert "There is no file" in refuse(capsys, "init", "absent.csv")
 
 
+@pytest.mark.slow
 def test_the_draws_that_are_written_are_enough_with_room(here):
     settings = for_fit(written("measured rates", here))
     train, _ = settings.read_data()

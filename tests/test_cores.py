@@ -52,6 +52,7 @@ def two():
     return said(CORES[:2])
 
 
+@pytest.mark.slow
 def test_a_fit_draws_the_same_on_one_core_and_on_two(one, two):
     assert one["fit"].keys() >= {"ydot_theta", "ydot_sigma", "ydot_length_scale"}
     assert one["fit"] == two["fit"]

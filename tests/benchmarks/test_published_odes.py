@@ -39,6 +39,7 @@ def test_draws_are_fresh_and_have_their_variance():
 
 
 # Of the last three the first coefficients, or paths that a force moves, lead away from the estimate.
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "draw"), [(0, 0), (1, 0), (2, 0), (3, 0), (1, 25), (1, 76), (3, 25)])
 def test_the_estimate_is_that_of_least_squares_from_the_truth(number, draw):
     """It starts at nothing and ends where an optimiser ends that starts at the truth."""

@@ -40,6 +40,7 @@ def test_of_systems_with_hidden_states_one_is_shown(name):
     assert np.all(np.isfinite(x)) and np.std(x - test.states[system.measured]) > 0.1 * np.std(x)
 
 
+@pytest.mark.slow
 def test_correlated_noise_is_correlated_and_pushes_move_the_path():
     known = systems()
     apart = []

@@ -64,6 +64,7 @@ def test_samples_are_of_the_simulations_states(coarse, trap):
         assert np.mean(np.diff(data.inputs["u"]) != 0) < 0.05
 
 
+@pytest.mark.slow
 def test_draws_are_those_of_a_seed_and_of_a_trap(coarse):
     for trap in TRAPS.values():
         data, again, other = (trap.data(seed) for seed in (3, 3, 4))

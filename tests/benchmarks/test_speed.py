@@ -109,6 +109,7 @@ def test_a_sampler_that_is_half_as_fast_takes_twice_as_long(tmp_path):
     assert len(SPEED.show(score([*rows, floor]))) == 2
 
 
+@pytest.mark.slow
 def test_the_package_in_a_process_of_its_own(tmp_path):
     data = measured(Problem(BOX, 60, 3, 1), 1)
     found, costs = contest(tmp_path, "here", data, Settings(draws=40, tune=40))
@@ -120,6 +121,7 @@ def test_the_package_in_a_process_of_its_own(tmp_path):
     np.testing.assert_allclose(found.theta.mean(axis=(0, 1)), exact, atol=0.05)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_drawn_costs_its_row(tmp_path):
     data = measured(Problem(BOX, 60, 3, 1), 1)
     broken = type(data)(data.problem, data.columns, "nothing", data.rate, data.time)

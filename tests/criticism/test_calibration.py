@@ -40,6 +40,7 @@ def shipped():
     return _run(variants()[DEFAULT], 40, draws=100, tune=100)
 
 
+@pytest.mark.slow
 def test_the_shipped_defaults_are_calibrated(shipped):
     assert shipped.verdict.ok, shipped
     assert "Calibrated" in repr(shipped) and "40 replicates" in repr(shipped)

@@ -120,6 +120,7 @@ def test_loo_pit_is_that_of_dense_algebra():
     np.testing.assert_allclose(np.median(np.abs(pit.value - plain)), 0.0, atol=0.02)
 
 
+@pytest.mark.slow
 def test_both_tests_keep_their_level_on_data_of_the_model():
     rejected, p = 0, []
     for seed in range(12):

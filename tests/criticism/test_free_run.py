@@ -92,6 +92,7 @@ def test_without_starts_all_draws_begin_at_the_measured_one(runs):
     assert failed_at.shape == (runs, 2) and np.isnan(failed_at).all()
 
 
+@pytest.mark.slow
 def test_friction_that_rises_steeply_at_rest_is_followed_to_the_end():
     # An explicit method spends its steps where the mass sticks.
     t = np.arange(0.0, 20.0, 0.05)

@@ -40,6 +40,7 @@ def test_where_samples_pin_a_coefficient_down_the_exact_posterior_is_the_linear_
     assert sharp.ok and sharp.khat < 0.5 and sharp.elsewhere < 0.05
 
 
+@pytest.mark.slow
 def test_where_noise_leaves_it_open_the_exact_posterior_lies_elsewhere():
     open_ = found(sampled(**CUBIC, noise=0.5, n=60, step=0.5))
     assert open_.khat > khat_threshold(N_DRAW) == open_.limit
@@ -82,6 +83,7 @@ def fit():
     return model.fit(sampled(**CUBIC, noise=0.05, n=150), draws=150, tune=150, chains=2, progress=False)
 
 
+@pytest.mark.slow
 def test_what_bends_is_said_once_and_fails_no_other_check(fit, monkeypatch):
     monkeypatch.setattr("bayes_greybox.criticism.checks.checks.linearity", lambda *_: Linearity(1.5, 0.5, 0.8))
     found = checks.__wrapped__(fit)

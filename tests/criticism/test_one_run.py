@@ -95,6 +95,7 @@ def integrator(posterior):
 SCHEMES = pytest.mark.parametrize(("scheme", "block"), [("block", 3), ("trajectory", None), ("future", 3)])
 
 
+@pytest.mark.slow
 @SCHEMES
 def test_one_run_equals_the_integral_over_the_hyperparameters(posterior, scheme, block):
     """p(y_F | y_A) = p(y_F, y_A)/p(y_A): the exact value of what a refit to A estimates, without its error.

@@ -68,6 +68,7 @@ def test_held_out_data_take_their_place(over_training, held_out, parts):
         try_on(fit, bg.Trajectories.from_arrays(parts[1].time, states={"y": parts[1].states["y"]}))
 
 
+@pytest.mark.slow
 def test_the_file_keeps_it_so_that_nothing_is_integrated_again(fit, parts, tmp_path, monkeypatch):
     fit.save(tmp_path / "run.nc", test=parts[1])
     monkeypatch.setattr(module, "free_run", lambda *_: pytest.fail("integrated again"))

@@ -37,7 +37,7 @@ def host_with_absorber(seed):
     )
 
 
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
 def test_an_attached_absorber_is_no_name_of_the_catalogue(seed):
     data = host_with_absorber(seed)
     model = bg.GreyBox(simulation={"y": "v", "v": "F - 12*y - 0.6*v"}, dictionary={"v": []})

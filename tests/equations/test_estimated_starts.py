@@ -60,6 +60,7 @@ def test_exported_programs_start_there_and_say_how_surely(fit, tmp_path):
     assert line.startswith("# x[1] v [m/s]: not measured, ") and " ± " in line and "where the data start" in line
 
 
+@pytest.mark.slow
 def test_draws_on_exact_paths_have_starts_of_their_own(fit):
     refined = fit.refine(draws=20, tune=40, chains=1, progress=False)
     drawn = refined.idata["posterior"]["v_start"].to_numpy()[0, :, 0]

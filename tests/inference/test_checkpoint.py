@@ -199,6 +199,7 @@ def test_a_checkpoint_that_is_given_is_completed_by_who_gave_it(data, reference,
     assert not (tmp_path / "kept").exists()
 
 
+@pytest.mark.slow
 def test_an_exact_posterior_goes_on_to_the_same_draws_and_refuses_other_priors(tmp_path, monkeypatch):
     t, rng = np.linspace(0.0, 4.0, 12), np.random.default_rng(3)
     data = bg.Trajectories.from_arrays(t, states={"x": 2 * np.exp(-0.7 * t) + 0.1 * rng.standard_normal(12)})

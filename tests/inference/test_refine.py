@@ -70,7 +70,7 @@ def by_quadrature():
     return means, [float(np.sqrt(np.sum(weight * (q - m) ** 2))) for q, m in zip((k, x0, s), means, strict=True)]
 
 
-@pytest.mark.parametrize("method", ["given steps", "steps as they come"])
+@pytest.mark.parametrize("method", [pytest.param("given steps", marks=pytest.mark.slow), "steps as they come"])
 def test_it_is_the_posterior_that_quadrature_finds(bent, method, monkeypatch):
     if method == "steps as they come":
         monkeypatch.setattr(Course, "methods", property(stepwise))
@@ -109,6 +109,7 @@ def swinging():
     return data, fit, fit.refine(draws=200, tune=80, chains=2, progress=False)
 
 
+@pytest.mark.slow
 def test_its_paths_are_those_of_another_integrator(swinging):
     data, _, fit = swinging
     own = data.run == 0
@@ -175,6 +176,7 @@ def test_it_is_said_where_there_is_no_path(lost, message, monkeypatch):
         linear().refine(**EXACT, **STATED)
 
 
+@pytest.mark.slow
 def test_paths_are_accurate_against_the_noise_of_a_sensor_that_sees_a_small_change_of_a_large_state(monkeypatch):
     """300 K with a noise of 1 mK: what is little of the temperature is much of the noise."""
     t, rng = 1.2 * np.arange(8), np.random.default_rng(4)

@@ -127,6 +127,7 @@ def test_a_prior_that_was_changed_counts_as_it_is(prior, change):
     assert shrunk < 1e-3 < 0.1 < largest()
 
 
+@pytest.mark.slow
 def test_so_it_does_in_a_fit():
     prior = Changing(1e-6)
     shrunk = fitted(prior=prior)

@@ -120,6 +120,7 @@ def test_signs_restrict_the_posterior(signed, data):
     assert signed.verdict.ok or "effective sample size" in str(signed.verdict)
 
 
+@pytest.mark.slow
 def test_patterns_are_summed_beside_bounds(data):
     """P(γ | y) under a signed slab: weights of the draws without it, times P(sign | y, γ, η)/P(sign)."""
     prior = bg.SpikeAndSlab()
@@ -151,6 +152,7 @@ def every_kind(data):
     return model.fit(data, seed=1, **RUN | {"draws": 60, "tune": 100})
 
 
+@pytest.mark.slow
 def test_a_bound_that_leaves_zero_out_keeps_the_term_in(every_kind):
     drawn = theta(every_kind)[..., 2]
     assert np.all((drawn >= -0.5) & (drawn <= -0.3))
@@ -237,6 +239,7 @@ def test_a_file_holds_them(every_kind, tmp_path, data):
     assert "y N(-0.2, 0.1²); ydot ≥ -3, ≤ 0; ydot**3 ≥ -0.5, ≤ -0.3; y**3 = -1" in repr(loaded)
 
 
+@pytest.mark.slow
 def test_the_exact_path_takes_them_too():
     """f at all rows integrated out by its dense covariance, given η and the bounded coefficient."""
     stated = {"y": Coefficient(mean=-0.2, sd=0.1), "ydot": Coefficient(upper=0.0)}
@@ -258,6 +261,7 @@ def test_the_exact_path_takes_them_too():
         np.testing.assert_allclose(log_p[s], expected, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_rows_of_samples_take_them():
     """y'' = F − 2y − 0.15y' − 0.8y³: the spring is known and fixed, the damping nearly; the cube's sign is."""
     data = sampled(lambda y, v: -0.8 * y**3, n=80)

@@ -118,6 +118,7 @@ def test_blocks_are_left_out_with_the_patterns_summed(fit, read_again):
             assert values[i, f] == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_users_spike_and_slab_is_judged_as_the_packages(data):
     own, package = fitted(SameAsPackage(), data), fitted(bg.SpikeAndSlab(), data)
     np.testing.assert_allclose(own.idata["posterior"]["y_theta"], package.idata["posterior"]["y_theta"], rtol=1e-9)

@@ -89,6 +89,7 @@ def test_distribution_passes_through_jit_as_a_pytree(designs):
     assert float(inside) == pytest.approx(float(outside), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_variational_inference_climbs(program, designs):
     guide = AutoNormal(program.numpyro_model)
     svi = SVI(program.numpyro_model, guide, numpyro.optim.Adam(0.05), Trace_ELBO())

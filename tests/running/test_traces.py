@@ -110,6 +110,7 @@ def processes(tmp_path_factory):
     return Processes(without, first, _fit(folder, **told), files, ours)
 
 
+@pytest.mark.slow
 def test_a_later_process_traces_nothing_and_draws_the_same(processes):
     without, first, second = processes[:3]
     assert TRACED <= set(without["traced"])
@@ -122,6 +123,7 @@ def test_a_later_process_traces_nothing_and_draws_the_same(processes):
     assert without["values"] == first["values"] == second["values"]
 
 
+@pytest.mark.slow
 def test_nothing_of_ours_goes_where_only_jax_was_told_to_keep_programs(processes):
     assert not processes.files
     assert processes.ours and all("ours" in file.parts for file in processes.ours)
@@ -371,6 +373,7 @@ def test_long_arrays_are_told_whole():
         identity.stated(np.array([object()]))
 
 
+@pytest.mark.slow
 def test_a_prior_of_the_users_own_is_never_kept(folder, monkeypatch):
     x = np.linspace(-1, 1, 4)
     data = bg.Trajectories.from_arrays(x, states={"x": x}, derivatives={"x": x})

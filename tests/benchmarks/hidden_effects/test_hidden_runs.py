@@ -71,6 +71,7 @@ def test_results_of_another_version_are_not_mixed_in(tmp_path):
     assert calls == [1]
 
 
+@pytest.mark.slow
 def test_two_workers(tmp_path):
     scores = run(tmp_path, FEW[:2], knows_all, workers=2)
     assert scores["families"].loc["all", "study"] == 1.0

@@ -78,6 +78,7 @@ def test_where_the_laws_agree_least_is_told(rates):
     assert 0.2 < bits[2] <= 1.0
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same(study):
     one, two, other = (study.next_experiment(seed=seed, rows=11) for seed in (0, 0, 1))
     assert one.sentence == two.sentence

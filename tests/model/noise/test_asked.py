@@ -168,6 +168,7 @@ def test_a_number_and_a_noise_that_asks_for_nothing_are_the_same():
     assert all(fit.noise.shape == (1, 0) for fit in fits)
 
 
+@pytest.mark.slow
 def test_a_file_keeps_the_noise(tmp_path):
     asked = bg.Noise(correlation="fit", depends_on="x", tails="fit")
     fit = model_with(asked).fit(data_with("correlated", runs=2), **SMALL)
@@ -202,6 +203,7 @@ def test_leaving_rows_out_of_correlated_noise_is_conditioning_on_the_others():
     assert removed.log_det == pytest.approx(expected, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_intervals_cover_under_correlated_noise_and_white_noise_does_not():
     # 40 data sets; under noise that hangs together over ten rows white noise's 90 % interval is three times too narrow.
     inside = {"white": 0, "correlated": 0}

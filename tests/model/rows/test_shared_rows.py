@@ -41,7 +41,7 @@ def test_near_their_estimate_the_rows_have_the_estimate_of_the_whole_equations(s
     assert set(whole.derivatives) == {"x", "y"}
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_one_species_alone_tells_of_both(seed):
     # What preys is counted in the unit in which it halves the prey: else no sensor tells its number.
     data = sampled(seed, noise=0.03, keep="x")

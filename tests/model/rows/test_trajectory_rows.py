@@ -189,6 +189,7 @@ def test_the_rate_of_a_position_has_its_unit_over_that_of_time():
     assert model.complete(replace(data, units={"y": "m"})).unit("v") is None
 
 
+@pytest.mark.slow
 def test_an_unstable_system_is_cut_into_segments():
     t = 0.05 * np.arange(400)
 
@@ -343,6 +344,7 @@ def shaken(push=0.05, seed=0):
     return Trajectories.from_arrays(t, states={"y": shown}, inputs={"F": force(t)}, units={"t": "s", "y": "m"})
 
 
+@pytest.mark.slow
 def test_an_unknown_force_is_found_and_makes_coefficients_as_uncertain_as_it_does():
     inside = 0
     for seed in range(6):

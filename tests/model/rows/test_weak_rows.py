@@ -185,6 +185,7 @@ def fit():
     return model.fit(samples(0.1, runs=2), draws=100, tune=200, chains=2, progress=False)
 
 
+@pytest.mark.slow
 def test_a_fit_holds_the_truth_and_goes_through_a_file(fit, tmp_path):
     table = fit.summary()
     for (name, text), truth in zip([("x", "x"), ("x", "x*y"), ("y", "x*y"), ("y", "y")], COEFFICIENTS, strict=True):

@@ -150,6 +150,7 @@ def test_an_equation_is_that_of_the_same_rows_in_memory(gp):
     np.testing.assert_allclose(columns[0].T @ columns[0], columns[1].T @ columns[1], atol=1e-9 * 20_000)
 
 
+@pytest.mark.slow
 def test_workers_give_the_same_to_the_last_bit():
     pytest.importorskip("distributed")
     fitted, _, rows = taken(model(), chunks())

@@ -160,6 +160,7 @@ def test_a_run_that_weak_rows_cannot_be_made_of_is_named():
         taken(model, RowStream.from_chunks(lambda i: runs[i], 2, sample=100))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make, runs", [(weak, animals), pytest.param(path_of, oscillations, marks=pytest.mark.slow)])
 def test_workers_give_the_same_to_the_last_bit(tmp_path, make, runs):
     distributed = pytest.importorskip("distributed")
@@ -176,6 +177,7 @@ def test_workers_give_the_same_to_the_last_bit(tmp_path, make, runs):
     assert mine == theirs
 
 
+@pytest.mark.slow
 def test_memory_is_that_of_the_sample_and_of_a_few_runs():
     data = animals()
 

@@ -167,6 +167,7 @@ def test_files_keep_which_fmu_it_was(tmp_path):
     assert rebuild(record, given).simulation is given
 
 
+@pytest.mark.slow
 def test_a_study_of_positions_names_what_the_fmu_lacks_and_refine_refuses(plant):
     t = np.arange(0, 8, 0.1)
     w, d = np.sqrt(10 - 0.04), 0.2

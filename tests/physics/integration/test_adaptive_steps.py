@@ -149,6 +149,7 @@ def test_each_input_may_have_its_own_interpolation():
         interpolant(t, values, ("linear", "cubic"))
 
 
+@pytest.mark.slow
 def test_long_runs_are_cut_where_nobody_sees_it():
     t = np.linspace(0.0, 60.0, 3 * PIECE + 17)
     u = np.sin(0.9 * t)[:, None]
