@@ -42,10 +42,8 @@ class Finding:
     """One thing that could contradict a verdict.
 
     Attributes:
-        code: Kind of the finding.
         against: True if it contradicts the verdict; None if it could not be looked at.
         equation: Equation that it is about; "" if it is about the whole study.
-        values: Numbers and names that belong to it.
     """
 
     code: str
@@ -60,11 +58,7 @@ def notable(study: StudyResult) -> float:
 
 
 def findings(study: StudyResult) -> Iterator[Finding]:
-    """Yield checks, what remains, runner-up, measurement, rows, ties, held-out samples, free run and sampler.
-
-    Args:
-        study: The study.
-    """
+    """Yield checks, what remains, runner-up, measurement, rows, ties, held-out samples, free run and sampler."""
     for name in study.maps or study.hypotheses.index.unique(0):
         yield from _checks(study, name)
         yield from _explanations(study, name)

@@ -14,10 +14,7 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
-from .answer.checks.adequacy import Check, check_hypothesis
-from .answer.checks.doubts import at_ends, rounded_off
-from .answer.checks.linearity import check_linearity
-from .answer.checks.sizes import least_squares
+from .answer.checks import Check, at_ends, check_hypothesis, check_linearity, least_squares, rounded_off
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
@@ -50,14 +47,8 @@ class Question:
     """Data, model and settings of the study of one equation.
 
     Attributes:
-        model: The model before.
-        train: Training data.
         name: The learned state, or the output.
-        effects: Effects bound to columns.
-        odds: Prior probabilities.
         most: Largest number of effects added.
-        seed: Seed of everything random.
-        criteria: Numbers that decide.
     """
 
     model: Program

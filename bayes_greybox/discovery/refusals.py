@@ -99,12 +99,6 @@ def check_ranking(
 ) -> None:
     """Refuse to rank experiments.
 
-    Args:
-        data: Training data.
-        equations: States and outputs with explanations.
-        numbers: Experiments together, outcomes and threshold.
-        described: Settings of default candidates, if candidates were given.
-
     Raises:
         InputError: A study of outputs or of an older file, impossible numbers, or settings without effect.
     """

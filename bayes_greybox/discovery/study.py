@@ -23,7 +23,7 @@ from bayes_greybox.running.stages import Stage, stage, stages
 
 from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
-from .answer.checks.sizes import other_sizes
+from .answer.checks import other_sizes
 from .answer.equation_study import EquationStudy
 from .answer.explained import Explained, explained
 from .answer.gap.free_runs import FreePath, FreeRuns

@@ -36,9 +36,7 @@ class Subject:
     Attributes:
         given: The user's model.
         model: The same about the means of stated coefficients.
-        equations: Equations that are studied.
         train, test: Data with all states and rates that terms are evaluated on.
-        block: Number of samples that were averaged into one.
         held: True if inputs turned out to be held between samples.
     """
 

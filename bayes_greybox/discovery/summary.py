@@ -144,8 +144,6 @@ class GapChange:
 
     Attributes:
         code: "none shown", "none before", "unchanged", "wider" or "closed".
-        part: "test" if held-out data show it, or "train".
-        before: Unexplained share before.
         after: Unexplained share after, by what has a name alone.
         worse: Rows of the gap table that got worse, as `worsened` returns them.
         idle: States whose free run does not get better.
@@ -160,12 +158,7 @@ class GapChange:
 
 
 def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
-    """Return the change of the gap, on held-out data where the rates were measured there.
-
-    Args:
-        gap: Gap table of a study, before and after.
-        criteria: Numbers that decide.
-    """
+    """Return the change of the gap, on held-out data where the rates were measured there."""
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # f, which takes up anything, has no name and was not added.
     if NAMES_ALONE in gap.index.get_level_values("metric"):
@@ -202,7 +195,6 @@ class Remainder:
     Attributes:
         kind: `QUANTITY`, a kind of the noise grid (law, time, memory) or of a memory (hysteresis, relaxation, drift).
         of: Columns or channel that it depends on; "" if that is not known.
-        probability: Its probability.
     """
 
     kind: str
@@ -211,12 +203,7 @@ class Remainder:
 
 
 def remainders(study: StudyResult, equation: str) -> list[Remainder]:
-    """Return the likely statements about what has no name in an equation, the most specific alone.
-
-    Args:
-        study: The study.
-        equation: The equation that lacks it.
-    """
+    """Return the likely statements about what has no name in an equation, the most specific alone."""
     rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
     found = [
         Remainder(row["kind"], row["channel"], float(row["probability"])) for row in rows if row["probability"] > least
@@ -271,8 +258,6 @@ class CommonFactor:
     """Coefficients of an equation that are all off by one factor.
 
     Attributes:
-        equation: The equation.
-        factor: The factor.
         rows: Their rows of the table of corrections.
         gains: Rows of the measurement's table: gains of the whole rate, which do the same.
     """
@@ -284,12 +269,7 @@ class CommonFactor:
 
 
 def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> Iterator[CommonFactor | Mapping]:
-    """Yield corrections one by one, but those of an equation that are all off by one factor together.
-
-    Args:
-        study: The study.
-        off: Rows of its table of corrections.
-    """
+    """Yield corrections one by one, but those of an equation that are all off by one factor together."""
     for name, count in Counter(row["equation"] for row in off).items():
         rows = [row for row in off if row["equation"] == name]
         ratios = [row["mean"] / row["nominal"] for row in rows]
@@ -317,9 +297,6 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
     """Return the channels of each kind of sensor error that was weighed; none where the prior odds are not recorded.
 
     A sensor error that is the same column as another one, or as a coefficient, in every equation counts as that.
-
-    Args:
-        study: The study.
     """
     if not study.settings.get("prior odds"):
         return {}
@@ -346,12 +323,7 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
 
 
 def sensors_like(study: StudyResult, row: Mapping[str, Any]) -> list[str]:
-    """Return the sensor errors that do the same as a wrong coefficient and are small enough for one.
-
-    Args:
-        study: The study.
-        row: Row of its table of corrections.
-    """
+    """Return the sensor errors that do the same as a wrong coefficient and are small enough for one."""
     key = f"recalibration of {row['term']}"
     return [
         name for name, other in same_as(study, row["equation"]).items()

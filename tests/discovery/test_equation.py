@@ -22,7 +22,7 @@ from tiny_equation import (
 )
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.checks.adequacy import LOO_PIT, WHITENESS, Check
+from bayes_greybox.discovery.answer.checks import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.equation_study import UNUSUAL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.equation import Question, study_equation

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.gram import TINY, law_variances
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
+from bayes_greybox.discovery.grid.evidence.log_evidence import TINY, law_variances, modes
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.noise.points import LAW
 from bayes_greybox.discovery.linearise.near import Near
@@ -35,9 +34,6 @@ class Remainder:
     orthogonal, w and the columns' coefficients are independent a posteriori, given η.
 
     Attributes:
-        statistics: Columns and features of the equation.
-        indices: Columns φ that f is orthogonal to.
-        projection: P.
         mean: Posterior mean of w at the mode of η, scaled.
         root: Factor of its covariance, W with WᵀW = cov.
     """
@@ -96,13 +92,7 @@ class Remainder:
 
 
 class Added(NamedTuple):
-    """Terms and features added to one right-hand side, each row of coefficients a draw.
-
-    Attributes:
-        terms: Terms.
-        coefficients: Coefficients of the terms, user's units.
-        weights: Weights of the features of f, user's units of the rate; no columns without f.
-    """
+    """Terms and features added to one right-hand side, each row of coefficients a draw."""
 
     terms: list[Term]
     coefficients: Float[np.ndarray, "n_draw n_term"]
@@ -114,7 +104,6 @@ class Amendment:
     """The addition to one equation: columns of its statistics and posterior draws of their coefficients.
 
     Attributes:
-        statistics: Columns and features of the equation.
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
         after: Draws of all coefficients, with those of the added effects.
         sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.

@@ -28,7 +28,7 @@ from bayes_greybox.running.errors import InputError
 
 from .advice import ANOTHER_SENSOR, how_to_tell_apart
 from .amendment import Amendment
-from .checks.adequacy import Check
+from .checks import Check
 from .coefficients import Coefficients
 from .instrument import instrument_table
 from .interval import INTERVAL_ENDS, INTERVAL_REACH
@@ -60,14 +60,9 @@ class EquationStudy:
     Attributes:
         source: Source of the rows, which also removes sensor errors from other data of the same sensors.
         near: Hypotheses on the rows near the likeliest of them.
-        verdict: The verdict.
-        checks: Checks of the answer's hypothesis.
-        coefficients: Draws of the model after.
-        amendment: The model after.
         map: Gap over states.
         trace: Gap along time.
         where: Regions and windows.
-        criteria: Numbers that decide.
     """
 
     source: Source

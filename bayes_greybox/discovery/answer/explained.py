@@ -55,8 +55,6 @@ class Explained:
 
     Attributes:
         name: Name in the study's table of hypotheses; of several equations each with its own.
-        probability: Probability of the explanation.
-        slugs: Effects of the explanation.
         components: Likeliest hypotheses of the explanation; empty if it predicts nothing.
         sigma: Noise standard deviation of the rows by equation, user's units.
     """

@@ -36,15 +36,11 @@ class GapMap:
     """The gap over one or two variables, before and after the model was amended; the others at their median.
 
     Attributes:
-        equation: State whose rate the gap is of.
-        variables: One or two variables.
         axes: Grid positions, user's units.
         before, after: Posterior mean of the gap [n_0, n_1] (or [n_0]), user's units.
         probability, after_probability: P(|gap| > threshold).
-        samples: Positions of the data.
         threshold: One noise standard deviation, or that of the gap where it is larger.
         unit: Unit of the gap; "" if it is not known.
-        units: Units of the variables.
     """
 
     equation: str
@@ -84,14 +80,7 @@ class Gap(NamedTuple):
 
 
 class Along(NamedTuple):
-    """Samples along which a gap is known.
-
-    Attributes:
-        equation: State whose rate the gap is of.
-        time: Times of the samples.
-        run: Run of each sample.
-        columns: States and inputs at the samples.
-    """
+    """Samples along which a gap is known."""
 
     equation: str
     time: Float[np.ndarray, " n_sample"]

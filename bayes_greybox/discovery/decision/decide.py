@@ -28,7 +28,6 @@ class Place:
 
     Attributes:
         label: The effect on its columns.
-        slug: Name of the effect in the catalogue.
         share: Probability of the effect on these columns, with agreement.
         tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
             label, and sensor errors by their keys.
@@ -46,14 +45,10 @@ class Verdict:
 
     Attributes:
         code: One of `VERDICTS`.
-        places: Effects of the answer; empty if it has none.
         hypothesis: Likeliest hypothesis behind the verdict.
-        sensors: Sensor errors of the answer, by name.
         remains: Probability of a discrepancy beside the answer.
         left: RMS of this discrepancy, scaled.
         negligible: True if a discrepancy remains that is too small to matter in practice.
-        reasons: Reasons against the verdict.
-        probabilities: Probabilities of all hypotheses.
     """
 
     code: str
@@ -159,13 +154,7 @@ def _without_discrepancy(probabilities: Probabilities, hypothesis: Hypothesis) -
 def _without_effects(
     probabilities: Probabilities, code: str, part: Callable[[Probabilities, Hypothesis], float]
 ) -> Verdict:
-    """Return the likeliest answer of a kind without effects.
-
-    Args:
-        probabilities: Probabilities of the hypotheses.
-        code: Kind of the answer.
-        part: Part of a hypothesis's probability that counts for this kind.
-    """
+    """Return the likeliest answer of a kind without effects; of each hypothesis a part counts for this kind."""
 
     def log_weight(h: Hypothesis) -> float:
         if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):

@@ -27,7 +27,6 @@ class Share(NamedTuple):
     """Probability and agreement of a group of hypotheses.
 
     Attributes:
-        probability: Posterior probability of the group.
         agreement: Probability of the group averaged over bagged records.
     """
 
@@ -41,24 +40,13 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Probabilities:
-    """Probabilities over all hypotheses.
-
-    Attributes:
-        weighed: The hypotheses.
-        criteria: Numbers that decide.
-    """
+    """Probabilities over all hypotheses."""
 
     weighed: Weighed
     criteria: Criteria
 
     def members(self, hypothesis: Hypothesis, kind: str, stacking: bool = True) -> list[tuple[Regressor, float]]:
-        """Return a hypothesis's regressors of one kind, each with its confounding discount.
-
-        Args:
-            hypothesis: The hypothesis.
-            kind: Kind of the regressors.
-            stacking: If true, stacked effects are discounted too, because they may be one law without a name.
-        """
+        """Return a hypothesis's regressors of one kind, each with its confounding discount."""
         regressors = self.weighed.table.regressors
         sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
         discounted = [

@@ -31,15 +31,7 @@ def verdict_of(
     labels: Mapping[str, str] | None = None,
     criteria: Criteria = CRITERIA,
 ) -> tuple[str, tuple[Reason, ...]]:
-    """Return the verdict of a study, and the reasons against it.
-
-    Args:
-        verdicts: Verdict for each equation; of several equations each reason names its own.
-        gap: Gap table.
-        lost: Reasons why held-out data could not be compared, in words.
-        labels: Name of each equation's left-hand side, `Runs.target_label`; by default the derivative of a state.
-        criteria: Numbers that decide.
-    """
+    """Return the verdict of a study, and the reasons against it."""
     code = max((verdict.code for verdict in verdicts.values()), key=VERDICTS.index)
     labels = labels or {name: derivative_label(name) for name in verdicts}
     about = {name: f"in {labels[name]}: " if len(verdicts) > 1 else "" for name in verdicts}

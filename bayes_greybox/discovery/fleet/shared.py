@@ -92,9 +92,7 @@ class AssetStudy:
     """Outcome of one asset.
 
     Attributes:
-        asset: Name of the asset.
         verdict: Verdict of its study; "failed" if there is none.
-        lacks: Names of the effects that it surely lacks.
         may_lack: Names of added effects of which its study is not sure.
         gap: Unexplained share before, of held-out data if there are any; NaN if it is not known.
         left: The same after.
@@ -119,12 +117,7 @@ class AssetStudy:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Studies of many assets.
-
-    Attributes:
-        assets: The largest gap first, those that failed last.
-        shared: Effects, those that most assets surely lack first.
-    """
+    """Studies of many assets."""
 
     assets: tuple[AssetStudy, ...]
     shared: tuple[Shared, ...]

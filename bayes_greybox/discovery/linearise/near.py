@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.set_prior import Window
+from bayes_greybox.discovery.grid.evidence.priors import Window
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.table import EFFECT, Regressor
@@ -37,8 +37,6 @@ class Point:
 
     Attributes:
         added: Terms beside the simulation, with their coefficients.
-        sensors: Errors of sensors and inputs that the rows are free of.
-        values: Values of nonlinear parameters by the effect's label.
         shapes: Shapes of the noise beside white.
         spread: Relative standard deviations of the sensors' noise; empty where there is one sensor.
         window: Effects, errors and memories that are weighed there; None for all.
@@ -66,14 +64,8 @@ class Rows:
     """Rows and regressors near a point.
 
     Attributes:
-        point: The linearisation point.
-        model: The model with rows near it.
         data: Training data, free of the sensor errors of the point.
-        regressors: Regressors at the rows.
-        force: Latent force and noise on the rows.
-        rate: The whole modelled rate.
         place: Places of these rows among all: a delay takes some out of their run.
-        n_all: Number of all rows.
         floor: Least variance of the noise, scaled: rounding.
         unit: Log of the scaled rows' unit in that of the readings, so that evidences near different points compare.
     """
@@ -92,12 +84,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Hypotheses on rows near a point.
-
-    Attributes:
-        rows: The rows.
-        weighed: The hypotheses.
-    """
+    """Hypotheses on rows near a point."""
 
     rows: Rows
     weighed: Weighed
@@ -178,12 +165,7 @@ class Near:
 
 
 def as_regressor(column: Column, gap: float) -> Regressor:
-    """Return the prior and names of a column, for the search.
-
-    Args:
-        column: The column.
-        gap: RMS of the gap as a force, over that of the target: the scale of effects.
-    """
+    """Return the prior and names of a column, for the search."""
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect
         return Regressor(

@@ -29,10 +29,8 @@ class Shape(NamedTuple):
     """One shape of the noise.
 
     Attributes:
-        name: Name of the shape.
         spread: Relative standard deviation of the noise of each row as it came.
         log_prior: Log prior that it adds to a noise point: its prior odds, and its parameters' cost.
-        about: Its parameters, by name.
     """
 
     name: str

@@ -100,9 +100,6 @@ class PathErrors(NamedTuple):
         sensors: Errors with their columns at the rows, in the sensors' units.
         inputs: Errors with their forces along the path, at the nodes.
         shown: Effect of the errors so far on the rows, each as its size times its column.
-        nodes: States and inputs along the path.
-        samples: The samples.
-        simulation: The simulation.
     """
 
     sensors: ErrorColumns

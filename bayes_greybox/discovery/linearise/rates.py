@@ -32,17 +32,15 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     with_columns,
     within,
 )
-from bayes_greybox.discovery.sensor_errors.drift import drift_columns
 from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
-from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 
 from .near import Point, Rows
-from .period import period_of
-from .source import Source, modelled_rate
+from .source import Source, modelled_rate, period_of
 
 CHANGE_OF = "change of {}"
 """Name of the change of the rate, or of an output, with which noise grows where the time stamps jitter."""

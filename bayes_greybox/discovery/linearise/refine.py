@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.evidence.gram import Gram, discrepancy_basis
-from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.evidence.log_evidence import Gram, discrepancy_basis, log_evidences
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NoisePoint
@@ -43,10 +42,7 @@ class Ground(NamedTuple):
     """Table and noise points on which values are refined.
 
     Attributes:
-        table: Target and regressors.
-        forces: Rows under each shape of the noise.
         points: Noise points; the first one is white noise alone.
-        floor: Least variance of the noise.
     """
 
     table: RegressorTable
@@ -77,12 +73,6 @@ def refined(
 
     The likeliest value depends on the regressors beside an effect: its values are refined alone at first, then beside
     its likeliest companions.
-
-    Args:
-        regressors: Regressors of the equation.
-        ground: Their table.
-        hypotheses: Hypotheses of the table, likeliest first.
-        before: Companies of earlier refinements, which are left out.
     """
     finer, companies = {}, set(before)
     for label in dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner):
@@ -123,14 +113,7 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
 
 @dataclass
 class _Search:
-    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once.
-
-    Attributes:
-        regressors: Regressors of the equation.
-        ground: Their table.
-        label: The effect's label.
-        tabled: Values that are in the table.
-    """
+    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once."""
 
     regressors: Regressors
     ground: Ground

@@ -11,13 +11,12 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.gap_size import gap_size
+from bayes_greybox.discovery.grid.noise.latent_force import gap_size
 from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
 from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
-from bayes_greybox.discovery.sensor_errors.drift import drift_columns
-from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -30,8 +29,7 @@ from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
 from .path_sensors import PathErrors, freed, put_right
-from .period import period_of
-from .source import Source, modelled_rate
+from .source import Source, modelled_rate, period_of
 
 INSIDE_SDS, MOST_INSIDE = 3.0, 0.5
 """A path is inside a sensor's range by more than so many standard deviations of its noise; it contradicts an answer

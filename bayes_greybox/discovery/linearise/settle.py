@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bayes_greybox.discovery.grid.evidence.search import Reach
-from bayes_greybox.discovery.grid.hypotheses.agreement import blocks
+from bayes_greybox.discovery.grid.hypotheses.residuals import blocks
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.table import Features, RegressorTable
@@ -42,17 +42,7 @@ def settle(
     build: Build, quantities: Quantities, start: Point, odds: Odds, reach: Reach, seed: int,
     report: Callable[[str], None],
 ) -> Near:  # fmt: skip
-    """Return the hypotheses on rows near the likeliest of them.
-
-    Args:
-        build: Makes rows near a point.
-        quantities: Returns the quantities that the noise may grow with.
-        start: Linearisation point to begin with.
-        odds: Prior probabilities.
-        reach: Limits of the searches.
-        seed: Seed of the bagged records.
-        report: Called with each step, in words.
-    """
+    """Return the hypotheses on rows near the likeliest of them."""
     report("weighing hypotheses")
     rows = build(start)
     companies: frozenset[Company] = frozenset()
@@ -100,7 +90,6 @@ class Visit(NamedTuple):
     """Rows near a hypothesis, on which it is weighed truly; the other hypotheses are linearised far from their modes.
 
     Attributes:
-        near: The rows with all hypotheses.
         hypothesis: Names of the hypothesis's regressors; None where the rows are near none of theirs.
         origin: Rows on which it was the likeliest.
     """

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes
+from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes, run_slices
 from bayes_greybox.discovery.sensor_errors.late import Late
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
 from bayes_greybox.model.program import AnyProgram, Program
@@ -20,12 +20,6 @@ from .near import Point, Rows
 
 class Source(ABC):
     """Rows of one equation.
-
-    Args:
-        model: The model before.
-        train: Measurements as they came.
-        equation: The studied state or output.
-        effects: Effects bound to columns.
 
     Attributes:
         clipped: True at rows where a channel's sensor was at its end, by channel.
@@ -57,14 +51,7 @@ class Source(ABC):
 
     @abstractmethod
     def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
-        """Return data of the same sensors without their errors.
-
-        Args:
-            data: Any data of the same sensors.
-            point: Point that the study ended at.
-            sensors: Sizes of errors, in units of their own.
-            clock: Data that drifts were found on.
-        """
+        """Return data of the same sensors without their errors."""
 
     def row_kind(self, point: Point) -> RowKind | None:
         """Return the rows near a point, where rows are linear only near one; None where they are linear."""
@@ -90,3 +77,33 @@ def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequ
         return total
 
     return rate
+
+
+TURN_SHARE = 0.1
+"""Share of its range that a state moves between two turns; less is noise and no turn."""
+
+
+def period_of(data: Trajectories, equation: str) -> float:
+    """Return the time in which the studied state goes to and fro; the longest run if it does not."""
+    names = [equation] if equation in data.state_names else list(data.state_names) or list(data.input_names)
+    runs = run_slices(data.run)
+    durations = [float(np.ptp(data.time[rows])) for rows in runs]
+    turns = max((sum(_turns(data.column(name)[rows]) for rows in runs) for name in names), default=0)
+    return float(min(2 * sum(durations) / turns, max(durations))) if turns else max(durations)
+
+
+def _turns(values: np.ndarray) -> int:
+    """Return the number of turns of values by more than a share of their range."""
+    least = TURN_SHARE * np.ptp(values)
+    if least <= 0:
+        return 0
+    turns, rising, extreme = 0, 0, values[0]
+    for value in values.tolist():
+        if rising >= 0 and value > extreme or rising <= 0 and value < extreme:
+            if rising == 0 and abs(value - values[0]) < least:
+                continue
+            rising = rising or (1 if value > values[0] else -1)
+            extreme = value
+        elif rising and abs(value - extreme) > least:
+            turns, rising, extreme = turns + 1, -rising, value
+    return turns

@@ -31,14 +31,6 @@ def regressors_of(
 ) -> Regressors:  # fmt: skip
     """Return free terms, corrections and effects of one equation.
 
-    Args:
-        model: Simulation, free terms, and the discrepancy whose features are used.
-        data: Training data.
-        equation: The learned state.
-        effects: Effects bound to columns.
-        values: Values of nonlinear parameters by the effect's label; the first ones of all others.
-        shown: Readings at the rows beyond the data, in the sensors' units.
-
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
     """

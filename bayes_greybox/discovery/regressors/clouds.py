@@ -28,9 +28,6 @@ class Cloud:
     """Points of a normal density inside the unit cube.
 
     Attributes:
-        mean: Mean of the density.
-        covariance: Covariance of the density.
-        points: Points inside the cube, at most `CLOUD_POINTS`.
         inside: Share of the density inside the cube.
     """
 
@@ -58,12 +55,7 @@ class Cloud:
 
 
 def weights_of(at: Float[np.ndarray, "n d"], drawn: Sequence[Cloud | None]) -> Float[np.ndarray, " n"]:
-    """Return the log prior weights of points.
-
-    Args:
-        at: All points.
-        drawn: Cloud of each point; None on the first grid.
-    """
+    """Return the log prior weights of points."""
     clouds = {id(cloud): cloud for cloud in drawn if cloud is not None}
     total = np.full(len(at), float(sum(cloud is None for cloud in drawn)))
     for cloud in clouds.values():

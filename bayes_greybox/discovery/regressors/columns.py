@@ -21,12 +21,7 @@ from .clouds import Cloud
 
 @dataclass(frozen=True)
 class Nearer:
-    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions.
-
-    Attributes:
-        gain: Nats.
-        beside: Names of the set's other columns; no other set gains anything.
-    """
+    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions."""
 
     gain: float
     beside: frozenset[str] = frozenset()
@@ -41,16 +36,11 @@ class Column:
             a sensor or an input), "effect", and in files of earlier versions "memory" and "law".
         term: Formula over the data's columns and its hidden states; None for a sensor error, which is known at the rows
             only.
-        scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
         nominal: The simulation's own coefficient: of a correction, or of the input that an effect changes.
         expected: Expected coefficient of such an effect, scaled units; 0 where nothing is known.
         direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
             the effects of a drive with the other sign.
-        effect: The catalogue's entry, of an effect.
-        inner: Values of its nonlinear parameters.
-        log_weight: Log prior weight of these values.
-        suspect: The error, of a sensor error.
         memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
             rows, scaled.
     """
@@ -96,7 +86,6 @@ class Values:
     """Values of an effect's nonlinear parameters that stand for all.
 
     Attributes:
-        points: Values, in the order of the parameters.
         log_weights: Log prior weights; their exponentials add up to one.
     """
 
@@ -109,7 +98,7 @@ def first_values(
 ) -> Values | None:
     """Return the first values of an effect's nonlinear parameters: middles of parts of equal prior probability.
 
-    The arguments are those of `limits`. The values are None where a parameter is a share of nothing.
+    The values are None where a parameter is a share of nothing.
     """
     least, most = limits(effect, columns, path)
     if not np.all(most > 0):
@@ -143,10 +132,7 @@ def limits(
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
     """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
 
-    Args:
-        effect: Effect bound to columns, with nonlinear parameters.
-        columns: States and inputs, whose range scales the priors.
-        path: The same columns with their times, for parameters that are times or frequencies.
+    Parameters that are times or frequencies need the path, which has the columns with their times.
     """
     time, run = (None, None) if path is None else (path.time, path.run)
     inner = effect.effect.inner

@@ -44,13 +44,6 @@ class Regressors(EvaluatedColumns):
     """Regressors of one equation, scaled to unit RMS, with the target and the features of f.
 
     Attributes:
-        rows: Rows of the equation.
-        variables: Variables of f.
-        centre: Middle of the box that they fill in the data, user's units.
-        half_width: Half the sides of that box.
-        basis: Features of f.
-        columns: One for each regressor.
-        values: Regressors at the rows.
         acting: Regressors as forces at the samples of the rows; zero for errors of a sensor that shows the rows.
         shown: Effect on the rows, scaled, of the sensor errors that they are free of; added to the target, so that a
             coefficient is a whole error.
@@ -58,8 +51,6 @@ class Regressors(EvaluatedColumns):
         twins: Sensor errors left out because another column is the same, with its name.
         changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
         memories: Elements of forces with memory: their effects on the rows, and themselves there.
-        path: States and inputs where terms are evaluated, in order of time, on rows of samples: hidden states follow
-            from them.
     """
 
     rows: EquationRows

@@ -64,10 +64,8 @@ class ChannelSuspect:
     """One error that one channel may have.
 
     Attributes:
-        kind: One of `ERRORS`.
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in the unit of the size.
-        step: Sampling step, for a delay.
         center: Middle of a bend, see `bends`.
     """
 
@@ -211,12 +209,6 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
     """Return the data without gains, offsets and drifts of channels: x = (measured − o)/(1 + κ), and rates alike.
 
     A sensor that bends is inverted, see `bends`. Delays are left alone.
-
-    Args:
-        data: Measurements with delays undone.
-        equation: The studied state.
-        sizes: Sizes of the errors.
-        clock: Data that drifts were found on: their centre and span of time.
     """
     if all(error.kind == DELAY for error in sizes):
         return data
@@ -242,15 +234,7 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
 def as_shown(
     paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Sizes, clock: Trajectories
 ) -> Float[np.ndarray, "n_draw n_obs"]:
-    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`.
-
-    Args:
-        paths: Paths at the rows of the data; NaN where a path failed.
-        name: Name of the state.
-        data: Rows.
-        sizes: Sizes of the errors.
-        clock: Data that drifts were found on.
-    """
+    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`."""
     sensor = _sensor(data, name)
     by_kind = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
     late = late_by(data, sizes).get(name, 0.0)
@@ -293,13 +277,7 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
-    """Return states and inputs at later times, by cubic splines through the samples of each run.
-
-    Args:
-        data: Measurements.
-        later: Shift of each state or input.
-        clock: Shift of the clock, for rates that depend on time.
-    """
+    """Return states and inputs at later times, by cubic splines through the samples of each run."""
     columns = {
         name: np.concatenate([_later(data.time[rows], data.column(name)[rows], by) for rows in run_slices(data.run)])
         for name, by in later.items()

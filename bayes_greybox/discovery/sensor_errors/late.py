@@ -41,8 +41,6 @@ class Late:
 
     Attributes:
         by: Delay, in units of time.
-        sd: Standard deviation of the delay.
-        step: Time between samples.
         p: p-value of the samples as they came.
     """
 
@@ -53,22 +51,13 @@ class Late:
 
 
 def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, Late]:
-    """Return the states whose samples follow those of their rate once they are taken earlier, and not as they came.
-
-    Args:
-        data: Samples.
-        simulation: Simulation, which knows the state that is another's rate.
-        noise: Standard deviation of the noise on the samples of states that have any.
-    """
+    """Return the states whose samples follow those of their rate once they are taken earlier, and not as they came."""
     delays = {pair.state: pair.late() for pair in _pairs(data, simulation, noise)}
     return {name: late for name, late in delays.items() if late is not None}
 
 
 def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
-    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name.
-
-    The arguments are those of `late_states`.
-    """
+    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name."""
     spreads: dict[str, float] = {}
     for pair in _pairs(data, simulation, noise):
         if pair.gained > 0 and pair.p(pair.departures(0.0)) >= SURELY_LATE:

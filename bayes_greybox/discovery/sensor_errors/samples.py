@@ -108,12 +108,6 @@ def misread(
 
     A blow leaps too, and moves the machine: the rate leaps with it, by ∂G/∂x times as much. A slip of the sensor does
     not move anything. It is replaced by the cubic through its neighbours.
-
-    Args:
-        values: Samples of a state or an input.
-        run: Run of each sample.
-        rate: Measured rate at the samples.
-        slope: ∂G/∂x there.
     """
     values, out = values.copy(), np.zeros(len(values), bool)
     for _ in range(MOST_MENDINGS):

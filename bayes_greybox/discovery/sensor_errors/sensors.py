@@ -41,13 +41,7 @@ NEAR_ZERO = 0.2
 
 
 def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None) -> ErrorColumns:
-    """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size.
-
-    Args:
-        samples: Readings; columns are ordered by sensor, then by sample.
-        path: The path at the samples.
-        late: Delays of sensors found so far, at which the columns of delays are taken.
-    """
+    """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size."""
     columns, late = [], late or {}
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     span = float(np.ptp(samples.time))

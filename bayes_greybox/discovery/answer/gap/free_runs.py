@@ -39,10 +39,7 @@ class FreePath:
     The band before holds the uncertainty of the start alone.
 
     Attributes:
-        time: Times of the rows.
-        run: Run of each row.
         measured: The state, as its sensor showed it; without a sensor, on the path through the samples put right.
-        before: Band of the model before.
         after: Band of the amended model, with the sensor errors that belong to it.
         holds: Sources of the band after, in words: "90 % band: coefficients, inner parameters, f, start".
     """
@@ -82,14 +79,7 @@ class FreeRuns:
     def __call__(
         self, data: Trajectories, part: str, starts: Starts | None = None, seed: int = 0
     ) -> tuple[dict[str, FreePath], list[tuple]]:
-        """Return paths by state, and rows of the gap table; both empty if a state has no equation to integrate.
-
-        Args:
-            data: Measurements to compare with.
-            part: "train" or "test".
-            starts: State of each run at its first row; estimated from the data by default.
-            seed: Seed of the draws of these states.
-        """
+        """Return paths by state, and rows of the gap table; both empty if a state has no equation to integrate."""
         amendments, data = self.amendments, self._with_hidden(data)
         equations = self.model.simulator(data, lacking=True).equations
         if not amendments or not set(data.state_names) <= {*equations, *amendments}:

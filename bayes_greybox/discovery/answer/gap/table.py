@@ -51,14 +51,6 @@ def gap_rows(
     A metric over a measurement at rest is NaN. In the misfit σ is at least what the samples themselves show, and
     `Criteria.forced` times as large beside a latent force; var ŷ is that of the draws. The figures are those of the
     mean over draws, the intervals those of the draws.
-
-    Args:
-        model: The model before.
-        amendments: Amendments by equation.
-        data: Measurements to compare with.
-        part: "train" or "test".
-        free_runs: Integrator of free runs; without it there are none.
-        criteria: Numbers that decide.
     """
     rows: list[tuple] = []
     names_matter = any(each.after.inner.size for each in amendments.values())
@@ -111,14 +103,7 @@ def _figures(
 
 @dataclass(frozen=True)
 class _Sizes:
-    """Sizes that squared errors [n_row] or [n_draw, n_row] are compared with, in the unit of the sensor.
-
-    Attributes:
-        variance: Variance of the measurement.
-        square: Its mean square.
-        noise: Variance of the noise.
-        allowed: Variance that noise and coefficients allow.
-    """
+    """Sizes that squared errors [n_row] or [n_draw, n_row] are compared with, in the unit of the sensor."""
 
     variance: float
     square: float

@@ -7,20 +7,16 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.discovery.grid.evidence.gram import Gram, gram
-from bayes_greybox.discovery.grid.evidence.log_evidence import UNIT_RIDGE, log_evidences, modes
-from bayes_greybox.discovery.grid.evidence.ranges import log_ranges
+from bayes_greybox.discovery.grid.evidence.log_evidence import UNIT_RIDGE, Gram, gram, log_evidences, modes
+from bayes_greybox.discovery.grid.evidence.priors import SetPrior, Window, log_ranges
 from bayes_greybox.discovery.grid.evidence.search import Reach, Sets, search
-from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior, Window
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
 from bayes_greybox.discovery.grid.table import FREE, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
-from .agreement import bagged
-from .band import Band
-from .residuals import Residuals
+from .residuals import Band, Residuals, bagged
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the RMS of the gap."""
@@ -34,9 +30,6 @@ class Hypothesis:
     """One inclusion set, with every discrepancy that may be beside it summed over.
 
     Attributes:
-        members: Its regressors.
-        log_weight: Log posterior weight.
-        probability: Posterior probability.
         agreement: Probability averaged over bagged records.
         kinds: Probability of each kind of discrepancy beside it, given the set.
         memories: Probability of each memory beside it, likewise.
@@ -44,7 +37,6 @@ class Hypothesis:
         point: Number of its likeliest noise point.
         noise: Standard deviation of the sensor's noise there.
         mean: Posterior means of its coefficients there.
-        covariance: Their posterior covariance.
         sizes: RMS of the part of each regressor's contribution that the others of the set cannot take over.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
         beside: RMS of the part of that discrepancy in the band of each regressor, times the same root.
@@ -88,14 +80,9 @@ class Weighed:
     """All hypotheses of one table.
 
     Attributes:
-        table: Target and regressors.
         forces: Rows under each shape of the noise.
-        grid: Products under every noise point.
-        precision: Prior precisions of the coefficients.
-        floor: Least variance of the noise.
         hypotheses: Hypotheses, likeliest first.
         blocks: Log likelihood of each block of the record at each hypothesis's mode.
-        prior: Prior probability of sets.
     """
 
     table: RegressorTable
@@ -181,16 +168,9 @@ def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
     seed: int = 0, window: Window | None = None,
 ) -> Weighed:  # fmt: skip
-    """Return the hypotheses of a table.
+    """Return the hypotheses of a table, with the forces and the added log priors of further noise shapes.
 
-    Args:
-        table: Target and regressors at the rows.
-        odds: Prior probabilities.
-        reach: Limits of the search.
-        floor: Least variance of the noise, in units of the target's.
-        shapes: Rows under further shapes of the noise, each with the log prior that it adds.
-        seed: Seed of the bagged records.
-        window: Window that the regressors are in; None if they are all there are.
+    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records.
     """
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
     prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)

@@ -27,7 +27,6 @@ class Process(NamedTuple):
         Q: Covariance that the process of unit intensity adds on the way.
         H: Rows by which the sensors read the state.
         noise: Variances of the sensors' noise at each sample.
-        fresh: True for each sample that begins a stretch.
         start: Covariance at the start of a stretch, beside that of the process.
         started: Covariance at the start of the process of unit intensity.
     """

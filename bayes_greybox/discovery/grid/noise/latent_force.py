@@ -17,7 +17,7 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.state_space import transition
 
 from .kalman import Process, innovations, smoothed
-from .points import LATENT_FORCE, SENSOR_NOISE, SENSOR_SCALES, NoisePoint
+from .points import LATENT_FORCE, SENSOR_NOISE, SENSOR_SCALES, TIME_SCALES, NoisePoint
 
 MEDIAN_ABSOLUTE_NORMAL = 0.6745
 """Median of |z| of a standard normal number."""
@@ -67,24 +67,14 @@ class LatentForce(ABC):
 
     @abstractmethod
     def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
-        """Return the posterior mean of the force at the samples, and its variance over that of the noise.
-
-        Args:
-            residual: Rows less everything else; columns are different residuals.
-            scale: τ.
-            ratio: r.
-        """
+        """Return the posterior mean of the force at the samples, and its variance over that of the noise."""
 
     @abstractmethod
     def weighted(self, spread: Float[np.ndarray, " n_row"]) -> Any:
         """Return the same rows with noise whose standard deviations are multiplied by factors."""
 
     def rescaled(self, white: Float[np.ndarray, " n_white"]) -> tuple[float, ...]:
-        """Return relative standard deviations of several sensors' noise by their whitened rows; none of one sensor.
-
-        Args:
-            white: Whitened residual, of unit variance where these are right.
-        """
+        """Return relative standard deviations of several sensors' noise by their whitened rows; none of one sensor."""
         return ()
 
     def whiten_plain(self, table: Float[np.ndarray, "n_row k"]) -> Float[np.ndarray, "n_white k"]:
@@ -107,10 +97,7 @@ class ForcedRates(LatentForce):
     """Rows of a rate, or of an output: the force itself, and noise; z_k = w_k + s_k e_k.
 
     Attributes:
-        time: Time of each row, in order within its run.
-        run: Run of each row.
         spread: s, relative standard deviations of the noise.
-        sensor_scales: Time scales of a sensor's noise, in periods.
     """
 
     time: Float[np.ndarray, " n_row"]
@@ -162,9 +149,6 @@ class KnownNoise(LatentForce):
     """Rows under noise R that is known up to its size, such as rates that a filter computed.
 
     No latent force is weighed beside it: a filter makes white noise look like a force, and a force like that noise.
-
-    Attributes:
-        rows: R.
     """
 
     rows: RowNoise
@@ -196,3 +180,40 @@ def rough_noise(target: Float[np.ndarray, " n"]) -> float:
     spread = float(np.sqrt(np.mean(target**2)))
     rough = np.abs(np.diff(target, 2)) / np.sqrt(6.0)
     return min(float(np.median(rough)) / MEDIAN_ABSOLUTE_NORMAL / spread, 1.0) if len(rough) and spread > 0 else 1.0
+
+
+FORCE_SIZES = 10.0 ** np.arange(-6.0, 0.6, 0.5)
+"""Standard deviations of the force, over that of the target, that are tried: from a millionth to all of it. Half a step
+is worth 0.6 nats to the prior of an effect."""
+
+MOTION_SCALES = TIME_SCALES[1:3]
+"""Time scales of the force, in periods of the motion: those of the grid that are next to the motion's own."""
+
+PLAUSIBLE = 2.0
+"""Nats behind the likeliest size within which a size is plausible: two standard deviations."""
+
+
+def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]) -> float:
+    """Return the RMS that the gap may have as a force, over that of the target.
+
+    √(mean(E[w]² + Var[w])) of a latent force w beside the user's model without effects, whose free coefficients are at
+    their likeliest: the largest value over plausible time scales and sizes. If nothing is missing, it is the largest
+    force that the noise can hide. It is 1 where the residual is zero.
+    """
+    table, ratios, tried = np.column_stack([target, free]), FORCE_SIZES / force.noise, []
+    for scale in (force.period * share for share in MOTION_SCALES):
+        white, logs = force.whiten(table, scale, ratios)
+        for k, ratio in enumerate(ratios.tolist()):
+            y, X = white[:, k, 0], white[:, k, 1:]
+            theta = np.linalg.lstsq(X, y, rcond=None)[0]
+            v = float(np.mean((y - X @ theta) ** 2))
+            if v > 0:
+                log_evidence = -0.5 * (len(y) * np.log(v) + float(np.sum(logs[:, k])))
+                tried.append((log_evidence, scale, ratio, theta, v))
+    best, sizes = max((log_evidence for log_evidence, *_ in tried), default=0.0), []
+    for log_evidence, scale, ratio, theta, v in tried:
+        if log_evidence >= best - PLAUSIBLE:
+            mean, variance = force.smooth((target - free @ theta)[:, None], scale, ratio)
+            sizes.append(float(np.sqrt(np.mean(mean[:, 0] ** 2 + v * variance))))
+    size = max(sizes, default=1.0)
+    return size if np.isfinite(size) and size > 0 else 1.0

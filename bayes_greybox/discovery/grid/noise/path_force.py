@@ -24,7 +24,6 @@ class Steps(NamedTuple):
     Attributes:
         M: Transition of each step of each segment.
         b: Response to the force at the start, the middle and the end of a step.
-        h: Lengths of the steps.
         end: Segment, and end of a step, of each sample.
     """
 
@@ -39,10 +38,8 @@ class ForcedPath(LatentForce):
     """Rows of samples along a path, ordered by sensor, then by sample.
 
     Attributes:
-        steps: Steps of the path.
         outputs: Numbers of the states that have a sensor.
         start_sd: Prior standard deviation of each state at the start of a segment, over that of the noise.
-        spread: Relative standard deviations of the noise of each row.
     """
 
     steps: Steps

@@ -50,10 +50,8 @@ class NoisePoint:
     """One noise model R of the rows, y ~ N(X θ, v R).
 
     Attributes:
-        kind: One of `DISCREPANCIES`.
         ratio: Standard deviation of the discrepancy over √v.
         scale: Time scale, or length scale in half-widths of the box.
-        memory: Name of the memory, of a force with memory.
         shape: Number of the noise's shape: 0 is white, others are robust shapes that a residual spoke for.
         log_prior: Log prior probability among the points of the same kind, with the prior of the shape.
     """
@@ -76,14 +74,10 @@ class NoiseGrid:
     """Settings of a noise grid.
 
     Attributes:
-        period: Period of the motion, in units of time.
-        step: Sampling step.
         ratios: Standard deviations of the discrepancy over that of the noise.
         sensor_ratios: Standard deviations of correlated sensor noise over that of the white noise.
         correlated: Prior probability that a sensor's noise is correlated; None where that is known, and no latent force
             is weighed.
-        law: True if there are features of f.
-        memories: Names of the memories.
         sensor_scales: Time scales of correlated sensor noise, in periods.
     """
 
@@ -97,11 +91,7 @@ class NoiseGrid:
     sensor_scales: tuple[float, ...] = SENSOR_SCALES
 
     def points(self, shapes: Sequence[float] = (0.0,)) -> tuple[NoisePoint, ...]:
-        """Return the points of the grid.
-
-        Args:
-            shapes: Log prior of each shape of the noise.
-        """
+        """Return the points of the grid."""
         points: list[NoisePoint] = []
         for shape, log_shape in enumerate(shapes):
             # A shape found on a residual is weighed on coarser ratios, without correlation or memory.

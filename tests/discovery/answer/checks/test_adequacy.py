@@ -8,7 +8,7 @@ from scipy.stats import kstest
 from tiny_equation import tiny_model
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.checks.adequacy import (
+from bayes_greybox.discovery.answer.checks import (
     LOO_PIT,
     WHITENESS,
     _loo_pit,

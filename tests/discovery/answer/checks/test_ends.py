@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tiny_equation import DEAD_ZONE, tiny_data, tiny_study_of
 
-from bayes_greybox.discovery.answer.checks.doubts import at_ends
+from bayes_greybox.discovery.answer.checks import at_ends
 
 
 def dead_zone(gap):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, tiny_regressors
 
-from bayes_greybox.discovery.answer.checks.sizes import other_sizes
+from bayes_greybox.discovery.answer.checks import other_sizes
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.evidence.gram import discrepancy_basis, gram, law_variances
+from bayes_greybox.discovery.grid.evidence.log_evidence import discrepancy_basis, gram, law_variances
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
 from bayes_greybox.discovery.grid.noise.points import (
     LATENT_FORCE,

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_greybox.discovery.grid.evidence.gram import Gram
-from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences, modes
+from bayes_greybox.discovery.grid.evidence.log_evidence import Gram, log_evidences, modes
 from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, NoisePoint
 
 N = 80

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from bayes_greybox.discovery.grid.noise.gap_size import gap_size
+from bayes_greybox.discovery.grid.noise.latent_force import gap_size
 from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
 from bayes_greybox.physics.integration.sensitivity import respond
 
