@@ -23,7 +23,7 @@ from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
 from .decision.reasons import Reason
-from .grid.evidence.search import Reach
+from .grid.evidence.sets import Reach
 from .grid.hypotheses.weigh import Hypothesis
 from .grid.noise.points import LATENT_FORCE
 from .linearise.near import Near, Point

@@ -34,10 +34,9 @@ from .decision.reasons import Reason
 from .decision.vetoes import verdict_of
 from .equation import Question, study_equation
 from .odds import Odds
-from .refusals import check_settings
 from .regressors.regressors import CORRECTION_SCALE
 from .sensor_errors.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
-from .subject import Subject
+from .subject import Subject, check_settings
 
 log = logging.getLogger(__name__)
 

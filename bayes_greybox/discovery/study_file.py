@@ -12,7 +12,6 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from jaxtyping import Float, Int
 
@@ -35,7 +34,7 @@ from bayes_greybox.running.errors import InputError
 from .answer.amendment import Amendment, Remainder
 from .answer.checks import SAMPLES_TELL
 from .answer.coefficients import Coefficients
-from .answer.equation_study import KINDS_IN_WORDS
+from .answer.equation_study import with_kinds
 from .answer.explained import Component, Explained
 from .answer.gap.free_runs import FreePath
 from .answer.where import GapMap, GapTrace
@@ -45,25 +44,12 @@ from .decision.reasons import Reason
 from .regressors.clouds import Cloud
 from .regressors.columns import Column, EvaluatedColumns, Nearer
 from .sensor_errors.channels import ChannelSuspect
-from .sensor_errors.memory import Memory, kind_and_channel
+from .sensor_errors.memory import Memory
 from .study import StudyResult
 
-KEPT_ATTRIBUTES = ("equation", "variables", "centre", "half_width", "basis", "target_scale", "path")
-"""Attributes of an equation's statistics that are kept as they are."""
 
-
-@dataclass(frozen=True)
 class KnownColumns(EvaluatedColumns):
     """The `EvaluatedColumns` of an `Amendment` that was read; rows and products are not kept."""
-
-    equation: str
-    columns: list[Column]
-    variables: tuple[str, ...]
-    centre: Float[np.ndarray, " n_var"]
-    half_width: Float[np.ndarray, " n_var"]
-    basis: HilbertBasis
-    target_scale: float
-    path: Trajectories | None = None
 
 
 @dataclass(frozen=True)
@@ -89,11 +75,10 @@ def kept_amendment(amendment: Amendment) -> Amendment:
     def moved(indices: Sequence[int]) -> tuple[int, ...]:
         return tuple(place[int(index)] for index in indices)
 
-    kept = KnownColumns(
-        # Values at rows belong to rows.
-        columns=[replace(statistics.columns[index], values=None) for index in place],
-        **{name: getattr(statistics, name) for name in KEPT_ATTRIBUTES},
-    )
+    # Values at rows belong to rows.
+    columns = [replace(statistics.columns[index], values=None) for index in place]
+    about = {each.name: getattr(statistics, each.name) for each in fields(EvaluatedColumns)}
+    kept = KnownColumns(**{**about, "columns": columns})
     inner = np.array([moved(draw.tolist()) for draw in after.inner], int).reshape(after.inner.shape)
     no_errors = {"suspects": (), "suspect_draws": np.zeros((len(after.draws), 0))}
     return replace(
@@ -120,17 +105,15 @@ def lost(data: Trajectories) -> Trajectories:
 
 
 REASON_ENDINGS = {
-    ONE_LAW_IN_WORDS: codes.ONE_LAW,
-    AND_MORE_IN_WORDS: codes.ONE_LAW_AND_MORE,
-    SAMPLES_TELL: codes.UNSEEN_SHAPE,
-}
+    ONE_LAW_IN_WORDS: codes.ONE_LAW, AND_MORE_IN_WORDS: codes.ONE_LAW_AND_MORE, SAMPLES_TELL: codes.UNSEEN_SHAPE
+}  # fmt: skip
 """Codes by how the texts of reasons end."""
 
 UNPLAYED = re.compile(r"no column plays the role '(\w+)'")
 
 
 def add_codes(values: dict[str, Any]) -> None:
-    """Add the codes that are missing to the values of a study's file."""
+    """Add codes that files of earlier versions lack, read from the texts that they have instead."""
     if "reasons" not in values:
         data, equations = values["train"], list(values["maps"])
         about = {name: f"in {data.target_label(name)}: " if len(equations) > 1 else "" for name in equations}
@@ -142,20 +125,11 @@ def add_codes(values: dict[str, Any]) -> None:
         values["lacking_roles"] = {key: match[1] for key, match in found.items() if match}
 
 
-def with_kinds(memory: pd.DataFrame) -> pd.DataFrame:
-    """Return the table of what remains with its columns `kind` and `channel`."""
-    whole = {text: kind for kind, text in KINDS_IN_WORDS.items()}
-    names = [str(name) for name in memory.index.get_level_values(-1)] if len(memory) else []
-    pairs = [(whole[name], "") if name in whole else kind_and_channel(name) for name in names]
-    return memory.assign(kind=[kind for kind, _ in pairs], channel=[channel for _, channel in pairs])
-
-
 def _reason(text: str, about: Mapping[str, str]) -> Reason:
     equation = next((name for name, start in about.items() if start and text.startswith(start)), "")
     equation = equation or (next(iter(about)) if len(about) == 1 else "")
-    return Reason(
-        next((code for end, code in REASON_ENDINGS.items() if text.endswith(end)), codes.CHECK), text, equation
-    )
+    code = next((code for end, code in REASON_ENDINGS.items() if text.endswith(end)), codes.CHECK)
+    return Reason(code, text, equation)
 
 
 STUDY_FORMAT = 1

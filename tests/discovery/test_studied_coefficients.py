@@ -7,7 +7,7 @@ from tiny_equation import CUBE, on, tiny_data, tiny_model
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
-from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.evidence.sets import Reach
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
 from bayes_greybox.discovery.learned import studied_system

@@ -11,8 +11,8 @@ from tiny_study import judged
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.kept.file import load_checked
-from bayes_greybox.discovery.answer.amendment import Remainder
 from bayes_greybox.discovery import study_file
+from bayes_greybox.discovery.answer.amendment import Remainder
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.kept.packing import TEXT

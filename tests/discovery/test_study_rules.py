@@ -23,12 +23,10 @@ from bayes_greybox.discovery.decision.vetoes import MISFIT, worse_in_words
 from bayes_greybox.discovery.decision.vetoes import verdict_of as with_reasons
 from bayes_greybox.discovery.equation import Question, study_equation
 from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
-from bayes_greybox.discovery.linearise.near import Point
-from bayes_greybox.discovery.linearise.noise_shapes import Shape
+from bayes_greybox.discovery.linearise.near import Point, Shape
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.study import StudySettings, investigate
-from bayes_greybox.discovery.subject import studied_equations
+from bayes_greybox.discovery.subject import check_data, studied_equations
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS

@@ -22,6 +22,7 @@ from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import is_fault
 from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
+from bayes_greybox.discovery.ties import likeliest_first
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
@@ -163,7 +164,7 @@ class EquationStudy:
             row[3] += h.agreement
             if h.log_weight > row[1]:
                 row[1:3] = h.log_weight, self._share_left(h)
-        order = sorted(rows, key=lambda name: -round(rows[name][0], 6))
+        order = likeliest_first(rows, lambda name: rows[name][0])
         names = ["probability", "log_evidence", "share_left", "agreement"]
         return pd.DataFrame([rows[name] for name in order], self._index("hypothesis", order), names)
 
@@ -174,17 +175,12 @@ class EquationStudy:
         return pd.DataFrame(list(shares.values()), index, ["probability", "agreement"], dtype=float)
 
     def memory(self) -> pd.DataFrame:
-        """Return the probabilities of the kinds of discrepancy, then of the laws that remember.
-
-        `kind` and `channel` say the same as the index, as codes; a whole kind has no channel.
-        """
+        """Return the probabilities of the kinds of discrepancy, then of the laws that remember."""
         p = self.probabilities
         shares = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
-        memories = {name: value for name, value in p.by_memory.items() if value > 0}
-        codes = [*((kind, "") for kind in KINDS_IN_WORDS), *map(kind_and_channel, memories)]
-        shares |= memories
+        shares |= {name: value for name, value in p.by_memory.items() if value > 0}
         table = pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
-        return table.assign(kind=[kind for kind, _ in codes], channel=[channel for _, channel in codes])
+        return with_kinds(table)
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return the suspected errors of the measurement."""
@@ -307,6 +303,14 @@ class EquationStudy:
         unit = unit_if_known(target_unit(self.equation, data), term, data)
         # That of a power which is learned is another one for each of its values.
         return "" if FRACTIONAL_POWER.search(unit or "") else unit
+
+
+def with_kinds(memory: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of what remains with its index as codes, `kind` and `channel`; a whole kind has no channel."""
+    whole = {text: kind for kind, text in KINDS_IN_WORDS.items()}
+    names = [str(name) for name in memory.index.get_level_values(-1)] if len(memory) else []
+    pairs = [(whole[name], "") if name in whole else kind_and_channel(name) for name in names]
+    return memory.assign(kind=[kind for kind, _ in pairs], channel=[channel for _, channel in pairs])
 
 
 def unit_if_known(target: str, term: Term, data: Trajectories) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
+from bayes_greybox.discovery.ties import likeliest_first
 
 from . import reasons as codes
 from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
@@ -96,7 +97,8 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        return _without_effects(probabilities, INSTRUMENT if late and code == NO_GAP else code, _without_discrepancy)
+        code = INSTRUMENT if late and code == NO_GAP else code
+        return _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
     if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
         if verdict.code != UNKNOWN_KIND:
@@ -141,14 +143,8 @@ def _sensor_names(probabilities: Probabilities, hypothesis: Hypothesis) -> list[
 
 def _likely_sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return the sensor errors of a hypothesis that are likelier than not."""
-    by_sensor, least = probabilities.by_sensor, probabilities.criteria.missing
-    return tuple(
-        name for name in _sensor_names(probabilities, hypothesis) if by_sensor[name].probability >= least
-    )  # fmt: skip
-
-
-def _without_discrepancy(probabilities: Probabilities, hypothesis: Hypothesis) -> float:
-    return 1 - probabilities.remains(hypothesis)
+    by_sensor, names = probabilities.by_sensor, _sensor_names(probabilities, hypothesis)
+    return tuple(name for name in names if by_sensor[name].probability >= probabilities.criteria.missing)
 
 
 def _without_effects(
@@ -177,10 +173,11 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     remains = sum(h.probability * probabilities.remains(h) for h in with_set) / mass
     share_left = sum(h.probability * h.left**2 for h in with_set) / mass / gap
     best = max(with_set, key=lambda h: h.log_weight)
+    discounted, plain = (probabilities.members(best, EFFECT, stacking) for stacking in (True, False))
+    stacked = bool(plain) and all(less < trust for (_, less), (_, trust) in zip(discounted, plain, strict=True))
     places = [_place(probabilities, best, chosen, label) for label in chosen]
-    places.sort(key=lambda place: -round(place.share.probability, 6))
+    places = likeliest_first(places, lambda place: place.share.probability)
     more = remains >= criteria.missing and share_left >= criteria.remainder
-    stacked = _all_stacked(probabilities, best)
     if more and max(place.share.probability for place in places) <= criteria.missing:
         code = UNKNOWN_KIND
     elif more or stacked:
@@ -190,15 +187,7 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE_IN_WORDS) if more else Reason(codes.ONE_LAW, ONE_LAW_IN_WORDS)
     reasons = (law,) if stacked else ()
     sensors = _likely_sensors(probabilities, best)
-    return Verdict(
-        code, tuple(places), best, sensors, remains, best.left, reasons=reasons, probabilities=probabilities
-    )  # fmt: skip
-
-
-def _all_stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
-    """Return whether the effects of a hypothesis may all be one law."""
-    discounted, plain = (probabilities.members(best, EFFECT, stacking) for stacking in (True, False))
-    return bool(plain) and all(less < trust for (_, less), (_, trust) in zip(discounted, plain, strict=True))
+    return Verdict(code, tuple(places), best, sensors, remains, best.left, False, reasons, probabilities=probabilities)
 
 
 def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ...], label: str) -> Place:
@@ -225,6 +214,6 @@ def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ..
             continue
         rivals[name] = rivals.get(name, 0.0) + trust * h.probability
     least = probabilities.criteria.tied * rivals.get(effect.name, 0.0)
-    ordered = sorted(rivals, key=lambda name: -round(rivals[name], 6))
+    ordered = likeliest_first(rivals, rivals.__getitem__)
     tied = tuple(name for name in ordered if name != effect.name and rivals[name] >= least)
     return Place(label, effect.name, probabilities.by_place[label], tied)

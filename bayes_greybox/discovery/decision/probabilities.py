@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, UNNAMED
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
+from bayes_greybox.discovery.ties import likeliest_first
 
 from .criteria import Criteria
 
@@ -95,7 +96,7 @@ class Probabilities:
                 surest[key(each)] = max(surest.get(key(each), 0.0), trust)
             for name, trust in surest.items():
                 shares[name] = shares[name].plus(h, trust)
-        return likeliest_first(shares)
+        return _likeliest_first(shares)
 
     @cached_property
     def by_effect(self) -> dict[str, Share]:
@@ -131,7 +132,7 @@ class Probabilities:
             if effects:
                 key = self.effects(h)
                 shares[key] = shares.get(key, Share()).plus(h, max(trust for _, trust in effects))
-        return likeliest_first(shares)
+        return _likeliest_first(shares)
 
     @cached_property
     def by_discrepancy(self) -> dict[str, float]:
@@ -146,7 +147,7 @@ class Probabilities:
             memory: sum(h.probability * h.memories.get(memory, 0.0) for h in self.weighed.hypotheses)
             for memory in self.weighed.table.memories
         }
-        return dict(sorted(shares.items(), key=lambda item: -round(item[1], 6)))
+        return dict(likeliest_first(shares.items(), lambda item: item[1]))
 
     @cached_property
     def by_shape(self) -> dict[int, float]:
@@ -180,6 +181,5 @@ def trusted(own: float, left: float, against: float = 0.0) -> float:
     return float(closed / (closed + left**2)) if own > 0 and closed > 0 else 0.0
 
 
-def likeliest_first(shares: Mapping[Any, Share]) -> dict[Any, Share]:
-    """Return shares in the order of their probability; those that differ by rounding alone stay in order."""
-    return dict(sorted(shares.items(), key=lambda item: -round(item[1].probability, 6)))
+def _likeliest_first(shares: Mapping[Any, Share]) -> dict[Any, Share]:
+    return dict(likeliest_first(shares.items(), lambda item: item[1].probability))

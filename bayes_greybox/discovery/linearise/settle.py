@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.evidence.sets import Reach
 from bayes_greybox.discovery.grid.hypotheses.residuals import blocks
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
@@ -16,8 +16,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.running.errors import InputError
 
-from .near import Near, Point, Rows, as_regressor
-from .noise_shapes import noise_shapes
+from .near import Near, Point, Rows, as_regressor, noise_shapes
 from .refine import Company, Ground, refined
 
 MOST_OUTER_ITERATIONS = 6

@@ -1,6 +1,6 @@
 """Candidates like the data, ranked by their expected information about the explanation, and when to stop."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from numbers import Real
@@ -12,10 +12,10 @@ import pandas as pd
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.explained import Explained, joined
-from bayes_greybox.discovery.refusals import check_candidate, check_ranking, check_runs
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Signal, Usual, band
+from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.running.errors import InputError
 
 from .predicted import Information, Predictor, Responses, information, together
@@ -150,10 +150,10 @@ def rank(
     arguments are those of `Study.next_experiment`.
 
     Raises:
-        InputError: See `check_ranking`, `check_runs` and `check_candidate`.
+        InputError: A study of outputs or of an older file, impossible numbers, or what cannot be simulated.
     """
     usual = {name: value for name, value in usual.items() if name != "sensors" or value}
-    check_ranking(study.train, study.explanations, (batch, outcomes, threshold), () if candidates is None else usual)
+    _check_ranking(study.train, study.explanations, (batch, outcomes, threshold), () if candidates is None else usual)
     every = joined(study.explanations)
     predicting = [e for e in every if e.components]
     rows = [(e.name, e.probability, bool(e.components)) for e in every]
@@ -162,13 +162,13 @@ def rank(
         return NextExperiment(pd.DataFrame(), (), Information(0.0), 0.0, about, _alone(every))
     # As the study weighed it: coefficients are differences from stated means.
     simulation = study.base.centred().simulator(study.train).rounded(study.train.columns)
-    check_runs(simulation, study.train, study.explanations)
+    _check_runs(simulation, study.train, study.explanations)
     if candidates is None:
         candidates = usual_candidates(study.train, usual.pop("sensors", None) or usual_sensors(study), **usual)
     if not candidates:
         raise InputError("Ranking needs at least one candidate: give some, or a start.")
     for each in candidates:
-        check_candidate(each, simulation)
+        _check_candidate(each, simulation)
     predictor = Predictor(predicting, simulation, study.train, not study.base.rows.follows_path, outcomes, seed)
     responses = predictor.predict(candidates)
     finer = replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1)
@@ -242,3 +242,38 @@ def _sentence(chosen: Sequence[Candidate], names: str, bits: float, worth: str, 
     if bits < ROUNDING_BITS:
         return f"No candidate would tell them apart {best}"
     return f"No candidate is worth the threshold of {threshold:.3g} bits {best}"
+
+
+def _check_ranking(
+    data: Trajectories, equations: Collection[str], numbers: tuple[int, int, float], described: Collection[str]
+) -> None:
+    """Refuse a study of outputs or of an older file, impossible numbers, and settings without effect."""
+    batch, outcomes, threshold = numbers
+    if not equations:
+        raise InputError("The study holds no explanations, as in files of before: run find_missing_effects again.")
+    if any(data.is_output(name) for name in equations):
+        raise InputError("What to measure next is found by simulating runs, and an output has none: study a rate.")
+    if batch < 1 or outcomes < 2 or not threshold >= 0:
+        raise InputError("Ranking needs a batch of at least 1, at least 2 outcomes and a threshold of at least 0.")
+    if described:
+        raise InputError(f"{', '.join(described)} describes default candidates: leave candidates out.")
+
+
+def _check_runs(simulation: Simulation, data: Trajectories, equations: Collection[str]) -> None:
+    """Refuse a simulation with a state that has no equation, or no data."""
+    if still := [name for name in simulation.states if name not in (*simulation.equations, *equations)]:
+        raise InputError(f"The state {still[0]!r} has no equation to integrate: add it to the simulation.")
+    if lacking := [name for name in simulation.states if name not in data.states]:
+        raise InputError(f"The data lack the state {lacking[0]!r}: what runs reach is compared with its range.")
+
+
+def _check_candidate(candidate: Candidate, simulation: Simulation) -> None:
+    """Refuse a candidate with a start, an input or a sensor that is missing or unknown."""
+    states, inputs, of = simulation.states, simulation.inputs, f"of candidate {candidate.name!r}"
+    for what, given, needed in (("start", candidate.start, states), ("inputs", candidate.inputs, inputs)):
+        if lacking := [name for name in needed if name not in given]:
+            raise InputError(f"{what} {of}: {lacking[0]!r} is missing; give it a value.")
+        if unknown := [name for name in given if name not in needed]:
+            raise InputError(f"{what} {of}: there is no {unknown[0]!r} in the model.")
+    if unknown := [name for name in candidate.sensors if name not in states]:
+        raise InputError(f"sensors {of}: there is no state {unknown[0]!r}; there are {', '.join(states)}.")

@@ -44,7 +44,7 @@ def regressors_of(
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
     hidden = any(effect.effect.hidden for effect in effects)
     path = model.rows.nodes(data, equation, simulation, whole=True) if hidden else None
-    regressors = Regressors(rows, variables, centre, half_width, basis, path=path)
+    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows)
     if model.dictionary.get(equation, ()):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}

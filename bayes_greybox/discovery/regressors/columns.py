@@ -140,6 +140,7 @@ def limits(
     return ends[:, 0], ends[:, 1]
 
 
+@dataclass(eq=False)
 class EvaluatedColumns:
     """Columns of an equation and features of its f, at any samples: equations and free runs are made of these.
 
@@ -155,13 +156,13 @@ class EvaluatedColumns:
     """
 
     equation: str
-    columns: list[Column]
+    target_scale: float
     variables: tuple[str, ...]
     centre: Float[np.ndarray, " n_var"]
     half_width: Float[np.ndarray, " n_var"]
     basis: HilbertBasis
-    target_scale: float
-    path: Trajectories | None
+    columns: list[Column] = field(default_factory=list)
+    path: Trajectories | None = field(default=None, repr=False)
 
     def of_kind(self, kind: str) -> list[int]:
         """Return the columns of one kind."""

@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
-from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
@@ -53,12 +51,9 @@ class Regressors(EvaluatedColumns):
         memories: Elements of forces with memory: their effects on the rows, and themselves there.
     """
 
-    rows: EquationRows
-    variables: tuple[str, ...]
-    centre: Float[np.ndarray, " n_var"]
-    half_width: Float[np.ndarray, " n_var"]
-    basis: HilbertBasis
-    columns: list[Column] = field(default_factory=list)
+    equation: str = field(init=False)
+    target_scale: float = field(init=False)
+    rows: EquationRows = field(kw_only=True)
     values: Float[np.ndarray, "n_row n_column"] = field(init=False)
     acting: Float[np.ndarray, "n_row n_column"] = field(init=False)
     shown: Float[np.ndarray, " n_row"] | float = 0.0
@@ -66,7 +61,6 @@ class Regressors(EvaluatedColumns):
     twins: dict[str, str] = field(default_factory=dict)
     changes: dict[str, float] = field(default_factory=dict)
     memories: dict[Memory, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    path: Trajectories | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.values = self.acting = np.zeros((self.rows.n_row, 0))

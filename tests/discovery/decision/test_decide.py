@@ -8,7 +8,7 @@ from bayes_greybox.discovery.decision.decide import AND_MORE_IN_WORDS, ONE_LAW_I
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
 from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.grid.evidence.log_evidence import Gram
-from bayes_greybox.discovery.grid.evidence.priors import SetPrior
+from bayes_greybox.discovery.grid.evidence.sets import SetPrior
 from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
 from bayes_greybox.discovery.grid.noise.points import (

@@ -38,7 +38,7 @@ def some_rows(noise=WHITE, seed=0):
 
 def empty(rows):
     """Regressors on some rows, two features along each of x and u and no columns yet."""
-    return Regressors(rows, ("x", "u"), np.zeros(2), np.ones(2), HilbertBasis(2.0, (2, 2)))
+    return Regressors(("x", "u"), np.zeros(2), np.ones(2), HilbertBasis(2.0, (2, 2)), rows=rows)
 
 
 def terms(*formulas):

@@ -62,10 +62,7 @@ class FreeRuns:
     """
 
     def __init__(
-        self,
-        model: Program,
-        amendments: Mapping[str, Amendment],
-        interpolation: str | Sequence[str] | None = None,
+        self, model: Program, amendments: Mapping[str, Amendment], interpolation: str | Sequence[str] | None = None
     ) -> None:
         self.amendments = amendments
         self.hidden = {state.name for amendment in amendments.values() for state in amendment.hidden}

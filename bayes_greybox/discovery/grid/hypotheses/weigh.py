@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bayes_greybox.discovery.grid.evidence.log_evidence import UNIT_RIDGE, Gram, gram, log_evidences, modes
-from bayes_greybox.discovery.grid.evidence.priors import SetPrior, Window, log_ranges
-from bayes_greybox.discovery.grid.evidence.search import Reach, Sets, search
+from bayes_greybox.discovery.grid.evidence.sets import Reach, SetPrior, Sets, Window, log_ranges, search
 from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
 from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
 from bayes_greybox.discovery.grid.table import FREE, RegressorTable

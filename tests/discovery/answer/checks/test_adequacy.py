@@ -16,11 +16,10 @@ from bayes_greybox.discovery.answer.checks import (
     check_hypothesis,
 )
 from bayes_greybox.discovery.decision.criteria import CRITERIA
-from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.evidence.sets import Reach
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
-from bayes_greybox.discovery.linearise.near import Near, Point
-from bayes_greybox.discovery.linearise.noise_shapes import noise_shapes
+from bayes_greybox.discovery.linearise.near import Near, Point, noise_shapes
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.settle import table_of
 from bayes_greybox.discovery.odds import Odds

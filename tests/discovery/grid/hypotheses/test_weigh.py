@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.evidence.search import Reach
+from bayes_greybox.discovery.grid.evidence.sets import Reach
 from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
 from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
 from bayes_greybox.discovery.grid.table import EFFECT, Features, Regressor, RegressorTable
