@@ -13,7 +13,7 @@ from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
-from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
+from bayes_greybox.discovery.answer.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.next_experiment.ranked import WORTH_DOING, NextExperiment, rank

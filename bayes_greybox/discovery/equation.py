@@ -23,9 +23,9 @@ from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
 from .decision.reasons import Reason
-from .grid.evidence.sets import Reach
-from .grid.hypotheses.weigh import Hypothesis
-from .grid.noise.points import LATENT_FORCE
+from .grid.points import LATENT_FORCE
+from .grid.sets import Reach
+from .grid.weigh import Hypothesis
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows

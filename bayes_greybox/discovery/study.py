@@ -26,8 +26,8 @@ from .answer.amendment import Amendment
 from .answer.checks import other_sizes
 from .answer.equation_study import EquationStudy
 from .answer.explained import Explained, explained
-from .answer.gap.free_runs import FreePath, FreeRuns
-from .answer.gap.table import gap_rows
+from .answer.free_runs import FreePath, FreeRuns
+from .answer.gap import gap_rows
 from .answer.where import GapMap, GapTrace
 from .decision.criteria import Criteria
 from .decision.reasons import Reason

@@ -36,7 +36,7 @@ from .answer.checks import SAMPLES_TELL
 from .answer.coefficients import Coefficients
 from .answer.equation_study import with_kinds
 from .answer.explained import Component, Explained
-from .answer.gap.free_runs import FreePath
+from .answer.free_runs import FreePath
 from .answer.where import GapMap, GapTrace
 from .decision import reasons as codes
 from .decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS

@@ -26,8 +26,8 @@ from bayes_greybox.discovery.answer.checks import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.equation_study import UNUSUAL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.evidence.sets import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.settle import table_of

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.log_evidence import TINY, law_variances, modes
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import LAW
+from bayes_greybox.discovery.grid.log_evidence import TINY, law_variances, modes
+from bayes_greybox.discovery.grid.points import LAW
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.columns import EvaluatedColumns
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from bayes_greybox.criticism.checks.loo_pit import anderson_darling
 from bayes_greybox.criticism.linearity import draws_followed, linearity_of_paths
 from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.columns import limits
 from bayes_greybox.discovery.regressors.regressors import Regressors

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from bayes_greybox.discovery.decision.decide import Verdict
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.log_evidence import modes
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, FREE, SENSOR, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect

@@ -14,8 +14,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, UNKNOWN_KIND, Probabilities, Share
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY
+from bayes_greybox.discovery.grid.points import LATENT_FORCE, LAW, MEMORY
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN_KIND
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.physics.terms import Term
 
 from .coefficients import factor_of

@@ -10,7 +10,7 @@ from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.decide import Verdict
-from bayes_greybox.discovery.grid.noise.points import SENSOR_NOISE
+from bayes_greybox.discovery.grid.points import SENSOR_NOISE
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.ties import likeliest_first
 
 from . import reasons as codes

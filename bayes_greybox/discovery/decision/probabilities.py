@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, UNNAMED
+from bayes_greybox.discovery.grid.points import DISCREPANCIES, UNNAMED
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.ties import likeliest_first
 
 from .criteria import Criteria

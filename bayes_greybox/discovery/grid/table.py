@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from .noise.latent_force import LatentForce
+from .latent_force import LatentForce
 
 FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
 """Kinds of regressors, as files have them: the user's terms, the simulation's coefficients, errors of sensors and

@@ -15,10 +15,10 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.noise.weighted import correlation_and_sd
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.sets import Window
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.latent_force import LatentForce
+from bayes_greybox.discovery.grid.sets import Window
 from bayes_greybox.discovery.grid.table import EFFECT, Regressor
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import Regressors

@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import Gram, discrepancy_basis, log_evidences
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NoisePoint
+from bayes_greybox.discovery.grid.latent_force import LatentForce
+from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, log_evidences
+from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
 from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
 from bayes_greybox.discovery.regressors.regressors import Regressors

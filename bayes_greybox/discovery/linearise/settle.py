@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.evidence.sets import Reach
-from bayes_greybox.discovery.grid.hypotheses.residuals import blocks
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.residuals import blocks
+from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.grid.table import Features, RegressorTable
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.running.errors import InputError

@@ -16,7 +16,7 @@ from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.latent_force import MEDIAN_ABSOLUTE_NORMAL
+from bayes_greybox.discovery.grid.latent_force import MEDIAN_ABSOLUTE_NORMAL
 from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .channels import run_slices

@@ -16,9 +16,9 @@ from bayes_greybox.discovery.answer.checks import (
     check_hypothesis,
 )
 from bayes_greybox.discovery.decision.criteria import CRITERIA
-from bayes_greybox.discovery.grid.evidence.sets import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.linearise.near import Near, Point, noise_shapes
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.settle import table_of

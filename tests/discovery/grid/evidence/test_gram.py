@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import discrepancy_basis, gram, law_variances
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise.points import (
+from bayes_greybox.discovery.grid.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.log_evidence import discrepancy_basis, gram, law_variances
+from bayes_greybox.discovery.grid.points import (
     LATENT_FORCE,
     LAW,
     MEMORY,

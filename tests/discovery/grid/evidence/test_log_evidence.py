@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import Gram, log_evidences, modes
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.log_evidence import Gram, log_evidences, modes
+from bayes_greybox.discovery.grid.points import LATENT_FORCE, NO_DISCREPANCY, NoisePoint
 
 N = 80
 POINTS = (NoisePoint(NO_DISCREPANCY), NoisePoint(LATENT_FORCE, 1.0, 0.3))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from bayes_greybox.discovery.grid.evidence.sets import EXPECTED_SPREAD, WRONG_SIGN, log_ranges
+from bayes_greybox.discovery.grid.sets import EXPECTED_SPREAD, WRONG_SIGN, log_ranges
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR, Regressor
 
 X = np.linspace(-12.0, 12.0, 2_000_000)

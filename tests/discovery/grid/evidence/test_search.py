@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.special import logsumexp
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import Gram, log_evidences
-from bayes_greybox.discovery.grid.evidence.sets import Reach, SetPrior, search
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.log_evidence import Gram, log_evidences
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.sets import Reach, SetPrior, search
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
 

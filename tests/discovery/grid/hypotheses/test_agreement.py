@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.hypotheses.residuals import (
+from bayes_greybox.discovery.grid.residuals import (
     BAGGED_RECORDS,
     FEWEST_BAGGED_BLOCKS,
     MOST_BAGGED_BLOCKS,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.hypotheses.residuals import Band
+from bayes_greybox.discovery.grid.residuals import Band
 
 N = 1024
 T = np.arange(N)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.evidence.sets import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.grid.table import EFFECT, Features, Regressor, RegressorTable
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.odds import Odds
 
 N = 300

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.noise.kalman import Process, innovations, smoothed
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, rough_noise
+from bayes_greybox.discovery.grid.kalman import Process, innovations, smoothed
+from bayes_greybox.discovery.grid.latent_force import ForcedRates, rough_noise
 
 RNG = np.random.default_rng(0)
 N, TAU, R = 60, 0.8, 2.5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
 from bayes_greybox.physics.integration.sensitivity import respond
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])

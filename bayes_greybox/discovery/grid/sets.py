@@ -15,9 +15,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import log_ndtr
 
-from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
+
+from .table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.signal.windows import hann
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import Basis, discrepancy_basis
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY, NoisePoint
-from bayes_greybox.discovery.grid.table import RegressorTable
+from .latent_force import LatentForce
+from .log_evidence import Basis, discrepancy_basis
+from .points import LATENT_FORCE, LAW, MEMORY, NoisePoint
+from .table import RegressorTable
 
 FEWEST_BAGGED_BLOCKS, MOST_BAGGED_BLOCKS = 6, 30
 """Least and largest number of contiguous blocks of a record."""

@@ -7,15 +7,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.discovery.grid.evidence.log_evidence import UNIT_RIDGE, Gram, gram, log_evidences, modes
-from bayes_greybox.discovery.grid.evidence.sets import Reach, SetPrior, Sets, Window, log_ranges, search
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
-from bayes_greybox.discovery.grid.table import FREE, RegressorTable
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 
+from .latent_force import LatentForce
+from .log_evidence import UNIT_RIDGE, Gram, gram, log_evidences, modes
+from .points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
 from .residuals import Band, Residuals, bagged
+from .sets import Reach, SetPrior, Sets, Window, log_ranges, search
+from .table import FREE, RegressorTable
 
 LEAST_NOISE = 1e-6
 """Least first guess of the noise, over the RMS of the gap."""

@@ -14,8 +14,6 @@ from bayes_greybox.criticism.free_run import FreeRunner
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.amendment import Added, Amendment
-from bayes_greybox.discovery.answer.interval import INTERVAL, INTERVAL_ENDS
 from bayes_greybox.discovery.decision.vetoes import FAILURE, FREE_RUN
 from bayes_greybox.discovery.sensor_errors.channels import (
     STATES,
@@ -27,6 +25,9 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     shifted,
 )
 from bayes_greybox.model.program import Program
+
+from .amendment import Added, Amendment
+from .interval import INTERVAL, INTERVAL_ENDS
 
 PATH_DRAWS = 40
 """Posterior draws behind the intervals of free runs."""

@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import eigh
 
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY, RATIO_DECADES, SENSOR_NOISE, NoisePoint
-from bayes_greybox.discovery.grid.table import RegressorTable
+from .latent_force import LatentForce
+from .points import LATENT_FORCE, LAW, MEMORY, RATIO_DECADES, SENSOR_NOISE, NoisePoint
+from .table import RegressorTable
 
 TINY = 1e-10
 """Spectral density, over its largest, below which a feature of f carries nothing."""

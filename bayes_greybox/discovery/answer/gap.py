@@ -11,14 +11,14 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import MEDIAN_SQUARED_NORMAL, sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.amendment import Amendment
-from bayes_greybox.discovery.answer.interval import INTERVAL_ENDS
 from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
 from bayes_greybox.discovery.decision.vetoes import FAILURE, MISFIT, NAMES_ALONE
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows, Evaluate, Jumps
 
+from .amendment import Amendment
 from .free_runs import FreePath, FreeRuns, relative
+from .interval import INTERVAL_ENDS
 
 RATE_DRAWS = 200
 """Posterior draws behind the intervals of rates."""
