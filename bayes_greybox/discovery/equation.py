@@ -65,7 +65,11 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     """Return the study of one equation."""
     train, criteria = question.train, question.criteria
     source, near = _settled(question, say)
-    verdict = decide(Probabilities(near.weighed, criteria), _rate_size(near), bool(source.late))
+    rate = near.rows.rate(near.rows.data)
+    # The zero of a sensor is arbitrary; that of a rate is not.
+    rate = rate - np.mean(rate) if near.regressors.rows.output else rate
+    rate_size = float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
+    verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.late))
     settled = without_sensors(near, verdict)
     say("mapping the gap")
     coefficients = draw_coefficients(near, verdict, COEFFICIENT_DRAWS, question.seed)
@@ -83,9 +87,7 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     trace = gap_trace(along, before, after, threshold, unit)
     drawn = gap_map(train, along, before, after, variables[:2], threshold, unit)
     where = where_table(train, along, variables, trace)
-    return EquationStudy(
-        source, near, verdict, tuple(checks), coefficients, amendment, drawn, trace, where, criteria
-    )  # fmt: skip
+    return EquationStudy(source, near, verdict, tuple(checks), coefficients, amendment, drawn, trace, where)
 
 
 def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Near]:
@@ -117,14 +119,6 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     except (InputError, np.linalg.LinAlgError):
         return as_given
     return again if again[1].log_evidence > least else as_given
-
-
-def _rate_size(near: Near) -> float:
-    """Return the RMS of the modelled rate, over that of the target."""
-    rate = near.rows.rate(near.rows.data)
-    # The zero of a sensor is arbitrary; that of a rate is not.
-    rate = rate - np.mean(rate) if near.regressors.rows.output else rate
-    return float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
 
 
 def _doubts(

@@ -93,11 +93,7 @@ def kept_amendment(amendment: Amendment) -> Amendment:
 
 
 def lost(data: Trajectories) -> Trajectories:
-    """Stand for the function that removes errors of sensors.
-
-    Raises:
-        InputError: Always: a file holds the sizes of these errors, not that function.
-    """
+    """Refuse to remove errors of sensors: a file holds their sizes, not the function that does so."""
     raise InputError(
         "A study that was read from a file knows its sensors' errors, not how rows lose them: run find_missing_effects "
         "again to put other data right."

@@ -56,14 +56,8 @@ class Subject:
     held: bool = False
 
     @classmethod
-    def of(
-        cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool
-    ) -> "Subject":  # fmt: skip
-        """Return model and data that can be studied.
-
-        Raises:
-            InputError: Data or model that cannot be used.
-        """
+    def of(cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool) -> "Subject":
+        """Return model and data that can be studied; others are refused."""
         given = model.on(train)
         model = given.centred()
         check_rows(model)
@@ -133,11 +127,7 @@ class Subject:
 
 
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
-    """Return the equations of a study: those of the dictionary, or all whose rate or output the simulation misses.
-
-    Raises:
-        InputError: There is none.
-    """
+    """Return the equations of a study, if any: those of the dictionary, or all that the simulation does not meet."""
     if model.dictionary:
         if len(model.equations) > len(model.blocks):
             raise InputError(
@@ -173,11 +163,7 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
 
 
 def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolation: Any) -> None:
-    """Refuse settings that no data can have.
-
-    Raises:
-        InputError: A setting that cannot be used, with the remedy.
-    """
+    """Refuse settings that no data can have."""
     if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
         raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
     if isinstance(negligible, bool) or not isinstance(negligible, Real) or not 0 <= float(negligible) < 1:
@@ -189,11 +175,7 @@ def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolati
 
 
 def check_rows(model: Program) -> None:
-    """Refuse rows on which no study weighs anything.
-
-    Raises:
-        InputError: Such rows.
-    """
+    """Refuse rows on which no study weighs anything."""
     if not model.rows.studied:
         raise InputError(
             f"A study does not weigh explanations on {type(model.rows).__name__}: give "
@@ -205,11 +187,7 @@ def check_rows(model: Program) -> None:
 def check_data(
     model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
 ) -> None:
-    """Refuse data that the search, or the gap and the fit after it, could not use.
-
-    Raises:
-        InputError: Data that cannot be used, with the remedy.
-    """
+    """Refuse data that the search, or the gap and the fit after it, could not use."""
     check_units({}, train.units, train.derivative_names, train.time_name)
     if train.n_obs < LEAST_ROWS:
         raise InputError(

@@ -51,10 +51,14 @@ def added(study: StudyResult) -> np.ndarray:
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
+def _added_to(study: StudyResult, equation: str) -> pd.DataFrame:
+    chosen = study.effects.iloc[added(study)]
+    return chosen[chosen["equation"] == equation]
+
+
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
     """Return the slugs of the effects that were added to an equation, and of those tied with them."""
-    chosen = study.effects.iloc[added(study)]
-    chosen = chosen[chosen["equation"] == equation]
+    chosen = _added_to(study, equation)
     return list(chosen["slug"]), [slug for slugs in chosen["tied_with"] for slug in slugs]
 
 
@@ -80,11 +84,9 @@ def answer(study: StudyResult, equation: str) -> str:
 
 def tied_sets(study: StudyResult, equation: str) -> list[str]:
     """Return the sets that are tied with an equation's answer: another effect in the place of one of its own."""
-    chosen = study.effects.iloc[added(study)]
-    chosen = chosen[chosen["equation"] == equation]
-    slugs = list(chosen["slug"])
+    chosen = _added_to(study, equation)
     return [
-        together([*(slug for slug in slugs if slug != own), other])
+        together([*(slug for slug in chosen["slug"] if slug != own), other])
         for own, others in zip(chosen["slug"], chosen["tied_with"], strict=True)
         for other in others
     ]
@@ -205,9 +207,8 @@ class Remainder:
 def remainders(study: StudyResult, equation: str) -> list[Remainder]:
     """Return the likely statements about what has no name in an equation, the most specific alone."""
     rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
-    found = [
-        Remainder(row["kind"], row["channel"], float(row["probability"])) for row in rows if row["probability"] > least
-    ]
+    likely = [row for row in rows if row["probability"] > least]
+    found = [Remainder(row["kind"], row["channel"], float(row["probability"])) for row in likely]
     # A memory of one channel says more than that something remembers.
     specific = [each for each in found if each.of]
     if answer(study, equation) == UNKNOWN_KIND and len(study.quantities):
@@ -231,10 +232,11 @@ def changed(gap: GapMap) -> bool:
 
 def trace_bands(trace: GapTrace) -> tuple[Float[np.ndarray, "3 n_obs"], Float[np.ndarray, "3 n_obs"]]:
     """Return mean, lower and upper end of the 90 % bands of the gap along time, before and after."""
-    return tuple(
-        np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])
-        for mean, sd in ((trace.before, trace.before_sd), (trace.after, trace.after_sd))
-    )  # type: ignore[return-value]
+
+    def band(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+        return np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])
+
+    return band(trace.before, trace.before_sd), band(trace.after, trace.after_sd)
 
 
 def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
@@ -324,11 +326,9 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
 
 def sensors_like(study: StudyResult, row: Mapping[str, Any]) -> list[str]:
     """Return the sensor errors that do the same as a wrong coefficient and are small enough for one."""
-    key = f"recalibration of {row['term']}"
-    return [
-        name for name, other in same_as(study, row["equation"]).items()
-        if other["what"] == key and abs(row["mean"]) <= LARGEST_ERROR * abs(other["change"])
-    ]  # fmt: skip
+    key, size = f"recalibration of {row['term']}", abs(row["mean"])
+    alike = {name: other for name, other in same_as(study, row["equation"]).items() if other["what"] == key}
+    return [name for name, other in alike.items() if size <= LARGEST_ERROR * abs(other["change"])]
 
 
 def not_weighed(study: StudyResult) -> dict[str, int]:
@@ -344,9 +344,9 @@ def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] 
     """
     if study.fit is None:
         return None
-    chosen = study.effects.iloc[added(study)]
-    equation = chosen["equation"].iloc[place]
-    after = int(np.sum(chosen["equation"].iloc[place:] == equation))
+    equations = study.effects.iloc[added(study)]["equation"]
+    equation = equations.iloc[place]
+    after = int(np.sum(equations.iloc[place:] == equation))
     theta = study.fit.idata["posterior"][study.fit.sites[equation].theta].to_numpy()
     return theta[..., theta.shape[-1] - after].ravel()
 

@@ -53,9 +53,7 @@ class Check:
         return not self.text
 
 
-def check_hypothesis(
-    near: Near, hypothesis: Hypothesis, unit: str = "", criteria: Criteria = CRITERIA
-) -> list[Check]:  # fmt: skip
+def check_hypothesis(near: Near, hypothesis: Hypothesis, unit: str = "", criteria: Criteria = CRITERIA) -> list[Check]:
     """Return whiteness and LOO-PIT of a hypothesis at its likeliest noise point, in closed form.
 
     If the hypothesis and its noise are right, leave-one-out residuals over their predictive standard deviations are
@@ -141,22 +139,13 @@ def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collec
 
     scale = regressors.target_scale
     linearity = linearity_of_paths(rows, added, scale * after.sigma[pick], scale * errors)
-    text = (
-        ""
-        if linearity.ok
-        else f"{linearity.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
-    )
-    return [Check("linearity", math.nan, text, linearity.khat)]
+    against = f"{linearity.elsewhere:.0%} of the exact posterior lies elsewhere than that of linear rows"
+    return [Check("linearity", math.nan, "" if linearity.ok else against, linearity.khat)]
 
 
-OTHER_SIZE = 10.0
-"""Factor from which on a coefficient is of another size; so is one of the other sign."""
-
-CLOSED_SHARE = 0.9
-"""Share of the gap's square that coefficients alone have to close."""
-
-ROWS_EACH = 10
-"""Least rows for each coefficient: any coefficients follow a few rows."""
+OTHER_SIZE, CLOSED_SHARE, ROWS_EACH = 10.0, 0.9, 10
+"""Factor from which on a coefficient is of another size, as is one of the other sign; share of the gap's square that
+coefficients alone have to close; least rows for each of them: any coefficients follow a few rows."""
 
 
 def other_sizes(regressors: Regressors) -> list[str]:

@@ -90,9 +90,7 @@ def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
             and (corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE))
         )
 
-    kept = [h for h in near.weighed.hypotheses if answers(h)]
-    if not kept:
-        return [without_sensors(near, verdict)]
+    kept = [h for h in near.weighed.hypotheses if answers(h)] or [without_sensors(near, verdict)]
     return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(LEAST_DRAWN)]
 
 

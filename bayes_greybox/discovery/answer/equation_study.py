@@ -75,7 +75,6 @@ class EquationStudy:
     map: GapMap
     trace: GapTrace
     where: pd.DataFrame
-    criteria: Criteria
 
     @property
     def regressors(self) -> Regressors:
@@ -91,6 +90,11 @@ class EquationStudy:
     def probabilities(self) -> Probabilities:
         """Return the probabilities of the hypotheses."""
         return self.verdict.probabilities
+
+    @property
+    def criteria(self) -> Criteria:
+        """Return the numbers that decide."""
+        return self.probabilities.criteria
 
     @property
     def counted(self) -> int:
@@ -224,18 +228,15 @@ class EquationStudy:
             names: dict[str, float] = {}
             for h in of_size:
                 names[self.called(h)] = names.get(self.called(h), 0.0) + h.probability
-            (top, probability), (second, q), *_ = [
-                *sorted(names.items(), key=lambda item: -round(item[1], 9)), ("", np.nan)
-            ]  # fmt: skip
+            ordered = [*sorted(names.items(), key=lambda item: -round(item[1], 9)), ("", np.nan)]
+            (top, probability), (second, q) = ordered[:2]
             likeliest = next(h for h in of_size if self.called(h) == top)
             now = Counter(self._slugs(likeliest))
-            rows.append(
-                {
-                    "equation": self.equation, "round": size + 1, "verdict": top,
-                    "added": " + ".join(sorted((now - before).elements())), "probability": probability,
-                    "runner_up": second, "runner_up_probability": q, "share_left": self._share_left(likeliest),
-                }
-            )  # fmt: skip
+            rows.append({
+                "equation": self.equation, "round": size + 1, "verdict": top,
+                "added": " + ".join(sorted((now - before).elements())), "probability": probability,
+                "runner_up": second, "runner_up_probability": q, "share_left": self._share_left(likeliest),
+            })  # fmt: skip
             before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
 
@@ -268,20 +269,19 @@ class EquationStudy:
 
         An effect that is in no hypothesis has its first column, and its coefficient alone.
         """
-        columns = self.regressors.columns
-        of_effect = [
-            i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)
-        ]
-        for h in self.near.weighed.hypotheses:
-            for k, i in enumerate(h.members):
-                if i in of_effect:
-                    return columns[i], float(h.mean[k]) * self._in_units(i), float(h.sd[k]) * abs(self._in_units(i))
-        if not of_effect:
+        columns, table = self.regressors.columns, self.near.weighed.table
+        named = [i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)]
+        if not named:
             return None
-        table = self.near.weighed.table
-        x, y = table.columns[:, of_effect[0]], table.target
-        mean, sd = float(x @ y / (x @ x)), float(np.std(y) / np.sqrt(x @ x))
-        return columns[of_effect[0]], mean * self._in_units(of_effect[0]), sd * abs(self._in_units(of_effect[0]))
+        places = [(h, k, i) for h in self.near.weighed.hypotheses for k, i in enumerate(h.members) if i in named]
+        if places:
+            h, k, index = places[0]
+            mean, sd = float(h.mean[k]), float(h.sd[k])
+        else:
+            index, y = named[0], table.target
+            x = table.columns[:, index]
+            mean, sd = float(x @ y / (x @ x)), float(np.std(y) / np.sqrt(x @ x))
+        return columns[index], mean * self._in_units(index), sd * abs(self._in_units(index))
 
     def _share_left(self, hypothesis: Hypothesis) -> float:
         return min(hypothesis.left**2 / self.near.weighed.gap_square, 1.0)

@@ -18,11 +18,8 @@ from .equation_study import EquationStudy
 LEAST_EXPLAINED = 0.01
 """Probability from which on an explanation is kept."""
 
-JOINED = 32
-"""Largest number of joint explanations of several equations."""
-
-COMPONENTS = 3
-"""Largest number of hypotheses of one explanation: values of nonlinear parameters, corrections beside it."""
+JOINED, COMPONENTS = 32, 3
+"""Largest numbers of joint explanations of several equations, and of hypotheses of one explanation."""
 
 PREDICTING = (NO_GAP, RECALIBRATE)
 """Explanations without an effect whose columns predict a run: an error of these sensors predicts nothing."""

@@ -12,11 +12,8 @@ from scipy.special import ndtr
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 
-MAP_POINTS = 41
-"""Points of a map along each variable."""
-
-MAP_WIDTH = 0.05
-"""Width of the Gaussian that smooths a map, over the range of its variable: two of the 41 points."""
+MAP_POINTS, MAP_WIDTH = 41, 0.05
+"""Points of a map along each variable, and width of the Gaussian that smooths it, over the range: two of the points."""
 
 MOST_SEARCHED = 5000
 """Largest number of rows, evenly thinned, on which regions and windows are sought."""
@@ -104,7 +101,7 @@ def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray
 
 def gap_map(
     data: Trajectories, along: Along, before: Gap, after: Gap, variables: tuple[str, ...], threshold: float, unit: str
-) -> GapMap:  # fmt: skip
+) -> GapMap:
     """Return the gap averaged over cells of one or two variables, with the weights of a normal density."""
     (thin, first), (_, last) = along.thinned(before), along.thinned(after)
     x = np.column_stack([thin.columns[v] for v in variables])
@@ -148,12 +145,11 @@ def where_table(data: Trajectories, along: Along, variables: Sequence[str], trac
     p, square = trace.probability, trace.before**2
     rules = [(v, *rule) for v in variables for rule in _rules(v, thin.columns[v], data.unit(v) or "")]
     rows = []
-    for kind, most, found in (
-        ("region", MOST_REGIONS, _regions(p, rules)), ("window", MOST_WINDOWS, _windows(trace, data))
-    ):  # fmt: skip
+    parts = (("region", MOST_REGIONS, _regions(p, rules)), ("window", MOST_WINDOWS, _windows(trace, data)))
+    for kind, most, places in parts:
         part = [
             (trace.equation, kind, text, p[inside].mean(), square[inside].sum() / square.sum(), inside.mean())
-            for text, inside in found
+            for text, inside in places
         ]
         rows += sorted(part, key=lambda row: -row[4])[:most]
     names = ["equation", "kind", "description", "probability", "gap_share", "sample_share"]
@@ -212,7 +208,5 @@ def _windows(trace: GapTrace, data: Trajectories) -> Iterator[tuple[str, np.ndar
         for start, stop in merged:
             if stop - start >= width:
                 first, last = trace.time[rows[[start, stop - 1]]]
-                yield (
-                    f"t = {first:.4g} to {last:.4g}{unit}{label}",
-                    np.isin(np.arange(len(trace.run)), rows[start:stop]),
-                )
+                inside = np.isin(np.arange(len(trace.run)), rows[start:stop])
+                yield f"t = {first:.4g} to {last:.4g}{unit}{label}", inside

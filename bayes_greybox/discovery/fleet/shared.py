@@ -16,17 +16,14 @@ from bayes_greybox.discovery.sensor_errors.channels import is_fault
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 
-SHARE = "unexplained share"
-"""Metric by which assets are ranked."""
+SHARE, FAILED = "unexplained share", "failed"
+"""Metric by which assets are ranked, and verdict on an asset that could not be studied."""
 
 ADDED, POSSIBLE = "added", "one of"
 """Status of an effect that is in a study's model, and of a rival of one."""
 
 LARGEST_RATIO = 1.25
 """Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
-
-FAILED = "failed"
-"""Verdict on an asset that could not be studied."""
 
 LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""

@@ -94,11 +94,9 @@ class Window(NamedTuple):
     memories: tuple[str, ...]
 
 
-WRONG_SIGN = 0.1
-"""Prior probability that an effect that dissipates or restores does the opposite."""
-
-EXPECTED_SPREAD = 0.3
-"""Prior standard deviation, over its size, of a coefficient whose size is known."""
+WRONG_SIGN, EXPECTED_SPREAD = 0.1, 0.3
+"""Prior probability that an effect that dissipates or restores does the opposite; prior standard deviation, over its
+size, of a coefficient whose size is known."""
 
 
 def log_ranges(

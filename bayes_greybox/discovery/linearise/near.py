@@ -30,11 +30,8 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-LEAST_SHAPE_ODDS = -3.0
-"""Log posterior odds of a shape over white noise below which it is not added: odds of twenty."""
-
-LEAST_WHITE_SCALE = 1e-6
-"""Least scale of whitened residuals, of unit variance."""
+LEAST_SHAPE_ODDS, LEAST_WHITE_SCALE = -3.0, 1e-6
+"""Log posterior odds of a shape over white noise below which it is not added; least scale of whitened residuals."""
 
 
 class Shape(NamedTuple):

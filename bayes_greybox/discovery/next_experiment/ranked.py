@@ -153,7 +153,7 @@ def rank(
         InputError: A study of outputs or of an older file, impossible numbers, or what cannot be simulated.
     """
     usual = {name: value for name, value in usual.items() if name != "sensors" or value}
-    _check_ranking(study.train, study.explanations, (batch, outcomes, threshold), () if candidates is None else usual)
+    _check_ranking(study, batch, outcomes, threshold, () if candidates is None else usual)
     every = joined(study.explanations)
     predicting = [e for e in every if e.components]
     rows = [(e.name, e.probability, bool(e.components)) for e in every]
@@ -244,14 +244,11 @@ def _sentence(chosen: Sequence[Candidate], names: str, bits: float, worth: str, 
     return f"No candidate is worth the threshold of {threshold:.3g} bits {best}"
 
 
-def _check_ranking(
-    data: Trajectories, equations: Collection[str], numbers: tuple[int, int, float], described: Collection[str]
-) -> None:
+def _check_ranking(study: StudyResult, batch: int, outcomes: int, threshold: float, described: Collection[str]) -> None:
     """Refuse a study of outputs or of an older file, impossible numbers, and settings without effect."""
-    batch, outcomes, threshold = numbers
-    if not equations:
+    if not study.explanations:
         raise InputError("The study holds no explanations, as in files of before: run find_missing_effects again.")
-    if any(data.is_output(name) for name in equations):
+    if any(study.train.is_output(name) for name in study.explanations):
         raise InputError("What to measure next is found by simulating runs, and an output has none: study a rate.")
     if batch < 1 or outcomes < 2 or not threshold >= 0:
         raise InputError("Ranking needs a batch of at least 1, at least 2 outcomes and a threshold of at least 0.")

@@ -16,11 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import norm, qmc
 
-CLOUD_POINTS = 64
-"""Largest number of points of a cloud."""
-
-TRIED_FOR_ONE = 8
-"""Points that are drawn for each that a cloud needs inside the cube."""
+CLOUD_POINTS, TRIED_FOR_ONE = 64, 8
+"""Largest number of points of a cloud, and points that are drawn for each that it needs inside the cube."""
 
 
 @dataclass(frozen=True, eq=False)

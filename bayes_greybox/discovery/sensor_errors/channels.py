@@ -46,11 +46,8 @@ STATES = "states"
 DELAY_STEPS = 2.0
 """Prior standard deviation of a delay, in sampling steps."""
 
-GAIN_SD = 0.03
-"""Prior standard deviation of a relative gain error."""
-
-OFFSET_SD = 0.03
-"""Prior standard deviation of an offset or drift of a rate, over its RMS."""
+GAIN_SD, OFFSET_SD = 0.03, 0.03
+"""Prior standard deviations of a relative gain error, and of an offset or drift of a rate, over its RMS."""
 
 ZERO_SD = 0.1
 """Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""

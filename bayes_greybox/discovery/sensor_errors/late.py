@@ -25,14 +25,11 @@ WINDOW_STEPS = 10
 AGREEING = 0.01
 """Sensors that are right agree to within this share of the RMS of a state's changes."""
 
-FURTHEST = 6.0
-"""Largest delay that is looked for, in steps."""
+FURTHEST, FEWEST_WINDOWS = 6.0, 5
+"""Largest delay that is looked for, in steps, and least number of windows that say anything."""
 
 SURELY_LATE = 1e-6
 """p-value below which departures need a reason. A delay is that reason if it brings the p-value back above."""
-
-FEWEST_WINDOWS = 5
-"""Least number of windows that say anything."""
 
 
 @dataclass(frozen=True)

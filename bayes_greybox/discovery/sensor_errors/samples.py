@@ -40,11 +40,8 @@ SLIP_LEAP, SLIP_FOLLOWED = 6.0, 0.3
 """A leap that the rate lacks is a slip beyond so many of the leaps' usual size, if the rate leaps by less than this
 share of the expected leap."""
 
-SLIP_WIDTHS = (1, 2)
-"""Numbers of samples that a slip may have."""
-
-MOST_MENDINGS = 10
-"""Largest number of times that slips are looked for again once the largest are mended."""
+SLIP_WIDTHS, MOST_MENDINGS = (1, 2), 10
+"""Numbers of samples that a slip may have; largest number of searches for slips, each after the largest are mended."""
 
 
 @dataclass(frozen=True)
