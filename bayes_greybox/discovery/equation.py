@@ -76,7 +76,14 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     checks: list[Check] = []
     if not verdict.open_ended:
         checks = check_hypothesis(near, settled, train.units.get("t", ""), criteria)
-    verdict = verdict.against(_doubts(source, near, settled, checks, coefficients, criteria))
+    effects = [i for i in settled.members if near.column(i).effect is not None]
+    against = {
+        codes.ROWS: source.doubts(near.rows),
+        codes.CHECK: [check.text for check in checks if not check.ok],
+        codes.UNSEEN_SHAPE: rounded_off(near.regressors, effects, criteria),
+        codes.END_OF_RANGE: at_ends(near.regressors, coefficients, criteria),
+    }
+    verdict = verdict.against([Reason(code, text) for code, texts in against.items() for text in texts])
     amendment = _amendment(source, near, verdict, coefficients, train)
     if not verdict.open_ended:
         checks = [*checks, *check_linearity(amendment, near.regressors, train.input_names)]
@@ -96,7 +103,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     reach = Reach(effects=question.most)
 
     def settled(source: Source, start: Point) -> tuple[Source, Near]:
-        return source, settle(source.near, source.quantities, start, odds, reach, question.seed, say)
+        return source, settle(source, start, odds, reach, question.seed, say)
 
     if not model.rows.follows_path:
         return settled(RateRows(model, train, name, question.effects), Point())
@@ -121,38 +128,20 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     return again if again[1].log_evidence > least else as_given
 
 
-def _doubts(
-    source: Source, near: Near, settled: Hypothesis, checks: Sequence[Check], coefficients: Coefficients,
-    criteria: Criteria,
-) -> list[Reason]:  # fmt: skip
-    """Return the reasons against an answer: of its rows, its residuals and its effects."""
-    regressors = near.regressors
-    effects = [i for i in settled.members if regressors.columns[i].effect is not None]
-    doubts = {
-        codes.ROWS: source.doubts(near.rows),
-        codes.CHECK: [check.text for check in checks if not check.ok],
-        codes.UNSEEN_SHAPE: rounded_off(regressors, effects, criteria),
-        codes.END_OF_RANGE: at_ends(regressors, coefficients, criteria),
-    }
-    return [Reason(code, text) for code, texts in doubts.items() for text in texts]
-
-
-def _amendment(
-    source: Source, near: Near, verdict: Verdict, coefficients: Coefficients, train: Trajectories
-) -> Amendment:
+def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:
     """Return the model after: coefficients of an answer, sensors put right, and f if the answer is open-ended."""
     regressors, point = near.regressors, near.rows.point
-    sensors = sensor_errors(regressors, coefficients)
-    alike, hidden = _of_one_memory(regressors, coefficients, point.hidden)
+    sensors = sensor_errors(regressors, after)
+    alike, hidden = _of_one_memory(regressors, after, point.hidden)
     in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
     remainder = None
     if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
-        remainder = Remainder.of(near, verdict.hypothesis, coefficients)
+        remainder = Remainder.of(near, verdict.hypothesis, after)
     return Amendment(
         statistics=regressors,
         before=least_squares(regressors, regressors.of_kind(FREE))[0],
-        after=coefficients,
-        sigma=float(np.mean(coefficients.sigma)) * regressors.target_scale,
+        after=after,
+        sigma=float(np.mean(after.sigma)) * regressors.target_scale,
         discrepancy=remainder,
         corrected=lambda data: source.put_right(data, point, sensors, train),
         rows=source.row_kind(point),
@@ -166,7 +155,6 @@ def _amendment(
 
 
 def _along(near: Near) -> Along:
-    """Return the samples that the latent force is known at."""
     rows = near.regressors.rows
     n = len(np.unique(rows.sample))
     columns = {name: column[:n] for name, column in rows.at_rows().items()}
@@ -181,13 +169,13 @@ def _gap(near: Near, hypothesis: Hypothesis) -> Gap:
 
 
 def _of_one_memory(
-    regressors: Regressors, coefficients: Coefficients, of_path: Sequence[HiddenState]
+    regressors: Regressors, coefficients: Coefficients, path_states: Sequence[HiddenState]
 ) -> tuple[np.ndarray, tuple[HiddenState, ...]]:
     """Return draws that share the hidden states of each effect, and all hidden states of the model after.
 
     A hidden state has one rate in a model: that of the path if draws have it, else the commonest among them.
     """
-    hidden, alike = {state.name: state for state in of_path}, np.arange(len(coefficients.draws))
+    hidden, alike = {state.name: state for state in path_states}, np.arange(len(coefficients.draws))
     for inner in coefficients.inner.T:
         columns, count = np.unique(inner[alike], return_counts=True)
         states = {int(i): regressors.columns[i].formula.states for i in columns}
@@ -195,10 +183,8 @@ def _of_one_memory(
             continue
         # Of many values drawn around a mode none is common.
         share = dict(zip(map(int, columns), count / np.max(count), strict=True))
-        on_path = [
-            i for i, own in states.items()
-            if share[i] >= ON_PATH and all(hidden.get(state.name) == state for state in own)
-        ]  # fmt: skip
+        of_path = {i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)}
+        on_path = [i for i in states if share[i] >= ON_PATH and i in of_path]
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}
         alike = alike[inner[alike] == chosen]

@@ -72,9 +72,7 @@ def _equation(
 ) -> LearnedEquation:
     statistics, after, n_own = amendment.statistics, amendment.after, amendment.n_own
     able = np.arange(len(after.draws)) if amendment.alike is None else amendment.alike
-    patterns, which, count = np.unique(
-        after.draws[able, :n_own] != 0, axis=0, return_inverse=True, return_counts=True
-    )  # fmt: skip
+    patterns, which, count = np.unique(after.draws[able, :n_own] != 0, axis=0, return_inverse=True, return_counts=True)
     likeliest = int(np.argmax(count))
     alike, active = able[np.ravel(which) == likeliest], patterns[likeliest]
     target, scale = target_unit(name, data), statistics.target_scale

@@ -213,12 +213,7 @@ def investigate(
 ) -> StudyResult:
     """Find the effects that a simulation lacks, and the model with them added, which is not sampled yet.
 
-    Args:
-        model: Simulation, and the terms whose coefficients are to be learned anyway.
-        train: Measurements with the rates of the equations in question, or with the outputs.
-        test: Measurements that no hypothesis is weighed on; they may only speak against the answer.
-        settings: Settings, as of `find_missing_effects`.
-        progress: If true, show progress.
+    Arguments are those of `find_missing_effects`.
 
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names the remedy.
@@ -290,9 +285,8 @@ def _findings(
 
         say("reading the data")
         bound, reasons, unplayed = subject.bound(name, catalogue, settings.roles)
-        question = Question(
-            subject.model, subject.train, name, bound, odds, settings.effects_at_most, settings.seed, settings.criteria
-        )  # fmt: skip
+        limits = settings.effects_at_most, settings.seed, settings.criteria
+        question = Question(subject.model, subject.train, name, bound, odds, *limits)
         findings[name] = study_equation(question, say)
         for slug, why in {**reasons, **findings[name].regressors.left_out}.items():
             left_out[name, slug] = why
@@ -324,16 +318,14 @@ def _measured_gap(
 def _result(
     subject: Subject, findings: Findings, gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria
 ) -> StudyResult:
-    """Return the tables of all equations as one study."""
     train, studies = subject.train, list(findings.values())
     tables = [study.tables(train) for study in studies]
     numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
     verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
     verdict, reasons = verdict_of(verdicts, gap, [NO_HELD_OUT_PATH for _ in lost], labels, criteria)
-    joined: dict[str, Any] = {
-        name: pd.concat([each[name] for each in tables], ignore_index=name in numbered) for name in tables[0]
-    }
+    parts = {name: [each[name] for each in tables] for name in tables[0]}
+    joined: dict[str, Any] = {name: pd.concat(part, ignore_index=name in numbered) for name, part in parts.items()}
     return StudyResult(
         base=subject.given,
         model=amended_program(subject.given, findings, train),
@@ -386,7 +378,6 @@ def _study_warnings(subject: Subject, findings: Findings, settings: StudySetting
 
 
 def _row_warnings(subject: Subject) -> Iterator[str]:
-    """Yield warnings about the simulation and about rates that a filter computed."""
     model, train = subject.model, subject.train
     simulation = model.simulator(train)
     yield from simulation.warnings

@@ -44,7 +44,6 @@ class Subject:
         given: The user's model.
         model: The same about the means of stated coefficients.
         train, test: Data with all states and rates that terms are evaluated on.
-        held: True if inputs turned out to be held between samples.
     """
 
     given: Program

@@ -105,9 +105,7 @@ class Amendment:
 
     Attributes:
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
-        after: Draws of all coefficients, with those of the added effects.
         sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.
-        discrepancy: The f that remains beside them; None if the answer has none.
         corrected: Function that removes the sensors' errors from data of the same sensors.
         rows: Rows near the model after, if rows are linear only near one; None: those of the model before.
         sensors: Errors of the sensors of states and inputs that are in the model after, in their units.

@@ -60,10 +60,6 @@ class EquationStudy:
 
     Attributes:
         source: Source of the rows, which also removes sensor errors from other data of the same sensors.
-        near: Hypotheses on the rows near the likeliest of them.
-        map: Gap over states.
-        trace: Gap along time.
-        where: Regions and windows.
     """
 
     source: Source
@@ -322,6 +318,5 @@ def unit_if_known(target: str, term: Term, data: Trajectories) -> str:
 
 
 def _interval(mean: float, sd: float, unit: float = 1.0) -> tuple[float, ...]:
-    """Return mean, standard deviation and interval of a normal coefficient, in another unit."""
     low, high = sorted(((mean - INTERVAL_REACH * sd) * unit, (mean + INTERVAL_REACH * sd) * unit))
     return mean * unit, sd * abs(unit), low, high

@@ -52,7 +52,6 @@ class Explained:
 
     Attributes:
         name: Name in the study's table of hypotheses; of several equations each with its own.
-        components: Likeliest hypotheses of the explanation; empty if it predicts nothing.
         sigma: Noise standard deviation of the rows by equation, user's units.
     """
 
@@ -103,12 +102,10 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     return tuple(e for e in likeliest if e.probability >= LEAST_EXPLAINED * likeliest[0].probability)
 
 
-def _components(
-    study: EquationStudy, hypotheses: Sequence[Hypothesis]
-) -> tuple[tuple[Component, ...], dict[str, float]]:
+def _components(study: EquationStudy, able: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
     """Return the likeliest hypotheses of one name, each at its likeliest noise point, and the noise there."""
     columns, scale, components = study.regressors.columns, study.regressors.target_scale, []
-    likeliest = sorted(hypotheses, key=lambda h: -h.log_weight)[:COMPONENTS]
+    likeliest = sorted(able, key=lambda h: -h.log_weight)[:COMPONENTS]
     if not likeliest:
         return (), {}
     weights = np.exp([h.log_weight - likeliest[0].log_weight for h in likeliest])

@@ -18,6 +18,7 @@ from bayes_greybox.discovery.decision.vetoes import FAILURE, FREE_RUN
 from bayes_greybox.discovery.sensor_errors.channels import (
     STATES,
     ChannelSuspect,
+    Sizes,
     as_shown,
     calibrated,
     driven_later,
@@ -41,7 +42,6 @@ class FreePath:
 
     Attributes:
         measured: The state, as its sensor showed it; without a sensor, on the path through the samples put right.
-        after: Band of the amended model, with the sensor errors that belong to it.
         holds: Sources of the band after, in words: "90 % band: coefficients, inner parameters, f, start".
     """
 
@@ -56,10 +56,7 @@ class FreePath:
 class FreeRuns:
     """Free runs of the model before and after, compiled once for all data with the same columns.
 
-    Args:
-        model: The model before.
-        amendments: Amendments by the state whose equation was studied.
-        interpolation: Interpolation of the inputs, see `criticism.free_run.FreeRunner`; by default that of the rows.
+    Inputs are interpolated as `criticism.free_run.FreeRunner` does, by default as the rows do.
     """
 
     def __init__(
@@ -127,7 +124,7 @@ class FreeRuns:
         samples = data.samples or data
         return self.model.rows.complete_all(samples, tuple(self.amendments), self.model.simulator(samples))
 
-    def _sensors(self, data: Trajectories) -> tuple[Mapping[ChannelSuspect, float], Trajectories]:
+    def _sensors(self, data: Trajectories) -> tuple[Sizes, Trajectories]:
         """Return sensor errors of states and inputs, and the data of their clock; none if two equations disagree."""
         errors: dict[ChannelSuspect, float] = {}
         by_key: dict[str, float] = {}
@@ -141,9 +138,7 @@ class FreeRuns:
                 errors[suspect], clock = size, amendment.clock or data
         return errors, clock
 
-    def _without_errors(
-        self, data: Trajectories, sensors: Mapping[ChannelSuspect, float], clock: Trajectories
-    ) -> Trajectories:  # fmt: skip
+    def _without_errors(self, data: Trajectories, sensors: Sizes, clock: Trajectories) -> Trajectories:
         """Return the data without sensor errors, with as many rows. Samples have a path of their own."""
         if not sensors:
             return data
@@ -158,12 +153,10 @@ class FreeRuns:
     def _runner(self, data: Trajectories, n_before: int, n_draw: int) -> tuple[FreeRunner, Mapping[str, Added]]:
         key = (data.state_names, data.input_names, n_before, n_draw)
         if key not in self._runners:
-            every = {name: a.added(n_before, n_draw) for name, a in self.amendments.items()}
+            added = {name: a.added(n_before, n_draw) for name, a in self.amendments.items()}
             # An integrator cannot stay on a jump.
-            added = {
-                name: each._replace(terms=[term.rounded(data.columns) for term in each.terms])
-                for name, each in every.items()
-            }
+            rounded = {name: [term.rounded(data.columns) for term in each.terms] for name, each in added.items()}
+            added = {name: each._replace(terms=rounded[name]) for name, each in added.items()}
             self._runners[key] = (FreeRunner(self._rate(data, added), self.interpolation, rtol=1e-6, atol=1e-7), added)
         return self._runners[key]
 

@@ -27,6 +27,7 @@ NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
 
 Squares = Float[np.ndarray, "*n_draw n_row"]
+Metrics = dict[str, Callable[[Squares], Any]]
 
 
 def gap_rows(
@@ -80,19 +81,14 @@ def _figures(
     added = _on_rows(raw, amendment, lambda at: amendment.rates_before(at)[:, None], 1)[:, 0]
     before, draws = _squares(raw, added), _draws(rows, amendment)
     sizes = _Sizes.of(rows, amendment, data, draws, criteria)
-    metrics: dict[str, Callable[[Squares], Any]] = {
-        f"{rows.measurement} NMSE": sizes.nmse,
-        "unexplained share": sizes.share,
-    }
+    metrics: Metrics = {f"{rows.measurement} NMSE": sizes.nmse, "unexplained share": sizes.share}
     if data.samples is not None and len(data.samples.state_names) == 1:
-        metrics[MISFIT] = sizes.misfit
+        metrics |= {MISFIT: sizes.misfit}
 
-    def compared(metrics: Mapping[str, Callable[[Squares], Any]], draws: np.ndarray) -> dict[str, tuple[float, ...]]:
+    def compared(metrics: Metrics, draws: np.ndarray) -> dict[str, tuple[float, ...]]:
         each, mean = _squares(rows, draws), _squares(rows, draws.mean(axis=0))
-        return {
-            name: (float(f(before)), float(f(mean)), *np.quantile(f(each), INTERVAL_ENDS))
-            for name, f in metrics.items()
-        }
+        ends = {name: np.quantile(size(each), INTERVAL_ENDS) for name, size in metrics.items()}
+        return {name: (float(size(before)), float(size(mean)), *ends[name]) for name, size in metrics.items()}
 
     figures = compared(metrics, draws)
     if amendment.discrepancy is not None and names_matter:

@@ -15,7 +15,7 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, STATES, ChannelSuspect, delay_error
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -53,8 +53,8 @@ def instrument_table(
     """
     rows = [*_sensor_rows(near, verdict, coefficients, data), *_noise_rows(near, verdict, data)]
     for name, late in source.late.items():
-        suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
-        rows.append(_row(DELAY, name, 1.0 - late.p, True) | _error(suspect, late.by, late.sd, near, data))
+        error = _error(delay_error(name, late.step), late.by, late.sd, near, data)
+        rows.append(_row(DELAY, name, 1.0 - late.p, True) | error)
     for name, noise in source.sample_noise.items():
         unit = data.unit(name) or ""
         text = f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip()
@@ -73,7 +73,6 @@ def _row(kind: str, channel: str, probability: float, in_model: bool, text: str 
 
 
 def _sensor_rows(near: Near, verdict: Verdict, coefficients: Coefficients, data: Trajectories) -> Iterator[Row]:
-    """Return the rows of sensor errors that are regressors."""
     columns = near.regressors.columns
     index = {columns[i].called: i for i in near.regressors.of_kind(SENSOR)}
     places = {columns[i].called: k for k, i in enumerate(coefficients.suspects)}
@@ -130,7 +129,6 @@ def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str
 
 
 def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> Iterator[Row]:
-    """Return the rows of noise that is not white."""
     p, points, equation = verdict.probabilities, near.weighed.grid.points, near.regressors.equation
     likeliest = points[verdict.hypothesis.point]
     correlated = p.by_discrepancy[SENSOR_NOISE]

@@ -13,6 +13,9 @@ from . import reasons as codes
 from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
 from .reasons import Reason
 
+Part = Callable[[Probabilities, Hypothesis], float]
+"""Function that returns the part of a hypothesis's probability that counts for a kind of answer."""
+
 VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
 
@@ -28,7 +31,6 @@ class Place:
     """One effect of the answer.
 
     Attributes:
-        label: The effect on its columns.
         share: Probability of the effect on these columns, with agreement.
         tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
             label, and sensor errors by their keys.
@@ -87,12 +89,10 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     2. Of effects, the likeliest set; of sets of its size that are tied with it, the one whose effects are likeliest in
        sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; a discrepancy
        beside them makes it *partly named*.
-    3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none.
+    3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none; `rate_size` is
+       the RMS of that rate over that of the target.
 
-    Args:
-        probabilities: Probabilities of the hypotheses.
-        rate_size: RMS of the modelled rate, over that of the target.
-        late: True if a sensor's error was undone before hypotheses were weighed.
+    Where `late`, a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
@@ -147,10 +147,8 @@ def _likely_sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tup
     return tuple(name for name in names if by_sensor[name].probability >= probabilities.criteria.missing)
 
 
-def _without_effects(
-    probabilities: Probabilities, code: str, part: Callable[[Probabilities, Hypothesis], float]
-) -> Verdict:
-    """Return the likeliest answer of a kind without effects; of each hypothesis a part counts for this kind."""
+def _without_effects(probabilities: Probabilities, code: str, part: Part) -> Verdict:
+    """Return the likeliest answer of a kind without effects."""
 
     def log_weight(h: Hypothesis) -> float:
         if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):
@@ -166,7 +164,6 @@ def _without_effects(
 
 
 def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verdict:
-    """Return the answer with a set of effects."""
     criteria, gap = probabilities.criteria, probabilities.weighed.gap_square
     with_set = [h for h in probabilities.weighed.hypotheses if probabilities.effects(h) == chosen]
     mass = sum(h.probability for h in with_set)

@@ -170,12 +170,8 @@ def trusted(own: float, left: float, against: float = 0.0) -> float:
 
         1 − left²/⟨(a + w)²⟩ = (own² + 2 ⟨a w⟩)/(own² + 2 ⟨a w⟩ + left²)
 
-    Of two that cancel each other the discount is zero.
-
-    Args:
-        own: RMS of a.
-        left: RMS of w in the band of a.
-        against: Mean product ⟨a w⟩.
+    with own the RMS of a, left that of w in the band of a, and ⟨a w⟩ `against`. Of two that cancel each other the
+    discount is zero.
     """
     closed = own**2 + 2 * against
     return float(closed / (closed + left**2)) if own > 0 and closed > 0 else 0.0

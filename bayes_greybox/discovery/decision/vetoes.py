@@ -35,11 +35,8 @@ def verdict_of(
     code = max((verdict.code for verdict in verdicts.values()), key=VERDICTS.index)
     labels = labels or {name: derivative_label(name) for name in verdicts}
     about = {name: f"in {labels[name]}: " if len(verdicts) > 1 else "" for name in verdicts}
-    reasons = [
-        Reason(each.code, about[name] + each.text, name)
-        for name, verdict in verdicts.items()
-        for each in verdict.reasons
-    ]
+    every = [(name, reason) for name, verdict in verdicts.items() for reason in verdict.reasons]
+    reasons = [Reason(each.code, about[name] + each.text, name) for name, each in every]
     vetoes: list[Reason] = []
     if code == RECALIBRATE or any(verdict.places for verdict in verdicts.values()):
         vetoes += [Reason(codes.NOT_COMPARED, text) for text in lost]
@@ -64,12 +61,12 @@ def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[st
     rows = [each for each in rows if each[0][0] == "test"] or rows
     keys = []
     for key, row in rows:
-        before, after, upper = (row[name] for name in ("before", "after", "upper"))
+        before, after = row["before"], row["after"]
         if key[1] == FREE_RUN:
             worse = after > before + max(criteria.worse * before, criteria.integrator)
         else:
             # A run that never fails has NaN.
-            before, after, upper = (np.inf if np.isnan(time) else time for time in (before, after, upper))
+            before, after, upper = (np.inf if np.isnan(time) else time for time in (before, after, row["upper"]))
             worse = after < (1 - criteria.worse) * before and (upper < before or not np.isfinite(before))
         if worse:
             keys.append(key)

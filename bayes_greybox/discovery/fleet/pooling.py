@@ -33,7 +33,6 @@ class Pooled:
         between, between_lower, between_upper: Median and interval of τ, the standard deviation between assets.
         same: Probability that all have one coefficient, τ = 0, which has 0.5 beforehand.
         each: Posterior mean of each asset's own β_i.
-        each_sd: Its standard deviation.
     """
 
     mean: float

@@ -165,11 +165,9 @@ class Fleet:
 
     def table(self) -> pd.DataFrame:
         """Return the assets as a table, indexed by asset."""
-        rows = [
-            {**asdict(each), "lacks": ", ".join(each.lacks), "may_lack": ", ".join(each.may_lack)}
-            for each in self.assets
-        ]
-        return pd.DataFrame(rows, columns=[field.name for field in fields(AssetStudy)]).set_index("asset")
+        table = pd.DataFrame(map(asdict, self.assets), columns=[field.name for field in fields(AssetStudy)])
+        names = {column: table[column].map(", ".join) for column in ("lacks", "may_lack")}
+        return table.assign(**names).set_index("asset")
 
 
 def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]) -> Fleet:
@@ -257,9 +255,7 @@ def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -
 def _common(effects: Sequence[Mapping[str, Any]]) -> str:
     """Return the formula of effects, with names of inner parameters in the place of numbers that differ."""
     numbers = zip(*(_NUMBER.findall(effect["expression"]) for effect in effects), strict=True)
-    written = iter([
-        own[0] if len(set(own)) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers
-    ])  # fmt: skip
+    written = (own[0] if len({*own}) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers)
     return _NUMBER.sub(lambda _: next(written), effects[0]["expression"])
 
 

@@ -25,8 +25,6 @@ class Process(NamedTuple):
     Attributes:
         F: Transition to each sample from the one before; to the first of a stretch from its start.
         Q: Covariance that the process of unit intensity adds on the way.
-        H: Rows by which the sensors read the state.
-        noise: Variances of the sensors' noise at each sample.
         start: Covariance at the start of a stretch, beside that of the process.
         started: Covariance at the start of the process of unit intensity.
     """

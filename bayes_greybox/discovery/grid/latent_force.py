@@ -58,11 +58,7 @@ class LatentForce(ABC):
     def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """Return innovations in units of their standard deviations, and the logarithms of their variances.
 
-        Args:
-            table: Values at the rows.
-            scale: τ.
-            ratios: r, several at once; 0 is no force.
-            sensor: If true, w is correlated noise of the sensors, which moves nothing.
+        Ratios of 0 are no force. If `sensor`, w is correlated noise of the sensors, which moves nothing.
         """
 
     @abstractmethod
@@ -109,7 +105,6 @@ class ForcedRates(LatentForce):
 
     @cached_property
     def _fresh(self) -> Bool[np.ndarray, " n_row"]:
-        """Return true for each row that begins a run."""
         return np.diff(self.run, prepend=self.run[0] - 1) != 0
 
     @property

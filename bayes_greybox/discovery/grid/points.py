@@ -10,6 +10,7 @@ sensor's noise, so that v is common to all points and is integrated out for each
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from jaxtyping import Float
@@ -110,12 +111,8 @@ class NoiseGrid:
                 families.append((MEMORY, coarse, (0.0,), self.memories, 0.0))
             for kind, sizes, scales, memories, log_prior in families:
                 share = log_shape + log_prior - math.log(len(sizes) * len(scales) * len(memories))
-                points += [
-                    NoisePoint(kind, float(r), s, name, shape, share)
-                    for name in memories
-                    for s in scales
-                    for r in sizes
-                ]
+                every = product(memories, scales, sizes)
+                points += [NoisePoint(kind, float(r), s, name, shape, share) for name, s, r in every]
         return tuple(points)
 
     def _scales(self, shares: Sequence[float]) -> list[float]:

@@ -53,26 +53,19 @@ class Band:
     discrepancy is white and the force has some frequencies evenly, the share of the frequencies that the force has.
     """
 
-    def __init__(
-        self, forces: Float[np.ndarray, "n_sample n_force"], left: Float[np.ndarray, "n_sample n_left"]
-    ) -> None:
+    def __init__(self, forces: Float[np.ndarray, "n_sample k"], left: Float[np.ndarray, "n_sample n_left"]) -> None:
         self._n_block = int(blocks(len(forces)).max(initial=0)) + 1
         self._length = len(forces) // self._n_block
         self._forces = self._transformed(forces)
         self._left = self._shares(self._transformed(left))
 
-    def share(
-        self, hypothesis: int, members: Sequence[int], mixed: Float[np.ndarray, "k k"]
-    ) -> Float[np.ndarray, " k"]:
-        """Return the share of a discrepancy's square that has the spectrum of each of some sums of forces.
+    def share(self, number: int, members: Sequence[int], mixed: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " k"]:
+        """Return the share of one hypothesis's discrepancy that has the spectrum of each of some sums of forces.
 
-        Args:
-            hypothesis: Number of the hypothesis beside which the discrepancy is.
-            members: Forces.
-            mixed: Coefficients of the sums, one in each row. A sum that is zero has a share of 1.
+        Each row of `mixed` has the coefficients of one sum. A sum that is zero has a share of 1.
         """
         p = self._shares(self._forces[..., list(members)] @ mixed.T)
-        q, square = self._left[:, hypothesis], np.sum(p**2, axis=0)
+        q, square = self._left[:, number], np.sum(p**2, axis=0)
         return np.clip(np.where(square > 0, (q @ p) / np.where(square > 0, square, 1.0), 1.0), 0.0, 1.0)
 
     def _transformed(self, table: np.ndarray) -> np.ndarray:
@@ -81,7 +74,6 @@ class Band:
         return np.fft.rfft(cut * hann(self._length, sym=False)[:, None], axis=1)
 
     def _shares(self, transformed: np.ndarray) -> Float[np.ndarray, "n_frequency k"]:
-        """Return spectra over their sums."""
         power = np.sum(np.abs(transformed) ** 2, axis=0)
         # All frequencies but zero and half the rate of the samples stand for their negative, too.
         power[1 : (self._length + 1) // 2] *= 2

@@ -94,14 +94,18 @@ class Window(NamedTuple):
     memories: tuple[str, ...]
 
 
+Set = tuple[int, ...]
+"""Regressors of an inclusion set, sorted."""
+
+Sets = Sequence[Set]
+OfSets = Float[np.ndarray, " n_set"]
+
 WRONG_SIGN, EXPECTED_SPREAD = 0.1, 0.3
 """Prior probability that an effect that dissipates or restores does the opposite; prior standard deviation, over its
 size, of a coefficient whose size is known."""
 
 
-def log_ranges(
-    regressor: Regressor, mean: Float[np.ndarray, " n_set"], sd: Float[np.ndarray, " n_set"]
-) -> Float[np.ndarray, " n_set"]:
+def log_ranges(regressor: Regressor, mean: OfSets, sd: OfSets) -> OfSets:
     """Return the change of the log evidence of sets by the sign, the size and the limit of one of their regressors.
 
         log 2 (p₊ P(θ has the expected sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y),
@@ -136,19 +140,11 @@ def _log_near_size(mean: np.ndarray, variance: np.ndarray, expected: float, prio
     return same_sign + 0.5 * (log(prior) - np.log(variance * wide * precision)) - 0.5 * square
 
 
-Set = tuple[int, ...]
-"""Regressors of an inclusion set, sorted."""
-
-Sets = Sequence[Set]
-
-
 @dataclass(frozen=True)
 class Reach:
     """Limits of a search.
 
     Attributes:
-        effects: Largest number of effects in a set.
-        sensors: Largest number of sensor errors in a set.
         members: Largest number of regressors that are not free.
         beam: Number of the likeliest sets whose neighbours are weighed.
         swapped: Number of the likeliest sets of which one regressor is exchanged for any other, once nothing else
@@ -166,9 +162,7 @@ class Reach:
     kept: int = 400
 
 
-def search(
-    regressors: Sequence[Regressor], log_weights: Callable[[Sets], Float[np.ndarray, " n_set"]], reach: Reach
-) -> list[Set]:
+def search(regressors: Sequence[Regressor], log_weights: Callable[[Sets], OfSets], reach: Reach) -> list[Set]:
     """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first."""
     space = _Space(regressors, reach)
     weights: dict[Set, float] = {}
@@ -223,12 +217,8 @@ class _Space:
 
     def swaps(self, members: Set) -> list[Set]:
         """Return the sets with any other regressor in the place of one."""
-        return [
-            other
-            for _, without in self._without_one(members)
-            for other in self.neighbours(without)
-            if len(other) == len(members)
-        ]
+        every = [other for _, without in self._without_one(members) for other in self.neighbours(without)]
+        return [other for other in every if len(other) == len(members)]
 
     def _without_one(self, members: Set) -> list[tuple[int, Set]]:
         return [(i, tuple(j for j in members if j != i)) for i in members if self.regressors[i].kind != FREE]

@@ -69,7 +69,6 @@ class RegressorTable:
     Attributes:
         target: y, of unit size.
         acting: Regressors at the samples, in the unit of the force; zero for those that act on a sensor alone.
-        block: Number of the block of the record that each row belongs to.
         law: Features of f; none where no f is weighed.
         frequency: Square roots of the Laplacian's eigenvalues of the features.
         memories: Elements of forces with memory, by the memory's name.

@@ -79,8 +79,6 @@ class Weighed:
     """All hypotheses of one table.
 
     Attributes:
-        forces: Rows under each shape of the noise.
-        hypotheses: Hypotheses, likeliest first.
         blocks: Log likelihood of each block of the record at each hypothesis's mode.
     """
 
@@ -101,10 +99,8 @@ class Weighed:
         probability = np.exp(weights - np.logaddexp.reduce(weights))
         agreement = bagged(self.blocks, probability, seed)
         order = ranked(range(len(weights)), lambda k: float(weights[k]))
-        numbers = {"log_weight": weights, "probability": probability, "agreement": agreement}
-        hypotheses = tuple(
-            replace(self.hypotheses[k], **{name: float(values[k]) for name, values in numbers.items()}) for k in order
-        )
+        ordered = [(self.hypotheses[k], float(weights[k]), float(probability[k]), float(agreement[k])) for k in order]
+        hypotheses = tuple(replace(h, log_weight=w, probability=p, agreement=a) for h, w, p, a in ordered)
         return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
 
     @property
@@ -153,9 +149,7 @@ class Weighed:
     def _residuals(self) -> Residuals:
         return Residuals(self.table, self.forces, self.grid.points)
 
-    def _likeliest(
-        self, hypothesis: Hypothesis, allowed: Sequence[bool]
-    ) -> tuple[int, Float[np.ndarray, "n 1"], float]:
+    def _likeliest(self, hypothesis: Hypothesis, allowed: Sequence[bool]) -> tuple[int, np.ndarray, float]:
         """Return the likeliest of the allowed noise points, with the residual and v at the mode there."""
         number = int(np.argmax(np.where(allowed, hypothesis.points, -1.0)))
         mode = modes(self.grid, self.precision, [hypothesis.members], np.array([number]), self.floor)
@@ -229,8 +223,6 @@ def _noise_grid(table: RegressorTable, odds: Odds, floor: float, window: Window 
 
 @dataclass(frozen=True)
 class _Weight:
-    """Log posterior weights of sets."""
-
     table: RegressorTable
     products: Gram
     precision: np.ndarray

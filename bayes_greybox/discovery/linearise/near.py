@@ -34,6 +34,9 @@ LEAST_SHAPE_ODDS, LEAST_WHITE_SCALE = -3.0, 1e-6
 """Log posterior odds of a shape over white noise below which it is not added; least scale of whitened residuals."""
 
 
+AtRows = Float[np.ndarray, " n_row"]
+
+
 class Shape(NamedTuple):
     """One shape of the noise.
 
@@ -43,14 +46,12 @@ class Shape(NamedTuple):
     """
 
     name: str
-    spread: Float[np.ndarray, " n_row"]
+    spread: AtRows
     log_prior: float
     about: Mapping[str, Any]
 
 
-def noise_shapes(
-    white: Float[np.ndarray, " n_row"], quantities: Mapping[str, Float[np.ndarray, " n_row"]], odds: Odds
-) -> tuple[Shape, ...]:
+def noise_shapes(white: AtRows, quantities: Mapping[str, AtRows], odds: Odds) -> tuple[Shape, ...]:
     """Return the shapes that a residual speaks for."""
     if len(white) < LEAST_ROWS or not np.all(np.isfinite(white)):
         return ()

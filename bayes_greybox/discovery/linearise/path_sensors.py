@@ -50,13 +50,8 @@ tolerance of columns that are proportional."""
 def freed(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
     """Return samples without the errors of sensors and inputs, but for the delays of several sensors.
 
-    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it.
-
-    Args:
-        samples: Samples as they came.
-        equation: The learned state.
-        sensors: Sizes of the errors, in units of their own.
-        clock: Data that drifts were found on.
+    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it. The clock's
+    data are those that drifts were found on.
     """
     right, late = calibrated(samples, equation, sensors, clock), Late.of(samples, sensors)
     if not np.all(seen := seen_samples(samples)):
@@ -222,7 +217,6 @@ def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulatio
 
 
 def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:
-    """Return true if time itself is in the rates."""
     later = replace(nodes, time=nodes.time + step)
     return any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
 

@@ -1,7 +1,6 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -111,21 +110,16 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
     return contexts
 
 
-@dataclass
 class _Search:
     """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once."""
 
-    regressors: Regressors
-    ground: Ground
-    label: str
-    tabled: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        group = [self.regressors.columns[i] for i in self.regressors.group(self.label)]
+    def __init__(self, regressors: Regressors, ground: Ground, label: str) -> None:
+        self.regressors, self.ground = regressors, ground
+        group = [regressors.columns[i] for i in regressors.group(label)]
         shape = group[0].effect
         assert shape is not None
         self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
-        self._least, self._most = limits(shape, self.regressors.rows.columns, self.regressors.path)
+        self._least, self._most = limits(shape, regressors.rows.columns, regressors.path)
         self.tabled = np.array([list(column.inner.values()) for column in group])
         self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
         self._bases: dict[_Context, np.ndarray] = {}
@@ -207,7 +201,6 @@ class _Search:
         return logs
 
     def _base(self, context: _Context) -> np.ndarray:
-        """Return the whitened target and regressors beside the effect."""
         if context not in self._bases:
             table = self.ground.table
             rows = np.column_stack([table.target, table.columns[:, list(context.others)]])
@@ -232,7 +225,6 @@ def _shares(logs: np.ndarray) -> np.ndarray:
 
 
 def _carrying(logs: np.ndarray) -> np.ndarray:
-    """Return true for the values that carry the posterior."""
     stay = np.zeros(len(logs), bool)
     stay[np.argsort(-logs, kind="stable")[:MOST_CARRYING]] = True
     return stay & (logs > np.max(logs) - CARRYING_NATS)

@@ -59,9 +59,8 @@ class SampleRows(Source):
         errors = PathErrors.of(model, data, equation, point, rate)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, equation, effects, point.values, errors.shown)
-        regressors.add_sensor_errors(
-            [each for each in errors.identifiable(regressors) if point.weighs(each[0].key)], at_rows=True
-        )
+        identifiable = errors.identifiable(regressors)
+        regressors.add_sensor_errors([each for each in identifiable if point.weighs(each[0].key)], at_rows=True)
         regressors.add_sensor_errors([each for each in errors.inputs if point.weighs(each[0].key)])
         # A hidden state is a memory itself.
         visible = replace(errors.nodes, states={name: errors.nodes.states[name] for name in self.model.states(train)})
@@ -75,11 +74,8 @@ class SampleRows(Source):
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
         # In the unit of the samples as they came: those freed of a gain are over it.
         unit = math.log(scale * regressors.rows.gain) + unit_of_rows(right.samples or right, point.sensors)
-        n_row = regressors.rows.n_row
-        return Rows(
-            point, model, data, regressors, replace(force, gap=self._gap / scale), rate, np.arange(n_row), n_row, floor,
-            unit,
-        )  # fmt: skip
+        n_row, force = regressors.rows.n_row, replace(force, gap=self._gap / scale)
+        return Rows(point, model, data, regressors, force, rate, np.arange(n_row), n_row, floor, unit)
 
     def quantities(self, rows: Rows) -> Mapping[str, Float[np.ndarray, " n_row"]]:
         """Return the columns along the path, of one sensor."""
@@ -111,10 +107,9 @@ class SampleRows(Source):
             end, path = samples.states[name][at_end], rows.data.column(name)[at_end]
             distance = np.where(end == np.max(samples.states[name]), end - path, path - end)
             if np.mean(distance > INSIDE_SDS * noise[name]) > MOST_INSIDE:
-                doubts.append(
-                    f"{name} stays at the end of its sensor's range at samples where its path does not reach it"
-                )
-        return doubts
+                doubts.append(name)
+        text = "{} stays at the end of its sensor's range at samples where its path does not reach it"
+        return [text.format(name) for name in doubts]
 
     def _after(self, point: Point) -> Program:
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""

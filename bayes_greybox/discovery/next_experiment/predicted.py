@@ -156,7 +156,6 @@ class Predictor:
         return np.vstack([np.zeros((1, k)), SMALL_STEP * np.eye(k), draws])
 
     def _added(self, h: int, latents: np.ndarray) -> Added:
-        """Return the terms of a hypothesis with their coefficients by run."""
         c, names = self.hypotheses[h], self.simulation.states
         terms = [term.rounded(self.data.columns) for term in c.terms]
         theta = c.mean + latents[:, : len(c.root)] @ c.root
@@ -201,7 +200,6 @@ class Predictor:
         return Response(shown[0], by[:k], by[k:])
 
     def _predicted(self, candidate: Candidate, paths: Sequence[np.ndarray], resolved: bool) -> Responses:
-        """Return the predictions of all hypotheses for one candidate."""
         # Given the path, rates are linear in the coefficients; the information of the path itself is not counted.
         along = [[path] * len(paths) for path in paths] if self.rates else [paths] * len(paths)
         responses = [[self._response(h, candidate, own) for h, own in enumerate(each)] for each in along]

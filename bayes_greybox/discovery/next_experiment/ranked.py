@@ -201,7 +201,6 @@ def rank(
 
 
 def _bits_of(each: Sequence[Responses], p: np.ndarray) -> float:
-    """Return the information of experiments together."""
     by_path = zip(*(one.predictions for one in each), strict=True)
     return information([list(map(together, zip(*own, strict=True))) for own in by_path], p) if each else 0.0
 

@@ -13,6 +13,7 @@ from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.rows.equation_rows import Columns
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -93,9 +94,7 @@ class Values:
     log_weights: Float[np.ndarray, " n_point"]
 
 
-def first_values(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
-) -> Values | None:
+def first_values(effect: BoundEffect, columns: Columns, path: Trajectories | None = None) -> Values | None:
     """Return the first values of an effect's nonlinear parameters: middles of parts of equal prior probability.
 
     The values are None where a parameter is a share of nothing.
@@ -128,7 +127,7 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def limits(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
+    effect: BoundEffect, columns: Columns, path: Trajectories | None = None
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
     """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
 
@@ -145,12 +144,9 @@ class EvaluatedColumns:
     """Columns of an equation and features of its f, at any samples: equations and free runs are made of these.
 
     Attributes:
-        equation: The learned state or output.
         columns: Terms of the model before and after.
-        variables: Variables of f.
         centre: Middle of the box that they fill in the data, user's units.
         half_width: Half the sides of that box.
-        basis: Features of f.
         target_scale: RMS of the measured rate less the simulation, user's units.
         path: States and inputs where terms are evaluated, in order of time, on rows of samples.
     """
@@ -168,9 +164,7 @@ class EvaluatedColumns:
         """Return the columns of one kind."""
         return [i for i, column in enumerate(self.columns) if column.kind == kind]
 
-    def evaluate(
-        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
-    ) -> Float[np.ndarray, "n_row n_column"]:
+    def evaluate(self, indices: Sequence[int], columns: Columns) -> Float[np.ndarray, "n_row n_column"]:
         """Return chosen columns at any samples, scaled; sensor errors are known at the rows only."""
         return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 

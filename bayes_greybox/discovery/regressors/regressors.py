@@ -105,7 +105,7 @@ class Regressors(EvaluatedColumns):
                     refused[about["effect"].slug] = why
                 continue
             kept.append(self._column(kind, term, size, about))
-            forces.append(np.broadcast_to(value / size, self._n_node)[self._place])
+            forces.append(np.broadcast_to(value / size, len(next(iter(self.rows.columns.values()))))[self._place])
             if hidden:
                 along_path[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
@@ -114,15 +114,13 @@ class Regressors(EvaluatedColumns):
         at_rows = self._at_rows(kept, along_path)
         # Within a step of a path a term may leave its domain though it does not at the step's ends.
         inside = np.all(np.isfinite(at_rows), axis=0)
-        for k in np.flatnonzero(~inside):
-            self._require(kind, kept[k].formula, NOT_FINITE)
-        outside = [kept[k].effect for k in np.flatnonzero(~inside)]
-        kept = [kept[k] for k in np.flatnonzero(inside)]
-        self.leave_out({effect.slug: NOT_FINITE for effect in outside if effect is not None}, kept)
+        outside, kept = ([kept[k] for k in np.flatnonzero(which)] for which in (~inside, inside))
+        for column in outside:
+            self._require(kind, column.formula, NOT_FINITE)
+        self.leave_out({column.effect.slug: NOT_FINITE for column in outside if column.effect is not None}, kept)
         self._extend(kept, at_rows[:, inside], np.column_stack(forces)[:, inside])
 
     def _require(self, kind: str, term: Term, why: str) -> None:
-        """Refuse a free term that cannot serve."""
         if kind == FREE:
             raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
 
@@ -151,16 +149,14 @@ class Regressors(EvaluatedColumns):
 
     def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
         """Return the hidden states of each term along the path; empty where it has none."""
-        values: list[dict[str, np.ndarray]] = [{} for _ in terms]
-        places = [k for k, term in enumerate(terms) if term.states]
-        if places:
-            path = self.path
-            assert path is not None
-            fresh = np.diff(path.run, prepend=-1) != 0
-            systems = [terms[k].states for k in places]
-            for k, states in zip(places, along(systems, path.time, path.columns, fresh), strict=True):
-                values[k] = states
-        return values
+        systems = {k: term.states for k, term in enumerate(terms) if term.states}
+        if not systems:
+            return [{} for _ in terms]
+        path = self.path
+        assert path is not None
+        fresh = np.diff(path.run, prepend=-1) != 0
+        values = dict(zip(systems, along(list(systems.values()), path.time, path.columns, fresh), strict=True))
+        return [values.get(k, {}) for k in range(len(terms))]
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.
@@ -199,10 +195,6 @@ class Regressors(EvaluatedColumns):
             table, size = table[:, size > 0], size[size > 0]
             if len(size):
                 self.memories[memory] = self.rows.operate(table / size), (table / size)[self._place]
-
-    @property
-    def _n_node(self) -> int:
-        return len(next(iter(self.rows.columns.values())))
 
     @property
     def _place(self) -> Any:
@@ -248,7 +240,6 @@ class Regressors(EvaluatedColumns):
 
 
 def _jumps(chosen: Sequence[tuple[Term, float]]) -> Jumps:
-    """Return the terms that may jump."""
     places = [k for k, (term, _) in enumerate(chosen) if term.jumps]
     return Jumps(places, partial(evaluated, [chosen[k] for k in places]))
 

@@ -31,8 +31,6 @@ class Curve:
 
     Attributes:
         errors: Coefficients by power, of `BEND_POWERS`; nothing bends without any.
-        center: c, in the unit of the state.
-        gain: g, positive.
     """
 
     errors: Mapping[int, float] = field(default_factory=dict)

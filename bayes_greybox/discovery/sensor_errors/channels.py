@@ -52,7 +52,9 @@ GAIN_SD, OFFSET_SD = 0.03, 0.03
 ZERO_SD = 0.1
 """Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""
 
-Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
+AtRows = Float[np.ndarray, " n_obs"]
+
+Rate = Callable[[Trajectories], AtRows]
 """The whole modelled rate G on the rows of some data."""
 
 
@@ -119,7 +121,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         return slope_along(data, rate, name, direction)
 
     def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
-        return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step), column
+        return delay_error(channel, step), column
 
     def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
         return zero_error(data, name), -slope(name, ones)
@@ -131,17 +133,18 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         if apart:
             columns.append(late(sensor, -along((*apart, *inputs), clock=True)))
         gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
-        columns += [(ChannelSuspect(GAIN, sensor, GAIN_SD), gained), zero(sensor)]
+        columns += [(gain_error(sensor), gained), zero(sensor)]
     else:
         columns = [late(label, -along((*states, *inputs), clock=True))]
         if inputs:
             columns += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
-        columns += [(ChannelSuspect(GAIN, label, GAIN_SD), G), (ChannelSuspect(OFFSET, label, OFFSET_SD * size), ones)]
+        offset = ChannelSuspect(OFFSET, label, OFFSET_SD * size)
+        columns += [(gain_error(label), G), (offset, ones)]
         if span > 0:
-            columns.append((ChannelSuspect(DRIFT, label, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+            columns.append((replace(offset, kind=DRIFT), (data.time - np.mean(data.time)) / span))
     for name in (*apart, *inputs):
-        columns += [(ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))), zero(name)]
+        columns += [(gain_error(name), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
         # Last: of errors with one and the same column the first stands, and this is the oddest one.
         columns += [late(x, along((x,))) for x in apart]
@@ -153,14 +156,22 @@ def with_column(columns: ErrorColumns) -> ErrorColumns:
     return [(error, column) for error, column in columns if np.all(np.isfinite(column)) and np.any(column != 0)]
 
 
+def delay_error(channel: str, step: float) -> ChannelSuspect:
+    """Return the delay of a channel that is sampled at a step."""
+    return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step)
+
+
+def gain_error(channel: str) -> ChannelSuspect:
+    """Return the gain of a channel."""
+    return ChannelSuspect(GAIN, channel, GAIN_SD)
+
+
 def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
     """Return the offset of the sensor of a state or an input."""
     return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
 
 
-def slope_along(
-    data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
-) -> Float[np.ndarray, " n_obs"]:
+def slope_along(data: Trajectories, rate: Rate, name: str, direction: AtRows) -> AtRows:
     """Return ∂G/∂name along a direction, its move at each row per unit, by central differences."""
     values = data.column(name)
     size, largest = float(np.sqrt(np.mean(values**2))), float(np.max(np.abs(direction)))
@@ -217,10 +228,8 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
             slope = (data.time - np.mean(clock.time)) / np.ptp(clock.time) if error.kind == DRIFT else 1.0
             offsets[error.channel] = offsets.get(error.channel, 0.0) + size * slope
     # A state computed from samples has their gain, and none of their offset.
-    columns = {
-        name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
-        for name, x in data.columns.items()
-    }
+    curves = {name: curve_of(sizes, _sensor(data, name), name) for name in data.columns}
+    columns = {name: curves[name].measured(x - offsets.get(name, 0.0)) for name, x in data.columns.items()}
     label, rates, same_sensor = data.target_label(equation), dict(data.derivatives), _one_sensor(data, equation)
     if equation in rates:
         gain = gains.get(same_sensor[0] if same_sensor else label, 0.0)
@@ -247,12 +256,9 @@ def as_shown(
 
 
 def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
-    """Return the curve of a sensor, beyond its offset.
+    """Return the curve of a state's sensor, beyond its offset.
 
-    Args:
-        sizes: Sizes of the errors.
-        sensor: State whose sensor it is: a state computed from its samples has its gain.
-        state: State that is shown, which alone bends; that of the sensor by default.
+    A state computed from its samples has its gain; only the state that is shown, by default the sensor's, bends.
     """
     gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
     bending = [error for error in sizes if error.kind in BEND_POWERS and error.channel == (state or sensor)]

@@ -7,7 +7,7 @@ wrong damping; these samples do.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -64,7 +64,6 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
 
 
 def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
-    """Yield states with the states that are their rates."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
         if rate is None or rate not in data.state_names:
@@ -115,10 +114,11 @@ class _Pair:
         if before >= SURELY_LATE:
             return None
         most = FURTHEST * self.step
-        fit: Any = minimize_scalar(
-            lambda by: float(np.sum(self.departures(by) ** 2)), bounds=(-most, most), method="bounded"
-        )
-        by = float(fit.x)
+
+        def misfit(by: float) -> float:
+            return float(np.sum(self.departures(by) ** 2))
+
+        by = float(cast(Any, minimize_scalar(misfit, bounds=(-most, most), method="bounded")).x)
         residual = self.departures(by)
         if abs(by) > 0.95 * most or self.p(residual, 1) < SURELY_LATE or not self.gained > 0:
             return None

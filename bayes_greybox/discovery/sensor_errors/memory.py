@@ -51,7 +51,6 @@ class Memory:
     """One kind of memory of one channel.
 
     Attributes:
-        share: Which of several of the kind.
         behind: True if it was some samples behind, in files of earlier versions.
     """
 

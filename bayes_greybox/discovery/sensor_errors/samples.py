@@ -145,9 +145,8 @@ def _away(x: np.ndarray, leap: np.ndarray) -> np.ndarray:
     """Return true for samples that are away from both their neighbours to the same side, unlike those of an edge."""
     before, after = x[:, 2] - x[:, 1], x[:, -3] - x[:, -2]
     side = np.sign(leap[:, 0])
-    return (np.minimum(side * before, side * after) > 0.5 * np.max(np.abs(leap), axis=1)) & (
-        np.min(side[:, None] * leap, axis=1) > 0
-    )
+    away = np.minimum(side * before, side * after) > 0.5 * np.max(np.abs(leap), axis=1)
+    return away & (np.min(side[:, None] * leap, axis=1) > 0)
 
 
 def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -198,6 +197,6 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
 def _even(data: Trajectories) -> bool:
     """Return true if each run has a step of its own, up to the rounding of time stamps."""
     steps = [np.diff(data.time[rows]) for rows in run_slices(data.run) if rows.stop - rows.start > 1]
-    return bool(steps) and all(
-        bool(np.all(np.abs(each - np.median(each)) <= STEP_TOLERANCE * np.median(each))) for each in steps
-    )
+    usual = [np.median(each) for each in steps]
+    even = (np.abs(each - h) <= STEP_TOLERANCE * h for each, h in zip(steps, usual, strict=True))
+    return bool(steps) and all(bool(np.all(each)) for each in even)
