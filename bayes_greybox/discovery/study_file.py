@@ -41,8 +41,7 @@ from .answer.where import GapMap, GapTrace
 from .decision import reasons as codes
 from .decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS
 from .decision.reasons import Reason
-from .regressors.clouds import Cloud
-from .regressors.columns import Column, EvaluatedColumns, Nearer
+from .regressors.columns import Cloud, Column, EvaluatedColumns, Nearer
 from .sensor_errors.channels import ChannelSuspect
 from .sensor_errors.memory import Memory
 from .study import StudyResult

@@ -14,7 +14,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
-from bayes_greybox.discovery.regressors.build import regressors_of
+from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,

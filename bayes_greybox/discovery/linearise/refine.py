@@ -10,8 +10,7 @@ from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, l
 from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
 from bayes_greybox.discovery.grid.weigh import Hypothesis
-from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
-from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
+from bayes_greybox.discovery.regressors.columns import Cloud, Values, at_values, limits, log_weights, weights_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 
 from .near import MATTERS

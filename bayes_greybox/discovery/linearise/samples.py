@@ -13,7 +13,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import gap_size
 from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
-from bayes_greybox.discovery.regressors.build import regressors_of
+from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns

@@ -7,7 +7,7 @@ from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.regressors.build import LAW_FEATURES, regressors_of
+from bayes_greybox.discovery.linearise.source import LAW_FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import COLLINEAR, CORRECTION_SCALE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import GAIN, OFFSET, ChannelSuspect
