@@ -54,10 +54,9 @@ class Remainder:
         point = weighed.grid.points[number]
         mode = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
         v, mean = float(mode.v[0]), mode.mean[0]
-        n_own = len(coefficients.indices) - coefficients.inner.shape[1]
         inside = np.flatnonzero(coefficients.draws.any(axis=0))
         likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
-        every = (*coefficients.indices[:n_own], *likeliest)
+        every = (*coefficients.indices[: coefficients.n_own], *likeliest)
         indices = [every[k] for k in inside]
         of_sensors = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
         errors = table.columns[:, [hypothesis.members[k] for k in of_sensors]] @ mean[of_sensors]
@@ -130,21 +129,20 @@ class Amendment:
     gain: float = 1.0
     forced: bool = False
 
+    @property
+    def able(self) -> Int[np.ndarray, " n"]:
+        """Return the numbers of all draws that one model can have."""
+        return np.arange(len(self.after.draws)) if self.alike is None else self.alike
+
     def pick(self, n_draw: int) -> Int[np.ndarray, " n_draw"]:
         """Return draws that one model can have, evenly thinned or repeated to `n_draw`."""
-        able = np.arange(len(self.after.draws)) if self.alike is None else self.alike
-        return able[np.linspace(0, len(able) - 1, n_draw).astype(int)]
+        return self.able[np.linspace(0, len(self.able) - 1, n_draw).astype(int)]
 
     def model(self, before: Program) -> Program:
         """Return the model before with the rows and the hidden states of the model after."""
         near = before if self.rows is None else replace(before, rows=self.rows)
         data = self.clock or self.statistics.path
         return near if data is None else near.remembering(self.hidden, data)
-
-    @property
-    def n_own(self) -> int:
-        """Number of columns that are no effects."""
-        return len(self.after.indices) - self.after.inner.shape[1]
 
     @property
     def jumping(self) -> tuple[int, ...]:
@@ -155,7 +153,7 @@ class Amendment:
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rates added at rows: before [n_row], and draws of after, with f [n_draw, n_row]."""
-        statistics, n_own = self.statistics, self.n_own
+        statistics, n_own = self.statistics, self.after.n_own
         beta, inner = self._draws(n_draw)
         after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
         for k in range(inner.shape[1]):
@@ -183,7 +181,7 @@ class Amendment:
         An effect has one column for each value of its inner parameter that a draw has, with zeros in the other draws.
         The projection of f on the columns, −φ P w, is in the columns' coefficients.
         """
-        statistics, f, n_own = self.statistics, self.discrepancy, self.n_own
+        statistics, f, n_own = self.statistics, self.discrepancy, self.after.n_own
         beta, inner = self._draws(n_draw)
         indices = list(dict.fromkeys([*self.after.indices[:n_own], *np.unique(inner), *(f.indices if f else ())]))
         place = {index: k for k, index in enumerate(indices)}

@@ -36,6 +36,11 @@ class Coefficients(NamedTuple):
     suspects: tuple[int, ...] = ()
     suspect_draws: np.ndarray = np.zeros((0, 0))
 
+    @property
+    def n_own(self) -> int:
+        """Return the number of columns that are no effects."""
+        return len(self.indices) - self.inner.shape[1]
+
 
 def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> Coefficients:
     """Return posterior draws given the effects and the sensor errors of an answer; all else is averaged.

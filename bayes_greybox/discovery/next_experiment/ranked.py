@@ -141,8 +141,8 @@ def usual_sensors(study: StudyResult) -> dict[str, float]:
 
 
 def rank(
-    study: StudyResult, candidates: Sequence[Candidate] | None = None, *, batch: int = 1,
-    threshold: float = WORTH_DOING, outcomes: int = 64, seed: int = 0, **usual: Any,
+    study: StudyResult, candidates: Sequence[Candidate] | None, *, batch: int, threshold: float, outcomes: int,
+    seed: int, **usual: Any,
 ) -> NextExperiment:  # fmt: skip
     """Rank candidates by their expected information about the explanation; one whose runs fail is not chosen.
 

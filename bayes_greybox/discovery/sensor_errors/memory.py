@@ -79,12 +79,7 @@ Memories = Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]
 """Memories with their elements at the samples."""
 
 
-def everything(text: str) -> bool:
-    """Return true for each memory."""
-    return True
-
-
-def memory_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
+def memory_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
     """Yield every memory with the forces of its elements along the measured paths, for channels that come back.
 
     Elements are at rest where a run starts; those of an input, which may begin there, also as if it had been zero
@@ -165,7 +160,7 @@ SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 """Time constants τ over the duration of the record."""
 
 
-def drift_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
+def drift_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
     """Yield every state and input times each of the ways of settling, one element each: x exp(−(t − t₀)/τ).
 
     A spring warms up, a bolt comes loose, a battery sags: the coefficient of x settles or, where τ is longer than the
