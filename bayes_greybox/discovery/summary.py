@@ -191,7 +191,7 @@ def is_denied(study: StudyResult) -> bool:
 
 
 @dataclass(frozen=True)
-class Remainder:
+class Statement:
     """One statement about what is missing without a name.
 
     Attributes:
@@ -204,18 +204,18 @@ class Remainder:
     probability: float
 
 
-def remainders(study: StudyResult, equation: str) -> list[Remainder]:
+def remainders(study: StudyResult, equation: str) -> list[Statement]:
     """Return the likely statements about what has no name in an equation, the most specific alone."""
     rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
     likely = [row for row in rows if row["probability"] > least]
-    found = [Remainder(row["kind"], row["channel"], float(row["probability"])) for row in likely]
+    found = [Statement(row["kind"], row["channel"], float(row["probability"])) for row in likely]
     # A memory of one channel says more than that something remembers.
     specific = [each for each in found if each.of]
     if answer(study, equation) == UNKNOWN_KIND and len(study.quantities):
         # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
         table = rows_of(study.quantities, equation)
         laws = zip(map(str, table.index), map(float, table["probability"]), strict=True)
-        named = [Remainder(QUANTITY, of, p) for of, p in laws if of and p > least]
+        named = [Statement(QUANTITY, of, p) for of, p in laws if of and p > least]
         specific = [*named, *specific]
     return specific or found
 

@@ -20,7 +20,7 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, Regressors
-from bayes_greybox.discovery.sensor_errors.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
 from bayes_greybox.discovery.ties import likeliest_first
 from bayes_greybox.physics.terms import Term
@@ -245,7 +245,7 @@ class EquationStudy:
         ties = []
         for place in self.verdict.places:
             rivals = [each for name in place.tied if (each := self._likeliest(name)) is not None]
-            if rivals or any(map(is_fault, place.tied)):
+            if rivals or any(map(fault_kind, place.tied)):
                 own, advice = self._likeliest(place.label), ANOTHER_SENSOR
                 if rivals and own is not None:
                     curves = [(column.formula, mean) for column, mean, _ in (own, *rivals)]

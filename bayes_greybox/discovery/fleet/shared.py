@@ -12,7 +12,7 @@ import pandas as pd
 from bayes_greybox.discovery.decision.criteria import CRITERIA
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
-from bayes_greybox.discovery.sensor_errors.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 
@@ -277,7 +277,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
         assets=tuple(each.asset for each in sure),
         possible=tuple(each.asset for each in group if not each.sure),
         likely={each.asset: float(each.effect["probability"]) for each in likely},
-        faults=tuple(dict.fromkeys(tied for each in likely for tied in filter(is_fault, each.effect["tied_with"]))),
+        faults=tuple(dict.fromkeys(tied for each in likely for tied in filter(fault_kind, each.effect["tied_with"]))),
         expressions=tuple(each.effect["expression"] for each in sure),
         units=tuple(each.effect["unit"] or "" for each in sure),
         mean=tuple(_number(each.effect["mean"]) for each in sure),

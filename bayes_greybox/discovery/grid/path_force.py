@@ -18,7 +18,7 @@ MOST_TRANSITIONS = 12
 """Largest number of time scales whose transitions are kept."""
 
 
-class Steps(NamedTuple):
+class PathSteps(NamedTuple):
     """Steps of the linear equation along a path, with the steps that lead to each sample.
 
     Attributes:
@@ -42,7 +42,7 @@ class ForcedPath(LatentForce):
         start_sd: Prior standard deviation of each state at the start of a segment, over that of the noise.
     """
 
-    steps: Steps
+    steps: PathSteps
     outputs: tuple[int, ...]
     start_sd: Float[np.ndarray, " d"]
     spread: Float[np.ndarray, " n_row"]
@@ -105,7 +105,7 @@ class ForcedPath(LatentForce):
         return self._moved[key]
 
 
-def _discretised(steps: Steps, fresh: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+def _discretised(steps: PathSteps, fresh: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
     d, end = steps.M.shape[-1], steps.end
     n = len(end)
     F, Q = np.tile(np.eye(d + 1), (n, 1, 1)), np.zeros((n, d + 1, d + 1))

@@ -12,7 +12,7 @@ from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import gap_size
-from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
 from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
@@ -136,7 +136,7 @@ def _force(regressors: Regressors, data: Trajectories, point: Point) -> ForcedPa
     segments, sensors = path.segments, len(path.segments.outputs)
     typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
     relative = np.array(point.spread or path.sensor_sd / typical)
-    steps = Steps(
+    steps = PathSteps(
         segments.response.M, segments.response.b[..., segments.driven[path.acting_on]] / path.gain,
         np.diff(segments.grid.time[:, ::2], axis=1), segments.end,
     )  # fmt: skip

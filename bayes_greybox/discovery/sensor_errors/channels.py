@@ -87,13 +87,8 @@ ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
 """Errors with their columns per unit of their size."""
 
 
-def is_fault(name: str) -> bool:
-    """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
-    return bool(fault_kind(name))
-
-
 def fault_kind(name: str) -> str:
-    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key; "" for the slug of an effect."""
+    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key ("offset of y"); "" for a slug."""
     kind, _, channel = name.partition(" of ")
     return kind if channel and kind in (*ERRORS, LAG) else ""
 
@@ -120,24 +115,23 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
 
-    def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
-        return delay_error(channel, step), column
-
     def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
         return zero_error(data, name), -slope(name, ones)
 
     G, ones = rate(data), np.ones(data.n_obs)
     if same_sensor:
         sensor = same_sensor[0]
-        columns = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
+        columns = [(delay_error(u, step), along((u,))) for u in inputs]
+        columns.append((delay_error(STATES, step), -along(inputs, clock=True)))
         if apart:
-            columns.append(late(sensor, -along((*apart, *inputs), clock=True)))
+            columns.append((delay_error(sensor, step), -along((*apart, *inputs), clock=True)))
         gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
         columns += [(gain_error(sensor), gained), zero(sensor)]
     else:
-        columns = [late(label, -along((*states, *inputs), clock=True))]
+        columns = [(delay_error(label, step), -along((*states, *inputs), clock=True))]
         if inputs:
-            columns += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
+            columns.append((delay_error(STATES, step), along(states)))
+            columns += [(delay_error(u, step), along((u,))) for u in inputs]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
         offset = ChannelSuspect(OFFSET, label, OFFSET_SD * size)
         columns += [(gain_error(label), G), (offset, ones)]
@@ -147,7 +141,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         columns += [(gain_error(name), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
         # Last: of errors with one and the same column the first stands, and this is the oddest one.
-        columns += [late(x, along((x,))) for x in apart]
+        columns += [(delay_error(x, step), along((x,))) for x in apart]
     return with_column(columns)
 
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from bayes_greybox.discovery.grid.latent_force import gap_size
-from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
 from bayes_greybox.physics.integration.sensitivity import respond
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])
@@ -29,7 +29,7 @@ def rows(size):
     """Its samples over their RMS, the rows of these, and that RMS."""
     n_step = N - 1
     response = respond(np.linspace(0, n_step * DT, 2 * n_step + 1)[None], np.broadcast_to(A, (1, 2 * n_step + 1, 2, 2)))
-    steps = Steps(response.M, response.b[..., 1], np.full((1, n_step), DT), np.array([(0, k) for k in range(N)]))
+    steps = PathSteps(response.M, response.b[..., 1], np.full((1, n_step), DT), np.array([(0, k) for k in range(N)]))
     samples = path(size) + NOISE * np.random.default_rng(4).normal(size=N)
     scale = np.sqrt(np.mean(samples**2))
     start = np.full(2, 10.0) / NOISE

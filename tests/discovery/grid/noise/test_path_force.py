@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from bayes_greybox.discovery.grid.path_force import ForcedPath, Steps
+from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
 from bayes_greybox.physics.integration.sensitivity import respond
 
 A = np.array([[0.0, 1.0], [-4.0, -0.3]])
@@ -20,7 +20,7 @@ def forced_path(outputs, segments=1):
     nodes = np.tile(np.linspace(0, n_step * h, 2 * n_step + 1), (segments, 1))
     response = respond(nodes, np.broadcast_to(A, (*nodes.shape, 2, 2)))
     end = np.array([(s, k * SUB) for s in range(segments) for k in range(N // segments)])
-    steps = Steps(response.M, response.b[..., 1], np.full((segments, n_step), h), end)
+    steps = PathSteps(response.M, response.b[..., 1], np.full((segments, n_step), h), end)
     return ForcedPath(steps, outputs, START, np.full(N * len(outputs), S), 1.0, DT, 1.0)
 
 
