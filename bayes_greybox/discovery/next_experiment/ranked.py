@@ -122,11 +122,7 @@ class NextExperiment:
 
 
 def usual_sensors(study: StudyResult) -> dict[str, float]:
-    """Return the noise of the sensors in a study: of rates by equation, or of the sampled states.
-
-    Raises:
-        InputError: Samples that show no noise.
-    """
+    """Return the noise of the sensors in a study: of rates by equation, or of sampled states, which must show some."""
     if not study.base.rows.follows_path:
         return next((dict(e.sigma) for e in joined(study.explanations) if e.components), {})
     samples = study.train.samples or study.train
@@ -162,7 +158,10 @@ def rank(
         return NextExperiment(pd.DataFrame(), (), Information(0.0), 0.0, about, _alone(every))
     # As the study weighed it: coefficients are differences from stated means.
     simulation = study.base.centred().simulator(study.train).rounded(study.train.columns)
-    _check_runs(simulation, study.train, study.explanations)
+    if still := [x for x in simulation.states if x not in (*simulation.equations, *study.explanations)]:
+        raise InputError(f"The state {still[0]!r} has no equation to integrate: add it to the simulation.")
+    if lacking := [name for name in simulation.states if name not in study.train.states]:
+        raise InputError(f"The data lack the state {lacking[0]!r}: what runs reach is compared with its range.")
     if candidates is None:
         candidates = usual_candidates(study.train, usual.pop("sensors", None) or usual_sensors(study), **usual)
     if not candidates:
@@ -190,9 +189,8 @@ def rank(
     chosen = tuple(candidates[i] for i in picked) if bits >= max(threshold, ROUNDING_BITS) else ()
     total = float(-p @ np.log2(p))
     names, worth = ", ".join(e.name for e in predicting), f"{bits:.2f} of {total:.2f} bits"
-    text = "Under every candidate some runs fail: give smaller amplitudes or other starts."
-    if able:
-        text = _sentence(chosen, names, bits, worth, threshold)
+    failing = "Under every candidate some runs fail: give smaller amplitudes or other starts."
+    text = _sentence(chosen, names, bits, worth, threshold) if able else failing
     mind = "; ".join(dict.fromkeys(remarks[i] for i in picked if remarks[i] and chosen))
     left = ", ".join(f"{e.name} (probability {e.probability:.2f})" for e in every if not e.components)
     text += f" Mind: {mind}." if mind else ""
@@ -253,14 +251,6 @@ def _check_ranking(study: StudyResult, batch: int, outcomes: int, threshold: flo
         raise InputError("Ranking needs a batch of at least 1, at least 2 outcomes and a threshold of at least 0.")
     if described:
         raise InputError(f"{', '.join(described)} describes default candidates: leave candidates out.")
-
-
-def _check_runs(simulation: Simulation, data: Trajectories, equations: Collection[str]) -> None:
-    """Refuse a simulation with a state that has no equation, or no data."""
-    if still := [name for name in simulation.states if name not in (*simulation.equations, *equations)]:
-        raise InputError(f"The state {still[0]!r} has no equation to integrate: add it to the simulation.")
-    if lacking := [name for name in simulation.states if name not in data.states]:
-        raise InputError(f"The data lack the state {lacking[0]!r}: what runs reach is compared with its range.")
 
 
 def _check_candidate(candidate: Candidate, simulation: Simulation) -> None:
