@@ -99,10 +99,9 @@ class EquationStudy:
 
     def tables(self, data: Trajectories) -> dict[str, pd.DataFrame]:
         """Return the tables that a study has of all its equations, by name."""
-        instrument = instrument_table(self.source, self.near, self.verdict, self.coefficients, data)
         return {
             "effects": self.effects(data), "hypotheses": self.hypotheses(), "memory": self.memory(),
-            "quantities": self.quantities(), "instrument": instrument, "checks": self.check_table(),
+            "quantities": self.quantities(), "instrument": self.instrument(data), "checks": self.check_table(),
             "corrections": self.corrections(data), "where": self.where, "rounds": self.ladder(),
         }  # fmt: skip
 
@@ -182,6 +181,10 @@ class EquationStudy:
         shares |= {name: value for name, value in p.by_memory.items() if value > 0}
         table = pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
         return with_kinds(table)
+
+    def instrument(self, data: Trajectories) -> pd.DataFrame:
+        """Return the suspected errors of the measurement."""
+        return instrument_table(self.source, self.near, self.verdict, self.coefficients, data)
 
     def check_table(self) -> pd.DataFrame:
         """Return the checks of the answer's hypothesis."""
