@@ -44,12 +44,7 @@ ON_PATH = 0.1
 
 @dataclass(frozen=True)
 class Question:
-    """Data, model and settings of the study of one equation.
-
-    Attributes:
-        name: The learned state, or the output.
-        most: Largest number of effects added.
-    """
+    """Data, model and settings of the study of an equation, of a state or an output; `most` effects may be added."""
 
     model: Program
     train: Trajectories

@@ -56,11 +56,7 @@ KINDS_IN_WORDS = {LAW: "a law of the states", LATENT_FORCE: "something in time",
 
 @dataclass(frozen=True)
 class EquationStudy:
-    """The study of one equation.
-
-    Attributes:
-        source: Source of the rows, which also removes sensor errors from other data of the same sensors.
-    """
+    """The study of one equation; its source also removes sensor errors from other data of the same sensors."""
 
     source: Source
     near: Near

@@ -25,11 +25,7 @@ STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND)
 
 
 class Share(NamedTuple):
-    """Probability and agreement of a group of hypotheses.
-
-    Attributes:
-        agreement: Probability of the group averaged over bagged records.
-    """
+    """Probability of a group of hypotheses, and its agreement: the same averaged over bagged records."""
 
     probability: float = 0.0
     agreement: float = 0.0

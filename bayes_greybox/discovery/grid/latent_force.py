@@ -90,11 +90,7 @@ class LatentForce(ABC):
 
 @dataclass(frozen=True, eq=False)
 class ForcedRates(LatentForce):
-    """Rows of a rate, or of an output: the force itself, and noise; z_k = w_k + s_k e_k.
-
-    Attributes:
-        spread: s, relative standard deviations of the noise.
-    """
+    """Rows of a rate, or of an output: the force itself, and noise of spread s; z_k = w_k + s_k e_k."""
 
     time: Float[np.ndarray, " n_row"]
     run: Real[np.ndarray, " n_row"]

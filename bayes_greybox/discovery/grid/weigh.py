@@ -76,11 +76,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """All hypotheses of one table.
-
-    Attributes:
-        blocks: Log likelihood of each block of the record at each hypothesis's mode.
-    """
+    """All hypotheses of one table, with the log likelihood of each block of the record at the mode of each."""
 
     table: RegressorTable
     forces: tuple[LatentForce, ...]

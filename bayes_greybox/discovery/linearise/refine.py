@@ -37,11 +37,7 @@ are kept."""
 
 
 class Ground(NamedTuple):
-    """Table and noise points on which values are refined.
-
-    Attributes:
-        points: Noise points; the first one is white noise alone.
-    """
+    """Table and noise points on which values are refined; the first point is white noise alone."""
 
     table: RegressorTable
     forces: Sequence[LatentForce]

@@ -34,11 +34,7 @@ CLOUD_POINTS, TRIED_FOR_ONE = 64, 8
 
 @dataclass(frozen=True, eq=False)
 class Cloud:
-    """Points of a normal density inside the unit cube.
-
-    Attributes:
-        inside: Share of the density inside the cube.
-    """
+    """Points of a normal density inside the unit cube, which has the share `inside` of it."""
 
     mean: Float[np.ndarray, " d"]
     covariance: Float[np.ndarray, "d d"]
@@ -136,11 +132,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values of an effect's nonlinear parameters that stand for all.
-
-    Attributes:
-        log_weights: Log prior weights; their exponentials add up to one.
-    """
+    """Values of an effect's nonlinear parameters that stand for all; their prior weights add up to one."""
 
     points: Float[np.ndarray, "n_point n_inner"]
     log_weights: Float[np.ndarray, " n_point"]

@@ -34,12 +34,7 @@ SURELY_LATE = 1e-6
 
 @dataclass(frozen=True)
 class Late:
-    """A state that is late.
-
-    Attributes:
-        by: Delay, in units of time.
-        p: p-value of the samples as they came.
-    """
+    """A state that is late by some time, and the p-value of its samples as they came."""
 
     by: float
     sd: float

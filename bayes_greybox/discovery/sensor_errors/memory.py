@@ -48,11 +48,7 @@ RETURN_PLAY = 0.1
 
 @dataclass(frozen=True)
 class Memory:
-    """One kind of memory of one channel.
-
-    Attributes:
-        behind: True if it was some samples behind, in files of earlier versions.
-    """
+    """One kind of memory of one channel; in files of earlier versions it may be some samples behind."""
 
     kind: str
     channel: str

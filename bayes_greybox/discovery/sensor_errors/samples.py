@@ -46,12 +46,7 @@ SLIP_WIDTHS, MOST_MENDINGS = (1, 2), 10
 
 @dataclass(frozen=True)
 class SampleNoise:
-    """White noise on one state.
-
-    Attributes:
-        sd: Standard deviation on the samples, user's units.
-        left: Standard deviation on the smoothed samples.
-    """
+    """Standard deviations of white noise on the samples of a state, and left on the smoothed ones, user's units."""
 
     sd: float
     left: float
