@@ -22,8 +22,9 @@ from .sensor_errors import bends
 from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, OFFSET, STATES
 from .study import StudyResult
 
-LEAST_CLOSED = 1e-4
-"""A gap that changes by less than this share of it is as it was."""
+LEAST_CLOSED, SAME_MAP = 1e-4, 0.01
+"""A gap that changes by less than this share of it is as it was; maps of the gap that differ by less than this share of
+what counts as a gap are one."""
 
 ONE_FACTOR = 0.1
 """Coefficients whose relative changes differ by less than this share of them are off by one factor."""
@@ -33,9 +34,6 @@ SAMPLER_APART = 3.0
 
 GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
-
-SAME_MAP = 0.01
-"""Difference of two maps of the gap, over what counts as a gap, below which they are one."""
 
 QUANTITY = "quantity"
 """Kind of what remains that is a law of known columns, whatever its name."""

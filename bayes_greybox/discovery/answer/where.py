@@ -15,11 +15,8 @@ from bayes_greybox.data.writing import unit_text
 MAP_POINTS, MAP_WIDTH = 41, 0.05
 """Points of a map along each variable, and width of the Gaussian that smooths it, over the range: two of the points."""
 
-MOST_SEARCHED = 5000
-"""Largest number of rows, evenly thinned, on which regions and windows are sought."""
-
-CUTS = 19
-"""Cut points tried along each variable, at even quantiles of the data."""
+MOST_SEARCHED, CUTS = 5000, 19
+"""Largest number of rows that are searched, evenly thinned, and cut points along each variable, at even quantiles."""
 
 MOST_REGIONS, MOST_WINDOWS = 3, 5
 """Largest number of regions and windows."""

@@ -17,11 +17,9 @@ from .residuals import Band, Residuals, bagged
 from .sets import Reach, SetPrior, Sets, Window, log_ranges, search
 from .table import FREE, RegressorTable
 
-LEAST_NOISE = 1e-6
-"""Least first guess of the noise, over the RMS of the gap."""
-
-RANGES_WINDOW = 30.0
-"""Nats behind the likeliest set within which signs and limits are weighed: far beyond the window of the search."""
+LEAST_NOISE, RANGES_WINDOW = 1e-6, 30.0
+"""Least first guess of the noise, over the RMS of the gap; nats behind the likeliest set within which signs and limits
+are weighed: far beyond the window of the search."""
 
 
 @dataclass(frozen=True)

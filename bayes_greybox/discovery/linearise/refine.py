@@ -22,11 +22,9 @@ MOST_ZOOMS, ZOOM_VALUES = 5, 9
 """Largest number of times that the grid of one parameter is refined around its best value, and the number of new
 values each time."""
 
-MOST_CLOUDS = 5
-"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before."""
-
-ENOUGH_VALUES = 12.0
-"""Effective number of values of several parameters, 1/Σp², from which on intervals are smooth."""
+MOST_CLOUDS, ENOUGH_VALUES = 5, 12.0
+"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before, and
+effective number of values, 1/Σp², from which on intervals are smooth."""
 
 MOST_COMPANIONS = 3
 """Number of companions, likeliest first, beside which an effect's values are refined."""

@@ -18,20 +18,13 @@ from bayes_greybox.running.errors import InputError
 
 from .columns import Column, EvaluatedColumns, evaluated
 
-FREE_SCALE = 10.0
-"""Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
+FREE_SCALE, CORRECTION_SCALE, EFFECT_SCALE = 10.0, 0.3, 1.0
+"""Prior standard deviations of coefficients: of the user's own dictionary, scaled units, hardly a prior at all; of a
+correction, over the simulation's own coefficient; of an effect, scaled units: its RMS in units of the gap's RMS."""
 
-CORRECTION_SCALE = 0.3
-"""Prior standard deviation of a correction over the simulation's own coefficient."""
-
-EFFECT_SCALE = 1.0
-"""Prior standard deviation of an effect's coefficient, scaled units: its RMS in units of the gap's RMS."""
-
-COLLINEAR = 1e-9
-"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
-
-PARALLEL = 1e-4
-"""Share of a sensor error's square outside another column's span below which the two are one."""
+COLLINEAR, PARALLEL = 1e-9, 1e-4
+"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
+of a sensor error's square outside another column's span below which the two are one."""
 
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
 """Reasons why a term cannot serve."""

@@ -43,14 +43,9 @@ LAG = "lag"
 STATES = "states"
 """Channel that stands for all states together."""
 
-DELAY_STEPS = 2.0
-"""Prior standard deviation of a delay, in sampling steps."""
-
-GAIN_SD, OFFSET_SD = 0.03, 0.03
-"""Prior standard deviations of a relative gain error, and of an offset or drift of a rate, over its RMS."""
-
-ZERO_SD = 0.1
-"""Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""
+DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD = 2.0, 0.03, 0.03, 0.1
+"""Prior standard deviations of a delay, in sampling steps; of a relative gain error; of an offset or drift of a rate,
+over its RMS; of the zero of a state's or an input's sensor, over the RMS of its channel."""
 
 AtRows = Float[np.ndarray, " n_obs"]
 

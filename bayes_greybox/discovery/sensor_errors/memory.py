@@ -38,12 +38,9 @@ decay with any other one is a sum of theirs to within 0.002 of its height."""
 SUMMED_TIMES = 30.0
 """Time constants whose exponentials are summed at once."""
 
-RETURNS = 1.5
+RETURNS, RETURN_PLAY = 1.5, 0.1
 """Way of a channel within a run, over its range there, from which on it comes back to where it was: otherwise a memory
-of it is a function of its value."""
-
-RETURN_PLAY = 0.1
-"""Least share of the range that is a turn; less is noise and no way."""
+of it is a function of its value. Least share of the range that is a turn; less is noise and no way."""
 
 
 @dataclass(frozen=True)

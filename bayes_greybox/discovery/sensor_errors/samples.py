@@ -21,14 +21,9 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .channels import run_slices
 
-LARGEST_NOISE = 0.3
-"""Largest noise over a state's standard deviation: rows in no order in time look like noise alone."""
-
-BORNE_OUT = 0.65
-"""Least departure of steps from their rate, over √2 s, that bears the noise s out."""
-
-FEWEST_SMOOTHED = 30
-"""Samples of a run below which nothing is smoothed."""
+LARGEST_NOISE, BORNE_OUT, FEWEST_SMOOTHED = 0.3, 0.65, 30
+"""Largest noise over a state's standard deviation: rows in no order in time look like noise alone; least departure of
+steps from their rate, over √2 s, that bears the noise s out; samples of a run below which nothing is smoothed."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
