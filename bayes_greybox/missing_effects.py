@@ -13,13 +13,13 @@ from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import hidden_used
-from bayes_greybox.discovery.answer.gap.free_runs import FreePath, FreeRuns
+from bayes_greybox.discovery.answer.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.discovery.kept.study_file import holds_study, save_study, study_of
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.next_experiment.ranked import WORTH_DOING, NextExperiment, rank
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, StudySettings, investigate
+from bayes_greybox.discovery.study_file import holds_study, save_study, study_of
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
 from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, data_facts, given_checkpoint, run_facts

@@ -11,9 +11,9 @@ from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Probabilities, Share
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, LAW, NO_DISCREPANCY
+from bayes_greybox.discovery.grid.log_evidence import modes
+from bayes_greybox.discovery.grid.points import DISCREPANCIES, LAW, NO_DISCREPANCY
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 
 AT = 100.0

@@ -8,13 +8,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.evidence.search import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.settle import table_of
+from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.regressors.build import regressors_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program

@@ -14,7 +14,7 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
-from .grid.noise.points import LATENT_FORCE, SENSOR_NOISE
+from .grid.points import LATENT_FORCE, SENSOR_NOISE
 from .regressors.columns import Column
 from .regressors.regressors import CORRECTION, FREE
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 
+from .answer.checks import LOO_PIT, WHITENESS
 from .answer.instrument import IN_MODEL
 from .decision.probabilities import STOPS, UNKNOWN_KIND
 from .decision.vetoes import FAILURE, left_over, misfits, worsened
@@ -27,9 +28,6 @@ from .summary import (
 )
 from .ties import sorted_by_probability
 
-RESIDUAL_CHECKS = ("whiteness", "LOO-PIT")
-"""Checks of the residuals, by name."""
-
 MOST_DELAYED_SAMPLES = 3.0 * DELAY_STEPS
 """Samples from which on a channel is hardly late, but something else: three prior standard deviations of a delay."""
 
@@ -42,10 +40,8 @@ class Finding:
     """One thing that could contradict a verdict.
 
     Attributes:
-        code: Kind of the finding.
         against: True if it contradicts the verdict; None if it could not be looked at.
         equation: Equation that it is about; "" if it is about the whole study.
-        values: Numbers and names that belong to it.
     """
 
     code: str
@@ -60,11 +56,7 @@ def notable(study: StudyResult) -> float:
 
 
 def findings(study: StudyResult) -> Iterator[Finding]:
-    """Yield checks, what remains, runner-up, measurement, rows, ties, held-out samples, free run and sampler.
-
-    Args:
-        study: The study.
-    """
+    """Yield checks, what remains, runner-up, measurement, rows, ties, held-out samples, free run and sampler."""
     for name in study.maps or study.hypotheses.index.unique(0):
         yield from _checks(study, name)
         yield from _explanations(study, name)
@@ -88,7 +80,7 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Finding]:
     table = rows_of(study.checks, equation)
     for name, row in zip(table.index, table.to_dict("records"), strict=True):
         yield Finding("check", not row["ok"], equation, {"name": name, **row})
-    if not set(RESIDUAL_CHECKS) & set(table.index):
+    if not {WHITENESS, LOO_PIT} & set(table.index):
         yield Finding("residuals not tested", None, equation, {"enough": study.checkable(equation)})
 
 

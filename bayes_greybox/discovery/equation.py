@@ -14,10 +14,7 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
-from .answer.checks.adequacy import Check, check_hypothesis
-from .answer.checks.doubts import at_ends, rounded_off
-from .answer.checks.linearity import check_linearity
-from .answer.checks.sizes import least_squares
+from .answer.checks import Check, at_ends, check_hypothesis, check_linearity, least_squares, rounded_off
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
@@ -26,9 +23,9 @@ from .decision.criteria import Criteria
 from .decision.decide import Verdict, decide
 from .decision.probabilities import Probabilities
 from .decision.reasons import Reason
-from .grid.evidence.search import Reach
-from .grid.hypotheses.weigh import Hypothesis
-from .grid.noise.points import LATENT_FORCE
+from .grid.points import LATENT_FORCE
+from .grid.sets import Reach
+from .grid.weigh import Hypothesis
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
@@ -47,18 +44,7 @@ ON_PATH = 0.1
 
 @dataclass(frozen=True)
 class Question:
-    """Data, model and settings of the study of one equation.
-
-    Attributes:
-        model: The model before.
-        train: Training data.
-        name: The learned state, or the output.
-        effects: Effects bound to columns.
-        odds: Prior probabilities.
-        most: Largest number of effects added.
-        seed: Seed of everything random.
-        criteria: Numbers that decide.
-    """
+    """Data, model and settings of the study of an equation, of a state or an output; `most` effects may be added."""
 
     model: Program
     train: Trajectories
@@ -74,14 +60,25 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     """Return the study of one equation."""
     train, criteria = question.train, question.criteria
     source, near = _settled(question, say)
-    verdict = decide(Probabilities(near.weighed, criteria), _rate_size(near), bool(source.late))
+    rate = near.rows.rate(near.rows.data)
+    # The zero of a sensor is arbitrary; that of a rate is not.
+    rate = rate - np.mean(rate) if near.regressors.rows.output else rate
+    rate_size = float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
+    verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.late))
     settled = without_sensors(near, verdict)
     say("mapping the gap")
     coefficients = draw_coefficients(near, verdict, COEFFICIENT_DRAWS, question.seed)
     checks: list[Check] = []
     if not verdict.open_ended:
         checks = check_hypothesis(near, settled, train.units.get("t", ""), criteria)
-    verdict = verdict.against(_doubts(source, near, settled, checks, coefficients, criteria))
+    effects = [i for i in settled.members if near.column(i).effect is not None]
+    against = {
+        codes.ROWS: source.doubts(near.rows),
+        codes.CHECK: [check.text for check in checks if not check.ok],
+        codes.UNSEEN_SHAPE: rounded_off(near.regressors, effects, criteria),
+        codes.END_OF_RANGE: at_ends(near.regressors, coefficients, criteria),
+    }
+    verdict = verdict.against([Reason(code, text) for code, texts in against.items() for text in texts])
     amendment = _amendment(source, near, verdict, coefficients, train)
     if not verdict.open_ended:
         checks = [*checks, *check_linearity(amendment, near.regressors, train.input_names)]
@@ -92,9 +89,7 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     trace = gap_trace(along, before, after, threshold, unit)
     drawn = gap_map(train, along, before, after, variables[:2], threshold, unit)
     where = where_table(train, along, variables, trace)
-    return EquationStudy(
-        source, near, verdict, tuple(checks), coefficients, amendment, drawn, trace, where, criteria
-    )  # fmt: skip
+    return EquationStudy(source, near, verdict, tuple(checks), coefficients, amendment, drawn, trace, where)
 
 
 def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Near]:
@@ -103,7 +98,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     reach = Reach(effects=question.most)
 
     def settled(source: Source, start: Point) -> tuple[Source, Near]:
-        return source, settle(source.near, source.quantities, start, odds, reach, question.seed, say)
+        return source, settle(source, start, odds, reach, question.seed, say)
 
     if not model.rows.follows_path:
         return settled(RateRows(model, train, name, question.effects), Point())
@@ -128,46 +123,20 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     return again if again[1].log_evidence > least else as_given
 
 
-def _rate_size(near: Near) -> float:
-    """Return the RMS of the modelled rate, over that of the target."""
-    rate = near.rows.rate(near.rows.data)
-    # The zero of a sensor is arbitrary; that of a rate is not.
-    rate = rate - np.mean(rate) if near.regressors.rows.output else rate
-    return float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
-
-
-def _doubts(
-    source: Source, near: Near, settled: Hypothesis, checks: Sequence[Check], coefficients: Coefficients,
-    criteria: Criteria,
-) -> list[Reason]:  # fmt: skip
-    """Return the reasons against an answer: of its rows, its residuals and its effects."""
-    regressors = near.regressors
-    effects = [i for i in settled.members if regressors.columns[i].effect is not None]
-    doubts = {
-        codes.ROWS: source.doubts(near.rows),
-        codes.CHECK: [check.text for check in checks if not check.ok],
-        codes.UNSEEN_SHAPE: rounded_off(regressors, effects, criteria),
-        codes.END_OF_RANGE: at_ends(regressors, coefficients, criteria),
-    }
-    return [Reason(code, text) for code, texts in doubts.items() for text in texts]
-
-
-def _amendment(
-    source: Source, near: Near, verdict: Verdict, coefficients: Coefficients, train: Trajectories
-) -> Amendment:
+def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:
     """Return the model after: coefficients of an answer, sensors put right, and f if the answer is open-ended."""
     regressors, point = near.regressors, near.rows.point
-    sensors = sensor_errors(regressors, coefficients)
-    alike, hidden = _of_one_memory(regressors, coefficients, point.hidden)
+    sensors = sensor_errors(regressors, after)
+    alike, hidden = _of_one_memory(regressors, after, point.hidden)
     in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
     remainder = None
     if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
-        remainder = Remainder.of(near, verdict.hypothesis, coefficients)
+        remainder = Remainder.of(near, verdict.hypothesis, after)
     return Amendment(
         statistics=regressors,
         before=least_squares(regressors, regressors.of_kind(FREE))[0],
-        after=coefficients,
-        sigma=float(np.mean(coefficients.sigma)) * regressors.target_scale,
+        after=after,
+        sigma=float(np.mean(after.sigma)) * regressors.target_scale,
         discrepancy=remainder,
         corrected=lambda data: source.put_right(data, point, sensors, train),
         rows=source.row_kind(point),
@@ -181,7 +150,6 @@ def _amendment(
 
 
 def _along(near: Near) -> Along:
-    """Return the samples that the latent force is known at."""
     rows = near.regressors.rows
     n = len(np.unique(rows.sample))
     columns = {name: column[:n] for name, column in rows.at_rows().items()}
@@ -196,13 +164,13 @@ def _gap(near: Near, hypothesis: Hypothesis) -> Gap:
 
 
 def _of_one_memory(
-    regressors: Regressors, coefficients: Coefficients, of_path: Sequence[HiddenState]
+    regressors: Regressors, coefficients: Coefficients, path_states: Sequence[HiddenState]
 ) -> tuple[np.ndarray, tuple[HiddenState, ...]]:
     """Return draws that share the hidden states of each effect, and all hidden states of the model after.
 
     A hidden state has one rate in a model: that of the path if draws have it, else the commonest among them.
     """
-    hidden, alike = {state.name: state for state in of_path}, np.arange(len(coefficients.draws))
+    hidden, alike = {state.name: state for state in path_states}, np.arange(len(coefficients.draws))
     for inner in coefficients.inner.T:
         columns, count = np.unique(inner[alike], return_counts=True)
         states = {int(i): regressors.columns[i].formula.states for i in columns}
@@ -210,10 +178,8 @@ def _of_one_memory(
             continue
         # Of many values drawn around a mode none is common.
         share = dict(zip(map(int, columns), count / np.max(count), strict=True))
-        on_path = [
-            i for i, own in states.items()
-            if share[i] >= ON_PATH and all(hidden.get(state.name) == state for state in own)
-        ]  # fmt: skip
+        of_path = {i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)}
+        on_path = [i for i in states if share[i] >= ON_PATH and i in of_path]
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}
         alike = alike[inner[alike] == chosen]

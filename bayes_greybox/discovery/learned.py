@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.equations.learned import (
@@ -16,7 +16,6 @@ from bayes_greybox.equations.learned import (
     LearnedTerm,
     Value,
 )
-from bayes_greybox.model.coefficient import StatedTerms
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
@@ -33,6 +32,9 @@ RULE = (
 )
 """Rule for the terms of an amended equation, and for its f."""
 
+ByTerm = Mapping[tuple[str, str], float]
+"""Probabilities by equation and term."""
+
 
 def studied_system(study: StudyResult) -> LearnedSystem:
     """Return the equations of the amended model, with the coefficients of the study's tables."""
@@ -43,10 +45,7 @@ def studied_system(study: StudyResult) -> LearnedSystem:
 
 
 def amended_system(
-    base: Program,
-    data: Trajectories,
-    amendments: Mapping[str, Amendment],
-    probabilities: Mapping[tuple[str, str], float],
+    base: Program, data: Trajectories, amendments: Mapping[str, Amendment], probabilities: ByTerm
 ) -> LearnedSystem:
     """Return the equations of a model with its amendments.
 
@@ -56,25 +55,16 @@ def amended_system(
     """
     for amendment in amendments.values():
         base = amendment.model(base) if amendment.hidden else base
-    learned = {
-        name: _equation(name, each, data, probabilities, base.stated(name, data) if base.dictionary.get(name) else None)
-        for name, each in amendments.items()
-    }
+    learned = {name: _equation(name, each, base, data, probabilities) for name, each in amendments.items()}
     return LearnedSystem("study", base.simulator(data, lacking=True), data, learned, RULE)
 
 
 def _equation(
-    name: str,
-    amendment: Amendment,
-    data: Trajectories,
-    probabilities: Mapping[tuple[str, str], float],
-    stated: StatedTerms | None,
+    name: str, amendment: Amendment, base: Program, data: Trajectories, probabilities: ByTerm
 ) -> LearnedEquation:
-    statistics, after, n_own = amendment.statistics, amendment.after, amendment.n_own
-    able = np.arange(len(after.draws)) if amendment.alike is None else amendment.alike
-    patterns, which, count = np.unique(
-        after.draws[able, :n_own] != 0, axis=0, return_inverse=True, return_counts=True
-    )  # fmt: skip
+    stated = base.stated(name, data) if base.dictionary.get(name) else None
+    statistics, after, n_own, able = amendment.statistics, amendment.after, amendment.after.n_own, amendment.able
+    patterns, which, count = np.unique(after.draws[able, :n_own] != 0, axis=0, return_inverse=True, return_counts=True)
     likeliest = int(np.argmax(count))
     alike, active = able[np.ravel(which) == likeliest], patterns[likeliest]
     target, scale = target_unit(name, data), statistics.target_scale
@@ -102,42 +92,34 @@ def _equation(
         draws = after.draws[alike, n_own + k] * (scale / np.array([column.scale for column in values_of]))
         terms.append(learned(effect.slug, term, draws))
         inner += [_inner(effect, key, value, data) for key, value in values.items()]
-    corrected = any(column.kind == CORRECTION for column in columns)
+    given = [
+        LearnedTerm(term.name, term, Value.exact(value), unit_if_known(target, term, data), None, priors[term.name])
+        for term, value in (stated.fixed if stated is not None else ())
+    ]
+    discrepancy, f = None, amendment.discrepancy
+    if f is not None:
+        discrepancy = LearnedDiscrepancy(statistics.variables, True, amendment.orthogonal_features, scale * f.mean)
     return LearnedEquation(
         terms=tuple(terms),
         left_out=tuple(left_out),
-        pattern=float(np.max(count) / np.sum(count)) if corrected else None,
-        discrepancy=_discrepancy(amendment),
-        drawn=_drawn(amendment, able, means),
+        pattern=float(np.max(count) / np.sum(count)) if any(c.kind == CORRECTION for c in columns) else None,
+        discrepancy=discrepancy,
+        drawn=_drawn(amendment, means),
         inner=tuple(inner),
-        given=tuple(
-            LearnedTerm(term.name, term, Value.exact(value), unit_if_known(target, term, data), None, priors[term.name])
-            for term, value in (stated.fixed if stated is not None else ())
-        ),  # fmt: skip
+        given=tuple(given),
     )
 
 
 def _inner(effect: BoundEffect, name: str, value: Value, data: Trajectories) -> InnerValue:
-    inner = next(each for each in effect.effect.inner if each.name == name)
+    inner, time = next(each for each in effect.effect.inner if each.name == name), data.unit("t") or ""
     unit = (data.unit(effect.names[inner.unit_of]) or "") if inner.unit_of else "1"
-    if inner.scale == "period":
-        unit = data.unit("t") or ""
-    elif inner.scale == "frequency":
-        unit = f"1/({data.unit('t')})" if data.unit("t") else ""
+    unit = {"period": time, "frequency": time and f"1/({time})"}.get(inner.scale, unit)
     return InnerValue(name, effect.slug, inner.meaning, value, unit)
 
 
-def _discrepancy(amendment: Amendment) -> LearnedDiscrepancy | None:
-    f, statistics = amendment.discrepancy, amendment.statistics
-    if f is None:
-        return None
-    weights = statistics.target_scale * f.mean
-    return LearnedDiscrepancy(statistics.variables, True, amendment.orthogonal_features, weights)
-
-
-def _drawn(amendment: Amendment, able: Int[np.ndarray, " n"], means: Mapping[str, float]) -> Drawn:
+def _drawn(amendment: Amendment, means: Mapping[str, float]) -> Drawn:
     """Return all draws that one model can have, the coefficients with their stated means."""
-    n_draw, f = len(able), amendment.discrepancy
+    n_draw, f = len(amendment.able), amendment.discrepancy
     # Beside orthogonal features the coefficients are the effects' own.
     added = replace(amendment, discrepancy=None).added(0, n_draw)
     weights = added.weights if f is None else amendment.statistics.target_scale * f.weights(n_draw)

@@ -57,9 +57,6 @@ class Odds:
         """Return the odds of each equation of several, so that the system's no gap keeps its probability.
 
         P(an equation has no gap) = P(no gap)^(1/n); the others keep their proportions.
-
-        Args:
-            equations: Number of studied equations.
         """
         no_gap = self.no_gap ** (1 / equations)
         factor = (1 - no_gap) / (1 - self.no_gap)

@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from typing import Any
 
@@ -19,27 +19,32 @@ from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.plain_values import plain_rows
-from bayes_greybox.running.stages import Stage, stage, stages
+from bayes_greybox.running.stages import stage, stages
 
 from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
-from .answer.checks.sizes import other_sizes
+from .answer.checks import other_sizes
 from .answer.equation_study import EquationStudy
 from .answer.explained import Explained, explained
-from .answer.gap.free_runs import FreePath, FreeRuns
-from .answer.gap.table import gap_rows
+from .answer.free_runs import FreePath, FreeRuns
+from .answer.gap import gap_rows
 from .answer.where import GapMap, GapTrace
 from .decision.criteria import Criteria
 from .decision.reasons import Reason
 from .decision.vetoes import verdict_of
 from .equation import Question, study_equation
 from .odds import Odds
-from .refusals import check_settings
 from .regressors.regressors import CORRECTION_SCALE
 from .sensor_errors.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
-from .subject import Subject
+from .subject import Subject, check_settings
 
 log = logging.getLogger(__name__)
+
+Findings = Mapping[str, EquationStudy]
+"""Studies by equation."""
+
+BySlug = dict[tuple[str, str], str]
+"""Reasons or roles by equation and slug."""
 
 TABLES = (
     "effects", "hypotheses", "memory", "quantities", "instrument", "checks", "corrections", "where", "gap", "rounds"
@@ -208,12 +213,7 @@ def investigate(
 ) -> StudyResult:
     """Find the effects that a simulation lacks, and the model with them added, which is not sampled yet.
 
-    Args:
-        model: Simulation, and the terms whose coefficients are to be learned anyway.
-        train: Measurements with the rates of the equations in question, or with the outputs.
-        test: Measurements that no hypothesis is weighed on; they may only speak against the answer.
-        settings: Settings, as of `find_missing_effects`.
-        progress: If true, show progress.
+    Arguments are those of `find_missing_effects`.
 
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names the remedy.
@@ -223,54 +223,70 @@ def investigate(
     # Without a catalogue sensor errors, corrections and f are weighed against nothing.
     catalogue = () if settings.catalogue in ([], ()) else load_catalogue(settings.catalogue)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
-        findings, left_out, lacking = _findings(subject, settings, catalogue, line)
+
+        def say(text: str) -> None:
+            line.say(text)
+            log.info(text)
+
+        findings, left_out, lacking = _findings(subject, settings, catalogue, say)
         subject = subject.with_inputs(findings)
         explained_at = time.perf_counter()
-        _say(line, "measuring the gap before and after")
+        say("measuring the gap before and after")
         gap, paths, lost = _measured_gap(subject, findings, settings)
         measured_at = time.perf_counter()
     seconds = {"explain": explained_at - started, "gap": measured_at - explained_at, "total": measured_at - started}
-    in_words = str(settings.catalogue) if catalogue else NO_CATALOGUE
-    about = {
+    warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
+    return replace(
+        _result(subject, findings, gap, lost, settings.criteria), left_out=left_out, lacking_roles=lacking, paths=paths,
+        settings={**_recorded(findings, settings, bool(catalogue)), "seconds": seconds}, warnings=warnings,
+    )  # fmt: skip
+
+
+def _recorded(findings: Findings, settings: StudySettings, with_catalogue: bool) -> dict[str, Any]:
+    """Return the settings of a study, and the remarks on its equations that its file keeps beside them."""
+    in_words = str(settings.catalogue) if with_catalogue else NO_CATALOGUE
+    return {
         "seed": settings.seed,
         "catalogue": settings.catalogue if isinstance(settings.catalogue, str) else in_words,
         "effects_at_most": settings.effects_at_most,
         "prior odds": asdict(settings.prior),
-        "thresholds": _thresholds(settings.criteria),
+        "thresholds": {
+            "gap": "one noise standard deviation, or that of the gap where it is larger",
+            **asdict(settings.criteria),
+            "delay (prior SD, sampling steps)": DELAY_STEPS,
+            "gain (prior SD)": GAIN_SD,
+            "offset of a rate (prior SD over its RMS)": OFFSET_SD,
+            "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
+            "correction (prior SD over the coefficient)": CORRECTION_SCALE,
+        },
         "rest beside the answer": {name: study.verdict.remains for name, study in findings.items()},
         "agree in practice": {name: study.verdict.negligible for name, study in findings.items()},
-        "same as": {name: _twins(study) for name, study in findings.items()},
+        # Sensor errors with the column of another one or of a correction, and its change by one standard deviation.
+        "same as": {
+            name: {key: {"what": twin, "change": own.changes[key]} for key, twin in own.twins.items()}
+            for name, own in ((name, study.regressors) for name, study in findings.items())
+        },
         "versions": versions(),
-        "seconds": seconds,
     }
-    warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
-    result = replace(_result(subject, findings, gap, lost, settings.criteria), left_out=left_out, lacking_roles=lacking)
-    return replace(result, paths=paths, settings=about, warnings=warnings)
-
-
-def _say(line: Stage, text: str) -> None:
-    line.say(text)
-    log.info(text)
 
 
 def _findings(
-    subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], line: Stage
-) -> tuple[dict[str, EquationStudy], dict[tuple[str, str], str], dict[tuple[str, str], str]]:
+    subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], report: Callable[[str], None]
+) -> tuple[dict[str, EquationStudy], BySlug, BySlug]:
     """Return the study of each equation; why effects were left out, and the roles they lack, by equation and slug."""
     findings: dict[str, EquationStudy] = {}
-    left_out: dict[tuple[str, str], str] = {}
-    lacking: dict[tuple[str, str], str] = {}
+    left_out: BySlug = {}
+    lacking: BySlug = {}
     odds = settings.prior.of_each(len(subject.equations))
     for name in subject.equations:
 
         def say(text: str, name: str = name) -> None:
-            _say(line, f"{name}: {text}")
+            report(f"{name}: {text}")
 
         say("reading the data")
         bound, reasons, unplayed = subject.bound(name, catalogue, settings.roles)
-        question = Question(
-            subject.model, subject.train, name, bound, odds, settings.effects_at_most, settings.seed, settings.criteria
-        )  # fmt: skip
+        limits = settings.effects_at_most, settings.seed, settings.criteria
+        question = Question(subject.model, subject.train, name, bound, odds, *limits)
         findings[name] = study_equation(question, say)
         for slug, why in {**reasons, **findings[name].regressors.left_out}.items():
             left_out[name, slug] = why
@@ -279,7 +295,7 @@ def _findings(
 
 
 def _measured_gap(
-    subject: Subject, findings: Mapping[str, EquationStudy], settings: StudySettings
+    subject: Subject, findings: Findings, settings: StudySettings
 ) -> tuple[pd.DataFrame, Mapping[str, FreePath], list[str]]:
     """Return the gap table, the free runs, and the reason if held-out data could not be compared."""
     train, model = subject.train, subject.model
@@ -300,18 +316,16 @@ def _measured_gap(
 
 
 def _result(
-    subject: Subject, findings: Mapping[str, EquationStudy], gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria
+    subject: Subject, findings: Findings, gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria
 ) -> StudyResult:
-    """Return the tables of all equations as one study."""
     train, studies = subject.train, list(findings.values())
     tables = [study.tables(train) for study in studies]
     numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
     verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
     verdict, reasons = verdict_of(verdicts, gap, [NO_HELD_OUT_PATH for _ in lost], labels, criteria)
-    joined: dict[str, Any] = {
-        name: pd.concat([each[name] for each in tables], ignore_index=name in numbered) for name in tables[0]
-    }
+    parts = {name: [each[name] for each in tables] for name in tables[0]}
+    joined: dict[str, Any] = {name: pd.concat(part, ignore_index=name in numbered) for name, part in parts.items()}
     return StudyResult(
         base=subject.given,
         model=amended_program(subject.given, findings, train),
@@ -336,28 +350,7 @@ def _result(
     )
 
 
-def _thresholds(criteria: Criteria) -> dict[str, Any]:
-    """Return the numbers that decide, and the prior standard deviations, for the record."""
-    return {
-        "gap": "one noise standard deviation, or that of the gap where it is larger",
-        **asdict(criteria),
-        "delay (prior SD, sampling steps)": DELAY_STEPS,
-        "gain (prior SD)": GAIN_SD,
-        "offset of a rate (prior SD over its RMS)": OFFSET_SD,
-        "offset of a state or an input (prior SD over its RMS)": ZERO_SD,
-        "correction (prior SD over the coefficient)": CORRECTION_SCALE,
-    }
-
-
-def _twins(study: EquationStudy) -> dict[str, dict[str, Any]]:
-    """Return sensor errors with the column of another or of a correction, and its change by one standard deviation."""
-    regressors = study.regressors
-    return {key: {"what": other, "change": regressors.changes[key]} for key, other in regressors.twins.items()}
-
-
-def _study_warnings(
-    subject: Subject, findings: Mapping[str, EquationStudy], settings: StudySettings
-) -> Iterator[str]:  # fmt: skip
+def _study_warnings(subject: Subject, findings: Findings, settings: StudySettings) -> Iterator[str]:
     """Yield warnings about units, inputs, averages, few rows, and noise that was asked for."""
     train, fewest, noise = subject.train, settings.criteria.checked_rows, subject.model.noise
     for study in findings.values():
@@ -369,9 +362,8 @@ def _study_warnings(
     for name, study in findings.items():
         if study.counted < fewest:
             fewer = f" of {train.n_obs}" if study.counted < train.n_obs else ""
-            rows = (
-                f"The {study.counted}{fewer} rows that count" if study.counted != train.n_obs else f"{train.n_obs} rows"
-            )
+            counting = f"The {study.counted}{fewer} rows that count"
+            rows = counting if study.counted != train.n_obs else f"{train.n_obs} rows"
             of = f" of {train.target_label(name)}" if len(findings) > 1 else ""
             yield (
                 f"{rows} are too few to check residuals{of} on: below {fewest} neither their whiteness nor the shape "
@@ -386,7 +378,6 @@ def _study_warnings(
 
 
 def _row_warnings(subject: Subject) -> Iterator[str]:
-    """Yield warnings about the simulation and about rates that a filter computed."""
     model, train = subject.model, subject.train
     simulation = model.simulator(train)
     yield from simulation.warnings

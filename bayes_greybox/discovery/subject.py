@@ -3,19 +3,26 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Integral, Real
 from typing import Any
 
 from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.noise.asked import Noise, check_asked
+from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
+from bayes_greybox.physics.catalogue.effect_tables import nearest
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.pairs import pairs_in_data
 from bayes_greybox.physics.catalogue.roles import Columns, bind_catalogue, roles_of, unbound, unplayed_roles
+from bayes_greybox.physics.integration.adaptive_steps import check_interpolation
+from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.physics.simulation.reading import NO_STATES, readable
+from bayes_greybox.physics.units import check_units, require_units_of
 from bayes_greybox.running.errors import InputError
 
 from .answer.equation_study import EquationStudy
-from .refusals import check_data, check_rows
+from .odds import Odds
 
 KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Reason why an effect that is in the model is not weighed again."""
@@ -36,10 +43,7 @@ class Subject:
     Attributes:
         given: The user's model.
         model: The same about the means of stated coefficients.
-        equations: Equations that are studied.
         train, test: Data with all states and rates that terms are evaluated on.
-        block: Number of samples that were averaged into one.
-        held: True if inputs turned out to be held between samples.
     """
 
     given: Program
@@ -51,14 +55,8 @@ class Subject:
     held: bool = False
 
     @classmethod
-    def of(
-        cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool
-    ) -> "Subject":  # fmt: skip
-        """Return model and data that can be studied.
-
-        Raises:
-            InputError: Data or model that cannot be used.
-        """
+    def of(cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool) -> "Subject":
+        """Return model and data that can be studied; others are refused."""
         given = model.on(train)
         model = given.centred()
         check_rows(model)
@@ -128,11 +126,7 @@ class Subject:
 
 
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
-    """Return the equations of a study: those of the dictionary, or all whose rate or output the simulation misses.
-
-    Raises:
-        InputError: There is none.
-    """
+    """Return the equations of a study, if any: those of the dictionary, or all that the simulation does not meet."""
     if model.dictionary:
         if len(model.equations) > len(model.blocks):
             raise InputError(
@@ -165,3 +159,66 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
             "than another state; give derivatives=..., or compute them with data.differentiate()."
         )
     return missed
+
+
+def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolation: Any) -> None:
+    """Refuse settings that no data can have."""
+    if isinstance(effects_at_most, bool) or not isinstance(effects_at_most, Integral) or effects_at_most < 1:
+        raise InputError(f"effects_at_most={effects_at_most!r} must be a whole number, at least 1.")
+    if isinstance(negligible, bool) or not isinstance(negligible, Real) or not 0 <= float(negligible) < 1:
+        raise InputError(f"negligible={negligible!r} must be a share of the modelled rate, from 0 to below 1.")
+    if odds is not None and not isinstance(odds, Odds):
+        raise InputError(f"odds is {type(odds).__name__}: give bg.Odds(...), such as bg.Odds(no_gap=0.5).")
+    if interpolation is not None:
+        check_interpolation(interpolation)
+
+
+def check_rows(model: Program) -> None:
+    """Refuse rows on which no study weighs anything."""
+    if not model.rows.studied:
+        raise InputError(
+            f"A study does not weigh explanations on {type(model.rows).__name__}: give "
+            "GreyBox(rows=bg.TrajectoryRows()), or rates from data.differentiate(); or let "
+            "GreyBox(dictionary=...).fit choose among candidate terms."
+        )
+
+
+def check_data(
+    model: Program, equations: Sequence[str], train: Trajectories, test: Trajectories | None, free_runs: bool
+) -> None:
+    """Refuse data that the search, or the gap and the fit after it, could not use."""
+    check_units({}, train.units, train.derivative_names, train.time_name)
+    if train.n_obs < LEAST_ROWS:
+        raise InputError(
+            f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
+            f"{LEAST_ROWS}."
+        )
+    learnable = (*model.states(train), *train.output_names)
+    stranger = next((name for name in equations if name not in learnable), None)
+    if stranger is not None:
+        raise InputError(
+            f"There is no state {stranger!r} whose equation could be learned, and the dictionary has terms for it: "
+            f"leave GreyBox(dictionary=...) without it; {nearest(stranger, list(learnable))}"
+        )
+    simulation = model.simulator(train)
+    # Outputs have no free run, and no part in that of states.
+    integrable = not all(train.is_output(name) for name in equations)
+    integrable = integrable and set(train.state_names) <= {*simulation.equations, *equations}
+    for part, data in (("training", train), *([("test", test)] if test is not None else [])):
+        missing = [name for name in train.columns if name not in data.columns]
+        missing += [name for name in train.output_names if name not in data.output_names]
+        if missing:
+            raise InputError(f"The {part} data have no {missing[0]!r}, which the training data have: add it.")
+        short = [name for name, n in zip(data.run_names, data.run_lengths, strict=True) if n < 2]
+        if free_runs and integrable and short:
+            raise InputError(
+                f"Run {short[0]!r} of the {part} data has one row, and a free run needs two: leave that run out, or "
+                "the free runs with free_runs=False."
+            )
+    if test is not None:
+        require_units_of(test, train)
+    if isinstance(model.noise, Noise):
+        for name in equations:
+            check_asked(model.noise, model.equation_rows(train, name))
+    if free_runs and integrable:
+        require_traceable(simulation, ", or leave the free runs out with free_runs=False")

@@ -22,8 +22,9 @@ from .sensor_errors import bends
 from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, OFFSET, STATES
 from .study import StudyResult
 
-LEAST_CLOSED = 1e-4
-"""A gap that changes by less than this share of it is as it was."""
+LEAST_CLOSED, SAME_MAP = 1e-4, 0.01
+"""A gap that changes by less than this share of it is as it was; maps of the gap that differ by less than this share of
+what counts as a gap are one."""
 
 ONE_FACTOR = 0.1
 """Coefficients whose relative changes differ by less than this share of them are off by one factor."""
@@ -33,9 +34,6 @@ SAMPLER_APART = 3.0
 
 GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
-
-SAME_MAP = 0.01
-"""Difference of two maps of the gap, over what counts as a gap, below which they are one."""
 
 QUANTITY = "quantity"
 """Kind of what remains that is a law of known columns, whatever its name."""
@@ -51,10 +49,14 @@ def added(study: StudyResult) -> np.ndarray:
     return np.flatnonzero((study.effects["status"] == "added").to_numpy()) if len(study.effects) else np.zeros(0, int)
 
 
+def _added_to(study: StudyResult, equation: str) -> pd.DataFrame:
+    chosen = study.effects.iloc[added(study)]
+    return chosen[chosen["equation"] == equation]
+
+
 def marked(study: StudyResult, equation: str) -> tuple[list[str], list[str]]:
     """Return the slugs of the effects that were added to an equation, and of those tied with them."""
-    chosen = study.effects.iloc[added(study)]
-    chosen = chosen[chosen["equation"] == equation]
+    chosen = _added_to(study, equation)
     return list(chosen["slug"]), [slug for slugs in chosen["tied_with"] for slug in slugs]
 
 
@@ -80,11 +82,9 @@ def answer(study: StudyResult, equation: str) -> str:
 
 def tied_sets(study: StudyResult, equation: str) -> list[str]:
     """Return the sets that are tied with an equation's answer: another effect in the place of one of its own."""
-    chosen = study.effects.iloc[added(study)]
-    chosen = chosen[chosen["equation"] == equation]
-    slugs = list(chosen["slug"])
+    chosen = _added_to(study, equation)
     return [
-        together([*(slug for slug in slugs if slug != own), other])
+        together([*(slug for slug in chosen["slug"] if slug != own), other])
         for own, others in zip(chosen["slug"], chosen["tied_with"], strict=True)
         for other in others
     ]
@@ -144,8 +144,6 @@ class GapChange:
 
     Attributes:
         code: "none shown", "none before", "unchanged", "wider" or "closed".
-        part: "test" if held-out data show it, or "train".
-        before: Unexplained share before.
         after: Unexplained share after, by what has a name alone.
         worse: Rows of the gap table that got worse, as `worsened` returns them.
         idle: States whose free run does not get better.
@@ -160,12 +158,7 @@ class GapChange:
 
 
 def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
-    """Return the change of the gap, on held-out data where the rates were measured there.
-
-    Args:
-        gap: Gap table of a study, before and after.
-        criteria: Numbers that decide.
-    """
+    """Return the change of the gap, on held-out data where the rates were measured there."""
     shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
     # f, which takes up anything, has no name and was not added.
     if NAMES_ALONE in gap.index.get_level_values("metric"):
@@ -196,13 +189,12 @@ def is_denied(study: StudyResult) -> bool:
 
 
 @dataclass(frozen=True)
-class Remainder:
+class Statement:
     """One statement about what is missing without a name.
 
     Attributes:
         kind: `QUANTITY`, a kind of the noise grid (law, time, memory) or of a memory (hysteresis, relaxation, drift).
         of: Columns or channel that it depends on; "" if that is not known.
-        probability: Its probability.
     """
 
     kind: str
@@ -210,24 +202,18 @@ class Remainder:
     probability: float
 
 
-def remainders(study: StudyResult, equation: str) -> list[Remainder]:
-    """Return the likely statements about what has no name in an equation, the most specific alone.
-
-    Args:
-        study: The study.
-        equation: The equation that lacks it.
-    """
+def remainders(study: StudyResult, equation: str) -> list[Statement]:
+    """Return the likely statements about what has no name in an equation, the most specific alone."""
     rows, least = rows_of(study.memory, equation).to_dict("records"), study.criteria.missing
-    found = [
-        Remainder(row["kind"], row["channel"], float(row["probability"])) for row in rows if row["probability"] > least
-    ]
+    likely = [row for row in rows if row["probability"] > least]
+    found = [Statement(row["kind"], row["channel"], float(row["probability"])) for row in likely]
     # A memory of one channel says more than that something remembers.
     specific = [each for each in found if each.of]
     if answer(study, equation) == UNKNOWN_KIND and len(study.quantities):
         # Several effects of one quantity may be one law that has no name: the law is sure, its name is not.
         table = rows_of(study.quantities, equation)
         laws = zip(map(str, table.index), map(float, table["probability"]), strict=True)
-        named = [Remainder(QUANTITY, of, p) for of, p in laws if of and p > least]
+        named = [Statement(QUANTITY, of, p) for of, p in laws if of and p > least]
         specific = [*named, *specific]
     return specific or found
 
@@ -244,10 +230,11 @@ def changed(gap: GapMap) -> bool:
 
 def trace_bands(trace: GapTrace) -> tuple[Float[np.ndarray, "3 n_obs"], Float[np.ndarray, "3 n_obs"]]:
     """Return mean, lower and upper end of the 90 % bands of the gap along time, before and after."""
-    return tuple(
-        np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])
-        for mean, sd in ((trace.before, trace.before_sd), (trace.after, trace.after_sd))
-    )  # type: ignore[return-value]
+
+    def band(mean: np.ndarray, sd: np.ndarray) -> np.ndarray:
+        return np.stack([mean, mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd])
+
+    return band(trace.before, trace.before_sd), band(trace.after, trace.after_sd)
 
 
 def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
@@ -271,8 +258,6 @@ class CommonFactor:
     """Coefficients of an equation that are all off by one factor.
 
     Attributes:
-        equation: The equation.
-        factor: The factor.
         rows: Their rows of the table of corrections.
         gains: Rows of the measurement's table: gains of the whole rate, which do the same.
     """
@@ -284,12 +269,7 @@ class CommonFactor:
 
 
 def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> Iterator[CommonFactor | Mapping]:
-    """Yield corrections one by one, but those of an equation that are all off by one factor together.
-
-    Args:
-        study: The study.
-        off: Rows of its table of corrections.
-    """
+    """Yield corrections one by one, but those of an equation that are all off by one factor together."""
     for name, count in Counter(row["equation"] for row in off).items():
         rows = [row for row in off if row["equation"] == name]
         ratios = [row["mean"] / row["nominal"] for row in rows]
@@ -317,9 +297,6 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
     """Return the channels of each kind of sensor error that was weighed; none where the prior odds are not recorded.
 
     A sensor error that is the same column as another one, or as a coefficient, in every equation counts as that.
-
-    Args:
-        study: The study.
     """
     if not study.settings.get("prior odds"):
         return {}
@@ -346,17 +323,10 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
 
 
 def sensors_like(study: StudyResult, row: Mapping[str, Any]) -> list[str]:
-    """Return the sensor errors that do the same as a wrong coefficient and are small enough for one.
-
-    Args:
-        study: The study.
-        row: Row of its table of corrections.
-    """
-    key = f"recalibration of {row['term']}"
-    return [
-        name for name, other in same_as(study, row["equation"]).items()
-        if other["what"] == key and abs(row["mean"]) <= LARGEST_ERROR * abs(other["change"])
-    ]  # fmt: skip
+    """Return the sensor errors that do the same as a wrong coefficient and are small enough for one."""
+    key, size = f"recalibration of {row['term']}", abs(row["mean"])
+    alike = {name: other for name, other in same_as(study, row["equation"]).items() if other["what"] == key}
+    return [name for name, other in alike.items() if size <= LARGEST_ERROR * abs(other["change"])]
 
 
 def not_weighed(study: StudyResult) -> dict[str, int]:
@@ -372,9 +342,9 @@ def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] 
     """
     if study.fit is None:
         return None
-    chosen = study.effects.iloc[added(study)]
-    equation = chosen["equation"].iloc[place]
-    after = int(np.sum(chosen["equation"].iloc[place:] == equation))
+    equations = study.effects.iloc[added(study)]["equation"]
+    equation = equations.iloc[place]
+    after = int(np.sum(equations.iloc[place:] == equation))
     theta = study.fit.idata["posterior"][study.fit.sites[equation].theta].to_numpy()
     return theta[..., theta.shape[-1] - after].ravel()
 

@@ -5,7 +5,7 @@ velocity in one, have one evidence. Its last digits, which depend on the process
 values that differ by less than `TIE` stay in their order, which for effects is the catalogue's.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from typing import TypeVar
 
 import numpy as np
@@ -15,10 +15,9 @@ TIE = 1e-6
 """Nats, or share of a probability, up to which two are equal: far above rounding, and far below any evidence."""
 
 SORTED_DIGITS = 6
-"""Digits of probabilities that tables are sorted by."""
+"""Digits of probabilities that tables and answers are sorted by."""
 
 Item = TypeVar("Item")
-Key = TypeVar("Key")
 
 
 def ranked(items: Iterable[Item], nats: Callable[[Item], float]) -> list[Item]:
@@ -33,10 +32,9 @@ def ranked(items: Iterable[Item], nats: Callable[[Item], float]) -> list[Item]:
     return [in_order[i] for i in order[np.lexsort((order, place))]]
 
 
-def likeliest_first(probabilities: Mapping[Key, float]) -> dict[Key, float]:
-    """Return the same probabilities, the largest first; ties stay in their order."""
-    with np.errstate(divide="ignore"):
-        return dict(ranked(probabilities.items(), lambda item: float(np.log(max(item[1], 0.0)))))
+def likeliest_first(items: Iterable[Item], probability: Callable[[Item], float]) -> list[Item]:
+    """Return items by their probability, largest first; ties stay in their order."""
+    return sorted(items, key=lambda item: -round(probability(item), SORTED_DIGITS))
 
 
 def sorted_by_probability(table: pd.DataFrame, ignore_index: bool = False) -> pd.DataFrame:

@@ -15,7 +15,7 @@ import pandas as pd
 from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.fleet.shared import Fleet
-from bayes_greybox.discovery.refusals import check_settings
+from bayes_greybox.discovery.subject import check_settings
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.missing_effects import Study, find_missing_effects, load

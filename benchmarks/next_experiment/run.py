@@ -75,8 +75,7 @@ def orders(data: CaseData, study: "Study", candidates: "Sequence[Candidate]") ->
 
 def possible(study: "Study", data: CaseData) -> "tuple[Candidate, ...]":
     """Return the usual candidates of the record, each also in half the time, with as many rows as the record."""
-    from bayes_greybox.discovery.next_experiment.candidates import usual_candidates
-    from bayes_greybox.discovery.next_experiment.ranked import usual_sensors
+    from bayes_greybox.discovery.next_experiment.ranked import usual_candidates, usual_sensors
 
     rows, sensors, found = data.host.samples, usual_sensors(study), []
     for factor in (0.5, 1.0):

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from bayes_greybox.discovery.answer.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.ranked import Candidate
 from bayes_greybox.physics.experiments.signals import Hold
 from bayes_greybox.physics.terms import Term
 from benchmarks.hidden_effects.generate import generate

@@ -22,12 +22,12 @@ from tiny_equation import (
 )
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.checks.adequacy import LOO_PIT, WHITENESS, Check
+from bayes_greybox.discovery.answer.checks import LOO_PIT, WHITENESS, Check
 from bayes_greybox.discovery.answer.equation_study import UNUSUAL
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.evidence.search import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.settle import table_of

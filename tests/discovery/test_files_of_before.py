@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pandas as pd
 
 from bayes_greybox.discovery.decision.reasons import Reason
-from bayes_greybox.discovery.kept.files_of_before import add_codes
+from bayes_greybox.discovery.study_file import add_codes
 
 
 def older(against, equations=("x",), memory=(), left_out=None):

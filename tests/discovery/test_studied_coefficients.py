@@ -6,10 +6,10 @@ from scipy.stats import multivariate_normal
 from tiny_equation import CUBE, on, tiny_data, tiny_model
 
 import bayes_greybox as bg
-from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
-from bayes_greybox.discovery.grid.evidence.search import Reach
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY
+from bayes_greybox.discovery.grid.log_evidence import log_evidences
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows

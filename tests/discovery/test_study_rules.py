@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
-from bayes_greybox.discovery.answer.gap.free_runs import FreePath
+from bayes_greybox.discovery.answer.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
@@ -22,13 +22,11 @@ from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.decision.vetoes import MISFIT, worse_in_words
 from bayes_greybox.discovery.decision.vetoes import verdict_of as with_reasons
 from bayes_greybox.discovery.equation import Question, study_equation
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
-from bayes_greybox.discovery.linearise.near import Point
-from bayes_greybox.discovery.linearise.noise_shapes import Shape
+from bayes_greybox.discovery.grid.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
+from bayes_greybox.discovery.linearise.near import Point, Shape
 from bayes_greybox.discovery.odds import Odds
-from bayes_greybox.discovery.refusals import check_data
 from bayes_greybox.discovery.study import StudySettings, investigate
-from bayes_greybox.discovery.subject import studied_equations
+from bayes_greybox.discovery.subject import check_data, studied_equations
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS

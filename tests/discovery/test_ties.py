@@ -15,10 +15,10 @@ def test_ties_stay_in_their_order(rounding):
     nats = {"a": -900.0, "b": -3.0, "c": -3.0 + rounding, "d": 0.5, "e": -np.inf, "f": -np.inf}
     assert ranked(nats, lambda name: nats[name]) == ["d", "b", "c", "a", "e", "f"]
     p = {"a": 0.1, "b": 0.4, "c": 0.4 * (1 + rounding), "d": 0.0, "e": -ROUNDING}
-    assert list(likeliest_first(p)) == ["b", "c", "a", "d", "e"]
+    assert likeliest_first(p, lambda name: p[name]) == ["b", "c", "a", "d", "e"]
     table = pd.DataFrame({"probability": p})
     assert list(sorted_by_probability(table).index) == ["b", "c", "a", "d", "e"]
-    assert ranked([], float) == [] and likeliest_first({}) == {}
+    assert ranked([], float) == [] and likeliest_first({}, float) == []
 
 
 def test_what_is_no_tie_is_sorted():

@@ -9,8 +9,8 @@ from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision import decide
 from bayes_greybox.discovery.decision.reasons import CHECK, ONE_LAW, UNSEEN_SHAPE, Reason
 from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
-from bayes_greybox.discovery.kept.files_of_before import with_kinds
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
+from bayes_greybox.discovery.study_file import with_kinds
 from bayes_greybox.report.words.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]

@@ -22,11 +22,8 @@ MORE_DATA = (
 REACHES = (1.25, 1.5, 2.0, 3.0, 5.0)
 """Ranges that are tried, over that of the data."""
 
-CURVE_POINTS = 41
-"""Points at which curves are compared."""
-
-DIFFERING = 4
-"""Noise standard deviations by which curves have to differ."""
+CURVE_POINTS, DIFFERING = 41, 4
+"""Points at which curves are compared, and noise standard deviations by which they have to differ."""
 
 
 def how_to_tell_apart(tied: Sequence[tuple[Term, float]], sigma: float, data: Trajectories) -> str:

@@ -8,10 +8,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.gram import TINY, law_variances
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import LAW
+from bayes_greybox.discovery.grid.log_evidence import TINY, law_variances, modes
+from bayes_greybox.discovery.grid.points import LAW
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.columns import EvaluatedColumns
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
@@ -35,9 +34,6 @@ class Remainder:
     orthogonal, w and the columns' coefficients are independent a posteriori, given η.
 
     Attributes:
-        statistics: Columns and features of the equation.
-        indices: Columns φ that f is orthogonal to.
-        projection: P.
         mean: Posterior mean of w at the mode of η, scaled.
         root: Factor of its covariance, W with WᵀW = cov.
     """
@@ -58,10 +54,9 @@ class Remainder:
         point = weighed.grid.points[number]
         mode = modes(weighed.grid, weighed.precision, [hypothesis.members], np.array([number]), weighed.floor)
         v, mean = float(mode.v[0]), mode.mean[0]
-        n_own = len(coefficients.indices) - coefficients.inner.shape[1]
         inside = np.flatnonzero(coefficients.draws.any(axis=0))
         likeliest = [int(np.bincount(column).argmax()) for column in coefficients.inner.T]
-        every = (*coefficients.indices[:n_own], *likeliest)
+        every = (*coefficients.indices[: coefficients.n_own], *likeliest)
         indices = [every[k] for k in inside]
         of_sensors = [k for k, i in enumerate(hypothesis.members) if columns[i].suspect is not None]
         errors = table.columns[:, [hypothesis.members[k] for k in of_sensors]] @ mean[of_sensors]
@@ -96,13 +91,7 @@ class Remainder:
 
 
 class Added(NamedTuple):
-    """Terms and features added to one right-hand side, each row of coefficients a draw.
-
-    Attributes:
-        terms: Terms.
-        coefficients: Coefficients of the terms, user's units.
-        weights: Weights of the features of f, user's units of the rate; no columns without f.
-    """
+    """Terms and features added to one right-hand side, each row of coefficients a draw."""
 
     terms: list[Term]
     coefficients: Float[np.ndarray, "n_draw n_term"]
@@ -114,11 +103,8 @@ class Amendment:
     """The addition to one equation: columns of its statistics and posterior draws of their coefficients.
 
     Attributes:
-        statistics: Columns and features of the equation.
         before: Coefficients of the user's own dictionary alone, scaled [n_free].
-        after: Draws of all coefficients, with those of the added effects.
         sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.
-        discrepancy: The f that remains beside them; None if the answer has none.
         corrected: Function that removes the sensors' errors from data of the same sensors.
         rows: Rows near the model after, if rows are linear only near one; None: those of the model before.
         sensors: Errors of the sensors of states and inputs that are in the model after, in their units.
@@ -143,21 +129,20 @@ class Amendment:
     gain: float = 1.0
     forced: bool = False
 
+    @property
+    def able(self) -> Int[np.ndarray, " n"]:
+        """Return the numbers of all draws that one model can have."""
+        return np.arange(len(self.after.draws)) if self.alike is None else self.alike
+
     def pick(self, n_draw: int) -> Int[np.ndarray, " n_draw"]:
         """Return draws that one model can have, evenly thinned or repeated to `n_draw`."""
-        able = np.arange(len(self.after.draws)) if self.alike is None else self.alike
-        return able[np.linspace(0, len(able) - 1, n_draw).astype(int)]
+        return self.able[np.linspace(0, len(self.able) - 1, n_draw).astype(int)]
 
     def model(self, before: Program) -> Program:
         """Return the model before with the rows and the hidden states of the model after."""
         near = before if self.rows is None else replace(before, rows=self.rows)
         data = self.clock or self.statistics.path
         return near if data is None else near.remembering(self.hidden, data)
-
-    @property
-    def n_own(self) -> int:
-        """Number of columns that are no effects."""
-        return len(self.after.indices) - self.after.inner.shape[1]
 
     @property
     def jumping(self) -> tuple[int, ...]:
@@ -168,7 +153,7 @@ class Amendment:
 
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rates added at rows: before [n_row], and draws of after, with f [n_draw, n_row]."""
-        statistics, n_own = self.statistics, self.n_own
+        statistics, n_own = self.statistics, self.after.n_own
         beta, inner = self._draws(n_draw)
         after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
         for k in range(inner.shape[1]):
@@ -196,7 +181,7 @@ class Amendment:
         An effect has one column for each value of its inner parameter that a draw has, with zeros in the other draws.
         The projection of f on the columns, −φ P w, is in the columns' coefficients.
         """
-        statistics, f, n_own = self.statistics, self.discrepancy, self.n_own
+        statistics, f, n_own = self.statistics, self.discrepancy, self.after.n_own
         beta, inner = self._draws(n_draw)
         indices = list(dict.fromkeys([*self.after.indices[:n_own], *np.unique(inner), *(f.indices if f else ())]))
         place = {index: k for k, index in enumerate(indices)}

@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from bayes_greybox.discovery.decision.decide import Verdict
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.log_evidence import modes
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, FREE, SENSOR, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
@@ -35,6 +35,11 @@ class Coefficients(NamedTuple):
     sigma: Float[np.ndarray, " n_draw"]
     suspects: tuple[int, ...] = ()
     suspect_draws: np.ndarray = np.zeros((0, 0))
+
+    @property
+    def n_own(self) -> int:
+        """Return the number of columns that are no effects."""
+        return len(self.indices) - self.inner.shape[1]
 
 
 def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> Coefficients:
@@ -90,9 +95,7 @@ def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
             and (corrected == (verdict.code == RECALIBRATE) or verdict.code not in (NO_GAP, INSTRUMENT, RECALIBRATE))
         )
 
-    kept = [h for h in near.weighed.hypotheses if answers(h)]
-    if not kept:
-        return [without_sensors(near, verdict)]
+    kept = [h for h in near.weighed.hypotheses if answers(h)] or [without_sensors(near, verdict)]
     return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(LEAST_DRAWN)]
 
 

@@ -14,21 +14,22 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, UNKNOWN_KIND, Probabilities, Share
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.points import LATENT_FORCE, LAW, MEMORY
+from bayes_greybox.discovery.grid.points import LATENT_FORCE, LAW, MEMORY
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, Regressors
-from bayes_greybox.discovery.sensor_errors.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
+from bayes_greybox.discovery.ties import likeliest_first
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
 from bayes_greybox.running.errors import InputError
 
 from .advice import ANOTHER_SENSOR, how_to_tell_apart
 from .amendment import Amendment
-from .checks.adequacy import Check
+from .checks import Check
 from .coefficients import Coefficients
 from .instrument import instrument_table
 from .interval import INTERVAL_ENDS, INTERVAL_REACH
@@ -55,20 +56,7 @@ KINDS_IN_WORDS = {LAW: "a law of the states", LATENT_FORCE: "something in time",
 
 @dataclass(frozen=True)
 class EquationStudy:
-    """The study of one equation.
-
-    Attributes:
-        source: Source of the rows, which also removes sensor errors from other data of the same sensors.
-        near: Hypotheses on the rows near the likeliest of them.
-        verdict: The verdict.
-        checks: Checks of the answer's hypothesis.
-        coefficients: Draws of the model after.
-        amendment: The model after.
-        map: Gap over states.
-        trace: Gap along time.
-        where: Regions and windows.
-        criteria: Numbers that decide.
-    """
+    """The study of one equation; its source also removes sensor errors from other data of the same sensors."""
 
     source: Source
     near: Near
@@ -79,7 +67,6 @@ class EquationStudy:
     map: GapMap
     trace: GapTrace
     where: pd.DataFrame
-    criteria: Criteria
 
     @property
     def regressors(self) -> Regressors:
@@ -95,6 +82,11 @@ class EquationStudy:
     def probabilities(self) -> Probabilities:
         """Return the probabilities of the hypotheses."""
         return self.verdict.probabilities
+
+    @property
+    def criteria(self) -> Criteria:
+        """Return the numbers that decide."""
+        return self.probabilities.criteria
 
     @property
     def counted(self) -> int:
@@ -119,7 +111,7 @@ class EquationStudy:
 
     def _added_row(self, data: Trajectories, k: int, place: Place) -> dict[str, Any]:
         # Each draw has its own values of nonlinear parameters, and with them its own column.
-        inner, n_own = self.coefficients.inner[:, k], len(self.coefficients.indices) - len(self.verdict.places)
+        inner, n_own = self.coefficients.inner[:, k], self.coefficients.n_own
         draws = self.coefficients.draws[:, n_own + k] * np.array([self._in_units(int(i)) for i in inner])
         values = [self.near.column(int(i)).inner for i in inner]
         column = self.near.column(int(inner[0]))
@@ -168,7 +160,7 @@ class EquationStudy:
             row[3] += h.agreement
             if h.log_weight > row[1]:
                 row[1:3] = h.log_weight, self._share_left(h)
-        order = sorted(rows, key=lambda name: -round(rows[name][0], 6))
+        order = likeliest_first(rows, lambda name: rows[name][0])
         names = ["probability", "log_evidence", "share_left", "agreement"]
         return pd.DataFrame([rows[name] for name in order], self._index("hypothesis", order), names)
 
@@ -179,17 +171,12 @@ class EquationStudy:
         return pd.DataFrame(list(shares.values()), index, ["probability", "agreement"], dtype=float)
 
     def memory(self) -> pd.DataFrame:
-        """Return the probabilities of the kinds of discrepancy, then of the laws that remember.
-
-        `kind` and `channel` say the same as the index, as codes; a whole kind has no channel.
-        """
+        """Return the probabilities of the kinds of discrepancy, then of the laws that remember."""
         p = self.probabilities
         shares = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
-        memories = {name: value for name, value in p.by_memory.items() if value > 0}
-        codes = [*((kind, "") for kind in KINDS_IN_WORDS), *map(kind_and_channel, memories)]
-        shares |= memories
+        shares |= {name: value for name, value in p.by_memory.items() if value > 0}
         table = pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
-        return table.assign(kind=[kind for kind, _ in codes], channel=[channel for _, channel in codes])
+        return with_kinds(table)
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return the suspected errors of the measurement."""
@@ -233,18 +220,15 @@ class EquationStudy:
             names: dict[str, float] = {}
             for h in of_size:
                 names[self.called(h)] = names.get(self.called(h), 0.0) + h.probability
-            (top, probability), (second, q), *_ = [
-                *sorted(names.items(), key=lambda item: -round(item[1], 9)), ("", np.nan)
-            ]  # fmt: skip
+            ordered = [*sorted(names.items(), key=lambda item: -round(item[1], 9)), ("", np.nan)]
+            (top, probability), (second, q) = ordered[:2]
             likeliest = next(h for h in of_size if self.called(h) == top)
             now = Counter(self._slugs(likeliest))
-            rows.append(
-                {
-                    "equation": self.equation, "round": size + 1, "verdict": top,
-                    "added": " + ".join(sorted((now - before).elements())), "probability": probability,
-                    "runner_up": second, "runner_up_probability": q, "share_left": self._share_left(likeliest),
-                }
-            )  # fmt: skip
+            rows.append({
+                "equation": self.equation, "round": size + 1, "verdict": top,
+                "added": " + ".join(sorted((now - before).elements())), "probability": probability,
+                "runner_up": second, "runner_up_probability": q, "share_left": self._share_left(likeliest),
+            })  # fmt: skip
             before = now
         return pd.DataFrame(rows).set_index(["equation", "round"])
 
@@ -260,7 +244,7 @@ class EquationStudy:
         ties = []
         for place in self.verdict.places:
             rivals = [each for name in place.tied if (each := self._likeliest(name)) is not None]
-            if rivals or any(map(is_fault, place.tied)):
+            if rivals or any(map(fault_kind, place.tied)):
                 own, advice = self._likeliest(place.label), ANOTHER_SENSOR
                 if rivals and own is not None:
                     curves = [(column.formula, mean) for column, mean, _ in (own, *rivals)]
@@ -277,20 +261,19 @@ class EquationStudy:
 
         An effect that is in no hypothesis has its first column, and its coefficient alone.
         """
-        columns = self.regressors.columns
-        of_effect = [
-            i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)
-        ]
-        for h in self.near.weighed.hypotheses:
-            for k, i in enumerate(h.members):
-                if i in of_effect:
-                    return columns[i], float(h.mean[k]) * self._in_units(i), float(h.sd[k]) * abs(self._in_units(i))
-        if not of_effect:
+        columns, table = self.regressors.columns, self.near.weighed.table
+        named = [i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)]
+        if not named:
             return None
-        table = self.near.weighed.table
-        x, y = table.columns[:, of_effect[0]], table.target
-        mean, sd = float(x @ y / (x @ x)), float(np.std(y) / np.sqrt(x @ x))
-        return columns[of_effect[0]], mean * self._in_units(of_effect[0]), sd * abs(self._in_units(of_effect[0]))
+        places = [(h, k, i) for h in self.near.weighed.hypotheses for k, i in enumerate(h.members) if i in named]
+        if places:
+            h, k, index = places[0]
+            mean, sd = float(h.mean[k]), float(h.sd[k])
+        else:
+            index, y = named[0], table.target
+            x = table.columns[:, index]
+            mean, sd = float(x @ y / (x @ x)), float(np.std(y) / np.sqrt(x @ x))
+        return columns[index], mean * self._in_units(index), sd * abs(self._in_units(index))
 
     def _share_left(self, hypothesis: Hypothesis) -> float:
         return min(hypothesis.left**2 / self.near.weighed.gap_square, 1.0)
@@ -314,6 +297,14 @@ class EquationStudy:
         return "" if FRACTIONAL_POWER.search(unit or "") else unit
 
 
+def with_kinds(memory: pd.DataFrame) -> pd.DataFrame:
+    """Return a table of what remains with its index as codes, `kind` and `channel`; a whole kind has no channel."""
+    whole = {text: kind for kind, text in KINDS_IN_WORDS.items()}
+    names = [str(name) for name in memory.index.get_level_values(-1)] if len(memory) else []
+    pairs = [(whole[name], "") if name in whole else kind_and_channel(name) for name in names]
+    return memory.assign(kind=[kind for kind, _ in pairs], channel=[channel for _, channel in pairs])
+
+
 def unit_if_known(target: str, term: Term, data: Trajectories) -> str:
     """Return the unit of a term's coefficient; "" if the numbers of a simulation's expression carry unwritten units."""
     try:
@@ -323,6 +314,5 @@ def unit_if_known(target: str, term: Term, data: Trajectories) -> str:
 
 
 def _interval(mean: float, sd: float, unit: float = 1.0) -> tuple[float, ...]:
-    """Return mean, standard deviation and interval of a normal coefficient, in another unit."""
     low, high = sorted(((mean - INTERVAL_REACH * sd) * unit, (mean + INTERVAL_REACH * sd) * unit))
     return mean * unit, sd * abs(unit), low, high

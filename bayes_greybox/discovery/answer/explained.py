@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.linalg import block_diag
 
 from bayes_greybox.discovery.decision.probabilities import NO_GAP, RECALIBRATE, UNKNOWN_KIND
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
+from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.physics.terms import Term
 
 from .coefficients import factor_of
@@ -18,11 +18,8 @@ from .equation_study import EquationStudy
 LEAST_EXPLAINED = 0.01
 """Probability from which on an explanation is kept."""
 
-JOINED = 32
-"""Largest number of joint explanations of several equations."""
-
-COMPONENTS = 3
-"""Largest number of hypotheses of one explanation: values of nonlinear parameters, corrections beside it."""
+JOINED, COMPONENTS = 32, 3
+"""Largest numbers of joint explanations of several equations, and of hypotheses of one explanation."""
 
 PREDICTING = (NO_GAP, RECALIBRATE)
 """Explanations without an effect whose columns predict a run: an error of these sensors predicts nothing."""
@@ -55,9 +52,6 @@ class Explained:
 
     Attributes:
         name: Name in the study's table of hypotheses; of several equations each with its own.
-        probability: Probability of the explanation.
-        slugs: Effects of the explanation.
-        components: Likeliest hypotheses of the explanation; empty if it predicts nothing.
         sigma: Noise standard deviation of the rows by equation, user's units.
     """
 
@@ -108,12 +102,10 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
     return tuple(e for e in likeliest if e.probability >= LEAST_EXPLAINED * likeliest[0].probability)
 
 
-def _components(
-    study: EquationStudy, hypotheses: Sequence[Hypothesis]
-) -> tuple[tuple[Component, ...], dict[str, float]]:
+def _components(study: EquationStudy, able: Sequence[Hypothesis]) -> tuple[tuple[Component, ...], dict[str, float]]:
     """Return the likeliest hypotheses of one name, each at its likeliest noise point, and the noise there."""
     columns, scale, components = study.regressors.columns, study.regressors.target_scale, []
-    likeliest = sorted(hypotheses, key=lambda h: -h.log_weight)[:COMPONENTS]
+    likeliest = sorted(able, key=lambda h: -h.log_weight)[:COMPONENTS]
     if not likeliest:
         return (), {}
     weights = np.exp([h.log_weight - likeliest[0].log_weight for h in likeliest])

@@ -1,6 +1,6 @@
 """Table of the measurement's errors: channels that are late, scaled, offset or bent, and noise that is not white."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,12 @@ from bayes_greybox.data.samples.clipping import clipped_in_words, seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.discovery.decision.decide import Verdict
-from bayes_greybox.discovery.grid.noise.points import SENSOR_NOISE
+from bayes_greybox.discovery.grid.points import SENSOR_NOISE
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, DELAY_STEPS, GAIN, STATES, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, STATES, ChannelSuspect, delay_error
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -31,6 +31,9 @@ IN_MODEL = "in the model"
 
 LISTED = 0.01
 """Probability below which an error is not listed."""
+
+Row = dict[str, Any]
+"""Row of the table by column."""
 
 INSTRUMENT_COLUMNS = (
     "equation", "suspect", "channel", "probability", "mean", "sd", "lower", "upper", "unit", "samples",
@@ -50,16 +53,15 @@ def instrument_table(
     """
     rows = [*_sensor_rows(near, verdict, coefficients, data), *_noise_rows(near, verdict, data)]
     for name, late in source.late.items():
-        suspect = ChannelSuspect(DELAY, name, DELAY_STEPS * late.step, late.step)
-        rows.append(_row(DELAY, name, 1.0 - late.p, True) | _error(suspect, late.by, late.sd, near, data))
+        error = _error(delay_error(name, late.step), late.by, late.sd, near, data)
+        rows.append(_row(DELAY, name, 1.0 - late.p, True) | error)
     for name, noise in source.sample_noise.items():
         unit = data.unit(name) or ""
         text = f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip()
         rows.append(_row(NOISY, name, 1.0, True, text) | {"mean": noise.sd, "unit": unit})
     rows += [_row(CLIPPING, name, 1.0, True, clipped_in_words(name, at)) for name, at in source.clipped.items()]
-    for name, out in source.misread.items():
-        text = f"{name} is misread at {int(np.sum(out))} samples, which are left out"
-        rows.append(_row(MISREAD, name, 1.0, True, text))
+    misread = {name: f"{name} is misread at {int(np.sum(out))} samples" for name, out in source.misread.items()}
+    rows += [_row(MISREAD, name, 1.0, True, f"{text}, which are left out") for name, text in misread.items()]
     equation = {"equation": near.regressors.equation}
     return sorted_by_probability(pd.DataFrame([row | equation for row in rows], columns=list(INSTRUMENT_COLUMNS)), True)
 
@@ -70,10 +72,7 @@ def _row(kind: str, channel: str, probability: float, in_model: bool, text: str 
     return dict.fromkeys(INSTRUMENT_COLUMNS, np.nan) | about | {"status": IN_MODEL if in_model else "", "text": text}
 
 
-def _sensor_rows(
-    near: Near, verdict: Verdict, coefficients: Coefficients, data: Trajectories
-) -> Iterator[dict[str, Any]]:
-    """Return the rows of sensor errors that are regressors."""
+def _sensor_rows(near: Near, verdict: Verdict, coefficients: Coefficients, data: Trajectories) -> Iterator[Row]:
     columns = near.regressors.columns
     index = {columns[i].called: i for i in near.regressors.of_kind(SENSOR)}
     places = {columns[i].called: k for k, i in enumerate(coefficients.suspects)}
@@ -129,8 +128,7 @@ def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str
     }
 
 
-def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> Iterator[dict[str, Any]]:
-    """Return the rows of noise that is not white."""
+def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> Iterator[Row]:
     p, points, equation = verdict.probabilities, near.weighed.grid.points, near.regressors.equation
     likeliest = points[verdict.hypothesis.point]
     correlated = p.by_discrepancy[SENSOR_NOISE]
@@ -150,20 +148,16 @@ def _noise_rows(near: Near, verdict: Verdict, data: Trajectories) -> Iterator[di
             yield _noise_row(equation, name, share, about, name in inside, data)
 
 
-def _noise_row(
-    equation: str, name: str, p: float, about: Mapping[str, Any], inside: bool, data: Trajectories
-) -> dict[str, Any]:
+def _noise_row(equation: str, name: str, p: float, about: Row, inside: bool, data: Trajectories) -> Row:
     channel, time = data.target_label(equation), data.unit("t") or ""
     if equation not in data.derivatives or data.samples is not None:
         # Rows are the samples of the sensors, and no rates.
         channel = " and ".join((data.samples or data).state_names)
     row, noise = _row(name, channel, p, inside), f"the noise of {channel}"
     if name == CORRELATED:
-        over = f"{about['time_scale']:.2g} {time}".rstrip()
-        rho = about["correlation"]
-        return row | {
-            "mean": rho, "text": f"{noise} is correlated over {over} ({rho:.2f} from one sample to the next)"
-        }  # fmt: skip
+        over, rho = f"{about['time_scale']:.2g} {time}".rstrip(), about["correlation"]
+        text = f"{noise} is correlated over {over} ({rho:.2f} from one sample to the next)"
+        return row | {"mean": rho, "text": text}
     if name == VARYING:
         verb = "grows" if about["exponent"] > 0 else "shrinks"
         return row | {"mean": about["exponent"], "text": f"{noise} {verb} with |{about['variable']}|"}

@@ -12,17 +12,11 @@ from scipy.special import ndtr
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 
-MAP_POINTS = 41
-"""Points of a map along each variable."""
+MAP_POINTS, MAP_WIDTH = 41, 0.05
+"""Points of a map along each variable, and width of the Gaussian that smooths it, over the range: two of the points."""
 
-MAP_WIDTH = 0.05
-"""Width of the Gaussian that smooths a map, over the range of its variable: two of the 41 points."""
-
-MOST_SEARCHED = 5000
-"""Largest number of rows, evenly thinned, on which regions and windows are sought."""
-
-CUTS = 19
-"""Cut points tried along each variable, at even quantiles of the data."""
+MOST_SEARCHED, CUTS = 5000, 19
+"""Largest number of rows that are searched, evenly thinned, and cut points along each variable, at even quantiles."""
 
 MOST_REGIONS, MOST_WINDOWS = 3, 5
 """Largest number of regions and windows."""
@@ -36,15 +30,11 @@ class GapMap:
     """The gap over one or two variables, before and after the model was amended; the others at their median.
 
     Attributes:
-        equation: State whose rate the gap is of.
-        variables: One or two variables.
         axes: Grid positions, user's units.
         before, after: Posterior mean of the gap [n_0, n_1] (or [n_0]), user's units.
         probability, after_probability: P(|gap| > threshold).
-        samples: Positions of the data.
         threshold: One noise standard deviation, or that of the gap where it is larger.
         unit: Unit of the gap; "" if it is not known.
-        units: Units of the variables.
     """
 
     equation: str
@@ -84,14 +74,7 @@ class Gap(NamedTuple):
 
 
 class Along(NamedTuple):
-    """Samples along which a gap is known.
-
-    Attributes:
-        equation: State whose rate the gap is of.
-        time: Times of the samples.
-        run: Run of each sample.
-        columns: States and inputs at the samples.
-    """
+    """Samples along which a gap is known."""
 
     equation: str
     time: Float[np.ndarray, " n_sample"]
@@ -115,7 +98,7 @@ def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray
 
 def gap_map(
     data: Trajectories, along: Along, before: Gap, after: Gap, variables: tuple[str, ...], threshold: float, unit: str
-) -> GapMap:  # fmt: skip
+) -> GapMap:
     """Return the gap averaged over cells of one or two variables, with the weights of a normal density."""
     (thin, first), (_, last) = along.thinned(before), along.thinned(after)
     x = np.column_stack([thin.columns[v] for v in variables])
@@ -159,12 +142,11 @@ def where_table(data: Trajectories, along: Along, variables: Sequence[str], trac
     p, square = trace.probability, trace.before**2
     rules = [(v, *rule) for v in variables for rule in _rules(v, thin.columns[v], data.unit(v) or "")]
     rows = []
-    for kind, most, found in (
-        ("region", MOST_REGIONS, _regions(p, rules)), ("window", MOST_WINDOWS, _windows(trace, data))
-    ):  # fmt: skip
+    parts = (("region", MOST_REGIONS, _regions(p, rules)), ("window", MOST_WINDOWS, _windows(trace, data)))
+    for kind, most, places in parts:
         part = [
             (trace.equation, kind, text, p[inside].mean(), square[inside].sum() / square.sum(), inside.mean())
-            for text, inside in found
+            for text, inside in places
         ]
         rows += sorted(part, key=lambda row: -row[4])[:most]
     names = ["equation", "kind", "description", "probability", "gap_share", "sample_share"]
@@ -223,7 +205,5 @@ def _windows(trace: GapTrace, data: Trajectories) -> Iterator[tuple[str, np.ndar
         for start, stop in merged:
             if stop - start >= width:
                 first, last = trace.time[rows[[start, stop - 1]]]
-                yield (
-                    f"t = {first:.4g} to {last:.4g}{unit}{label}",
-                    np.isin(np.arange(len(trace.run)), rows[start:stop]),
-                )
+                inside = np.isin(np.arange(len(trace.run)), rows[start:stop])
+                yield f"t = {first:.4g} to {last:.4g}{unit}{label}", inside

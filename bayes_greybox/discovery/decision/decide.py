@@ -5,12 +5,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
 from bayes_greybox.discovery.grid.table import EFFECT, SENSOR
+from bayes_greybox.discovery.grid.weigh import Hypothesis
+from bayes_greybox.discovery.ties import likeliest_first
 
 from . import reasons as codes
 from .probabilities import EFFECTS, INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND, Probabilities, Share
 from .reasons import Reason
+
+Part = Callable[[Probabilities, Hypothesis], float]
+"""Function that returns the part of a hypothesis's probability that counts for a kind of answer."""
 
 VERDICTS = (NO_GAP, INSTRUMENT, RECALIBRATE, "named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts from the smallest change of the user's physics to the largest; of several equations the last one counts."""
@@ -27,8 +31,6 @@ class Place:
     """One effect of the answer.
 
     Attributes:
-        label: The effect on its columns.
-        slug: Name of the effect in the catalogue.
         share: Probability of the effect on these columns, with agreement.
         tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
             label, and sensor errors by their keys.
@@ -46,14 +48,10 @@ class Verdict:
 
     Attributes:
         code: One of `VERDICTS`.
-        places: Effects of the answer; empty if it has none.
         hypothesis: Likeliest hypothesis behind the verdict.
-        sensors: Sensor errors of the answer, by name.
         remains: Probability of a discrepancy beside the answer.
         left: RMS of this discrepancy, scaled.
         negligible: True if a discrepancy remains that is too small to matter in practice.
-        reasons: Reasons against the verdict.
-        probabilities: Probabilities of all hypotheses.
     """
 
     code: str
@@ -91,17 +89,16 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
     2. Of effects, the likeliest set; of sets of its size that are tied with it, the one whose effects are likeliest in
        sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; a discrepancy
        beside them makes it *partly named*.
-    3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none.
+    3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none; `rate_size` is
+       the RMS of that rate over that of the target.
 
-    Args:
-        probabilities: Probabilities of the hypotheses.
-        rate_size: RMS of the modelled rate, over that of the target.
-        late: True if a sensor's error was undone before hypotheses were weighed.
+    Where `late`, a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        return _without_effects(probabilities, INSTRUMENT if late and code == NO_GAP else code, _without_discrepancy)
+        code = INSTRUMENT if late and code == NO_GAP else code
+        return _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
     if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
         if verdict.code != UNKNOWN_KIND:
@@ -146,26 +143,12 @@ def _sensor_names(probabilities: Probabilities, hypothesis: Hypothesis) -> list[
 
 def _likely_sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:
     """Return the sensor errors of a hypothesis that are likelier than not."""
-    by_sensor, least = probabilities.by_sensor, probabilities.criteria.missing
-    return tuple(
-        name for name in _sensor_names(probabilities, hypothesis) if by_sensor[name].probability >= least
-    )  # fmt: skip
+    by_sensor, names = probabilities.by_sensor, _sensor_names(probabilities, hypothesis)
+    return tuple(name for name in names if by_sensor[name].probability >= probabilities.criteria.missing)
 
 
-def _without_discrepancy(probabilities: Probabilities, hypothesis: Hypothesis) -> float:
-    return 1 - probabilities.remains(hypothesis)
-
-
-def _without_effects(
-    probabilities: Probabilities, code: str, part: Callable[[Probabilities, Hypothesis], float]
-) -> Verdict:
-    """Return the likeliest answer of a kind without effects.
-
-    Args:
-        probabilities: Probabilities of the hypotheses.
-        code: Kind of the answer.
-        part: Part of a hypothesis's probability that counts for this kind.
-    """
+def _without_effects(probabilities: Probabilities, code: str, part: Part) -> Verdict:
+    """Return the likeliest answer of a kind without effects."""
 
     def log_weight(h: Hypothesis) -> float:
         if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):
@@ -181,17 +164,17 @@ def _without_effects(
 
 
 def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verdict:
-    """Return the answer with a set of effects."""
     criteria, gap = probabilities.criteria, probabilities.weighed.gap_square
     with_set = [h for h in probabilities.weighed.hypotheses if probabilities.effects(h) == chosen]
     mass = sum(h.probability for h in with_set)
     remains = sum(h.probability * probabilities.remains(h) for h in with_set) / mass
     share_left = sum(h.probability * h.left**2 for h in with_set) / mass / gap
     best = max(with_set, key=lambda h: h.log_weight)
+    discounted, plain = (probabilities.members(best, EFFECT, stacking) for stacking in (True, False))
+    stacked = bool(plain) and all(less < trust for (_, less), (_, trust) in zip(discounted, plain, strict=True))
     places = [_place(probabilities, best, chosen, label) for label in chosen]
-    places.sort(key=lambda place: -round(place.share.probability, 6))
+    places = likeliest_first(places, lambda place: place.share.probability)
     more = remains >= criteria.missing and share_left >= criteria.remainder
-    stacked = _all_stacked(probabilities, best)
     if more and max(place.share.probability for place in places) <= criteria.missing:
         code = UNKNOWN_KIND
     elif more or stacked:
@@ -201,15 +184,7 @@ def _with_effects(probabilities: Probabilities, chosen: tuple[str, ...]) -> Verd
     law = Reason(codes.ONE_LAW_AND_MORE, AND_MORE_IN_WORDS) if more else Reason(codes.ONE_LAW, ONE_LAW_IN_WORDS)
     reasons = (law,) if stacked else ()
     sensors = _likely_sensors(probabilities, best)
-    return Verdict(
-        code, tuple(places), best, sensors, remains, best.left, reasons=reasons, probabilities=probabilities
-    )  # fmt: skip
-
-
-def _all_stacked(probabilities: Probabilities, best: Hypothesis) -> bool:
-    """Return whether the effects of a hypothesis may all be one law."""
-    discounted, plain = (probabilities.members(best, EFFECT, stacking) for stacking in (True, False))
-    return bool(plain) and all(less < trust for (_, less), (_, trust) in zip(discounted, plain, strict=True))
+    return Verdict(code, tuple(places), best, sensors, remains, best.left, False, reasons, probabilities=probabilities)
 
 
 def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ...], label: str) -> Place:
@@ -236,6 +211,6 @@ def _place(probabilities: Probabilities, best: Hypothesis, chosen: tuple[str, ..
             continue
         rivals[name] = rivals.get(name, 0.0) + trust * h.probability
     least = probabilities.criteria.tied * rivals.get(effect.name, 0.0)
-    ordered = sorted(rivals, key=lambda name: -round(rivals[name], 6))
+    ordered = likeliest_first(rivals, rivals.__getitem__)
     tied = tuple(name for name in ordered if name != effect.name and rivals[name] >= least)
     return Place(label, effect.name, probabilities.by_place[label], tied)

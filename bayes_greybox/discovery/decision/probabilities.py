@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise.points import DISCREPANCIES, UNNAMED
+from bayes_greybox.discovery.grid.points import DISCREPANCIES, UNNAMED
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, SENSOR, Regressor
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.ties import likeliest_first
 
 from .criteria import Criteria
 
@@ -24,12 +25,7 @@ STOPS = (NO_GAP, RECALIBRATE, INSTRUMENT, UNKNOWN_KIND)
 
 
 class Share(NamedTuple):
-    """Probability and agreement of a group of hypotheses.
-
-    Attributes:
-        probability: Posterior probability of the group.
-        agreement: Probability of the group averaged over bagged records.
-    """
+    """Probability of a group of hypotheses, and its agreement: the same averaged over bagged records."""
 
     probability: float = 0.0
     agreement: float = 0.0
@@ -41,24 +37,13 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Probabilities:
-    """Probabilities over all hypotheses.
-
-    Attributes:
-        weighed: The hypotheses.
-        criteria: Numbers that decide.
-    """
+    """Probabilities over all hypotheses."""
 
     weighed: Weighed
     criteria: Criteria
 
     def members(self, hypothesis: Hypothesis, kind: str, stacking: bool = True) -> list[tuple[Regressor, float]]:
-        """Return a hypothesis's regressors of one kind, each with its confounding discount.
-
-        Args:
-            hypothesis: The hypothesis.
-            kind: Kind of the regressors.
-            stacking: If true, stacked effects are discounted too, because they may be one law without a name.
-        """
+        """Return a hypothesis's regressors of one kind, each with its confounding discount."""
         regressors = self.weighed.table.regressors
         sizes = zip(hypothesis.members, hypothesis.sizes, hypothesis.beside, hypothesis.against, strict=True)
         discounted = [
@@ -107,7 +92,7 @@ class Probabilities:
                 surest[key(each)] = max(surest.get(key(each), 0.0), trust)
             for name, trust in surest.items():
                 shares[name] = shares[name].plus(h, trust)
-        return likeliest_first(shares)
+        return _likeliest_first(shares)
 
     @cached_property
     def by_effect(self) -> dict[str, Share]:
@@ -143,7 +128,7 @@ class Probabilities:
             if effects:
                 key = self.effects(h)
                 shares[key] = shares.get(key, Share()).plus(h, max(trust for _, trust in effects))
-        return likeliest_first(shares)
+        return _likeliest_first(shares)
 
     @cached_property
     def by_discrepancy(self) -> dict[str, float]:
@@ -158,7 +143,7 @@ class Probabilities:
             memory: sum(h.probability * h.memories.get(memory, 0.0) for h in self.weighed.hypotheses)
             for memory in self.weighed.table.memories
         }
-        return dict(sorted(shares.items(), key=lambda item: -round(item[1], 6)))
+        return dict(likeliest_first(shares.items(), lambda item: item[1]))
 
     @cached_property
     def by_shape(self) -> dict[int, float]:
@@ -181,17 +166,12 @@ def trusted(own: float, left: float, against: float = 0.0) -> float:
 
         1 − left²/⟨(a + w)²⟩ = (own² + 2 ⟨a w⟩)/(own² + 2 ⟨a w⟩ + left²)
 
-    Of two that cancel each other the discount is zero.
-
-    Args:
-        own: RMS of a.
-        left: RMS of w in the band of a.
-        against: Mean product ⟨a w⟩.
+    with own the RMS of a, left that of w in the band of a, and ⟨a w⟩ `against`. Of two that cancel each other the
+    discount is zero.
     """
     closed = own**2 + 2 * against
     return float(closed / (closed + left**2)) if own > 0 and closed > 0 else 0.0
 
 
-def likeliest_first(shares: Mapping[Any, Share]) -> dict[Any, Share]:
-    """Return shares in the order of their probability; those that differ by rounding alone stay in order."""
-    return dict(sorted(shares.items(), key=lambda item: -round(item[1].probability, 6)))
+def _likeliest_first(shares: Mapping[Any, Share]) -> dict[Any, Share]:
+    return dict(likeliest_first(shares.items(), lambda item: item[1].probability))

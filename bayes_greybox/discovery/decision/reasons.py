@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 
-ONE_LAW = "one law"
-"""Several effects of one quantity may be one law without a name."""
-
-ONE_LAW_AND_MORE = "one law and more"
-"""The same, and something is left besides."""
+ONE_LAW, ONE_LAW_AND_MORE = "one law", "one law and more"
+"""Several effects of one quantity may be one law without a name; the same, and something is left besides."""
 
 UNSEEN_SHAPE = "unseen shape"
 """Filtered rates do not show how an effect looks where it jumps or bends."""

@@ -31,23 +31,12 @@ def verdict_of(
     labels: Mapping[str, str] | None = None,
     criteria: Criteria = CRITERIA,
 ) -> tuple[str, tuple[Reason, ...]]:
-    """Return the verdict of a study, and the reasons against it.
-
-    Args:
-        verdicts: Verdict for each equation; of several equations each reason names its own.
-        gap: Gap table.
-        lost: Reasons why held-out data could not be compared, in words.
-        labels: Name of each equation's left-hand side, `Runs.target_label`; by default the derivative of a state.
-        criteria: Numbers that decide.
-    """
+    """Return the verdict of a study, and the reasons against it."""
     code = max((verdict.code for verdict in verdicts.values()), key=VERDICTS.index)
     labels = labels or {name: derivative_label(name) for name in verdicts}
     about = {name: f"in {labels[name]}: " if len(verdicts) > 1 else "" for name in verdicts}
-    reasons = [
-        Reason(each.code, about[name] + each.text, name)
-        for name, verdict in verdicts.items()
-        for each in verdict.reasons
-    ]
+    every = [(name, reason) for name, verdict in verdicts.items() for reason in verdict.reasons]
+    reasons = [Reason(each.code, about[name] + each.text, name) for name, each in every]
     vetoes: list[Reason] = []
     if code == RECALIBRATE or any(verdict.places for verdict in verdicts.values()):
         vetoes += [Reason(codes.NOT_COMPARED, text) for text in lost]
@@ -59,34 +48,25 @@ def verdict_of(
 
 
 def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[str, str, str], ...]:
-    """Return the rows of the gap table whose free run is worse after than before.
+    """Return the rows of the gap table, (data, metric, variable), whose free run is worse after than before.
 
     The free-run NRMSE of a state has grown if the error of the mean path exceeds the error before by more than a share
     `worse` of it. The time to failure has fallen if the median draw fails sooner by more than that share, and so does
-    the upper end of the interval, or the model before never failed.
-
-    Args:
-        gap: Gap table; its free runs on held-out data are compared, or those on training data if there are none.
-        criteria: Numbers that decide.
-
-    Returns:
-        Keys of the rows, (data, metric, variable); a time to failure has the variable "all".
+    the upper end of the interval, or the model before never failed; its variable is "all". Free runs on held-out data
+    are compared, or those on training data if there are none.
     """
     # A state at rest has no error to speak of.
-    rows = [
-        (key, row) for key, row in _rows(gap)
-        if key[1] == FAILURE or (key[1] == FREE_RUN and not np.isnan(row["before"]))
-    ]  # fmt: skip
+    at_rest = [key for key, row in _rows(gap) if key[1] == FREE_RUN and np.isnan(row["before"])]
+    rows = [(key, row) for key, row in _rows(gap) if key[1] in (FREE_RUN, FAILURE) and key not in at_rest]
     rows = [each for each in rows if each[0][0] == "test"] or rows
     keys = []
     for key, row in rows:
+        before, after = row["before"], row["after"]
         if key[1] == FREE_RUN:
-            worse = row["after"] > row["before"] + max(criteria.worse * row["before"], criteria.integrator)
+            worse = after > before + max(criteria.worse * before, criteria.integrator)
         else:
             # A run that never fails has NaN.
-            before, after, upper = (
-                np.inf if np.isnan(row[name]) else row[name] for name in ("before", "after", "upper")
-            )
+            before, after, upper = (np.inf if np.isnan(time) else time for time in (before, after, row["upper"]))
             worse = after < (1 - criteria.worse) * before and (upper < before or not np.isfinite(before))
         if worse:
             keys.append(key)

@@ -17,11 +17,8 @@ from scipy.special import ndtr
 
 from bayes_greybox.running.errors import InputError
 
-SPREADS = 800
-"""Values of τ that are summed over."""
-
-LEAST_SPREAD, LARGEST_SPREAD = 1e-4, 8.0
-"""Least positive value of τ over the smallest s_i, and largest over the scale of its prior."""
+SPREADS, LEAST_SPREAD, LARGEST_SPREAD = 800, 1e-4, 8.0
+"""Number of values of τ that are summed over; the least over the smallest s_i, the largest over the prior's scale."""
 
 DIFFER = 1 / 3
 """Scale of the prior of τ over r, the size of the coefficients: assets of one kind differ by less than they have."""
@@ -36,7 +33,6 @@ class Pooled:
         between, between_lower, between_upper: Median and interval of τ, the standard deviation between assets.
         same: Probability that all have one coefficient, τ = 0, which has 0.5 beforehand.
         each: Posterior mean of each asset's own β_i.
-        each_sd: Its standard deviation.
     """
 
     mean: float

@@ -12,21 +12,18 @@ import pandas as pd
 from bayes_greybox.discovery.decision.criteria import CRITERIA
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN_KIND
 from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
-from bayes_greybox.discovery.sensor_errors.channels import is_fault
+from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 
-SHARE = "unexplained share"
-"""Metric by which assets are ranked."""
+SHARE, FAILED = "unexplained share", "failed"
+"""Metric by which assets are ranked, and verdict on an asset that could not be studied."""
 
 ADDED, POSSIBLE = "added", "one of"
 """Status of an effect that is in a study's model, and of a rival of one."""
 
 LARGEST_RATIO = 1.25
 """Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
-
-FAILED = "failed"
-"""Verdict on an asset that could not be studied."""
 
 LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""
@@ -92,9 +89,7 @@ class AssetStudy:
     """Outcome of one asset.
 
     Attributes:
-        asset: Name of the asset.
         verdict: Verdict of its study; "failed" if there is none.
-        lacks: Names of the effects that it surely lacks.
         may_lack: Names of added effects of which its study is not sure.
         gap: Unexplained share before, of held-out data if there are any; NaN if it is not known.
         left: The same after.
@@ -119,12 +114,7 @@ class AssetStudy:
 
 @dataclass(frozen=True)
 class Fleet:
-    """Studies of many assets.
-
-    Attributes:
-        assets: The largest gap first, those that failed last.
-        shared: Effects, those that most assets surely lack first.
-    """
+    """Studies of many assets."""
 
     assets: tuple[AssetStudy, ...]
     shared: tuple[Shared, ...]
@@ -175,11 +165,9 @@ class Fleet:
 
     def table(self) -> pd.DataFrame:
         """Return the assets as a table, indexed by asset."""
-        rows = [
-            {**asdict(each), "lacks": ", ".join(each.lacks), "may_lack": ", ".join(each.may_lack)}
-            for each in self.assets
-        ]
-        return pd.DataFrame(rows, columns=[field.name for field in fields(AssetStudy)]).set_index("asset")
+        table = pd.DataFrame(map(asdict, self.assets), columns=[field.name for field in fields(AssetStudy)])
+        names = {column: table[column].map(", ".join) for column in ("lacks", "may_lack")}
+        return table.assign(**names).set_index("asset")
 
 
 def fleet_of(records: Mapping[str, Mapping[str, Any]], failed: Mapping[str, str]) -> Fleet:
@@ -267,9 +255,7 @@ def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -
 def _common(effects: Sequence[Mapping[str, Any]]) -> str:
     """Return the formula of effects, with names of inner parameters in the place of numbers that differ."""
     numbers = zip(*(_NUMBER.findall(effect["expression"]) for effect in effects), strict=True)
-    written = iter([
-        own[0] if len(set(own)) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers
-    ])  # fmt: skip
+    written = (own[0] if len({*own}) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers)
     return _NUMBER.sub(lambda _: next(written), effects[0]["expression"])
 
 
@@ -291,7 +277,7 @@ def _of_effect(group: Sequence[_Lack]) -> Shared:
         assets=tuple(each.asset for each in sure),
         possible=tuple(each.asset for each in group if not each.sure),
         likely={each.asset: float(each.effect["probability"]) for each in likely},
-        faults=tuple(dict.fromkeys(tied for each in likely for tied in filter(is_fault, each.effect["tied_with"]))),
+        faults=tuple(dict.fromkeys(tied for each in likely for tied in filter(fault_kind, each.effect["tied_with"]))),
         expressions=tuple(each.effect["expression"] for each in sure),
         units=tuple(each.effect["unit"] or "" for each in sure),
         mean=tuple(_number(each.effect["mean"]) for each in sure),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from .noise.latent_force import LatentForce
+from .latent_force import LatentForce
 
 FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
 """Kinds of regressors, as files have them: the user's terms, the simulation's coefficients, errors of sensors and
@@ -19,12 +19,9 @@ class Regressor:
     """Prior and names of one column, for the search.
 
     Attributes:
-        kind: One of `FREE`, `CORRECTION`, `SENSOR`, `EFFECT`.
         group: Name of the columns that exclude each other: the values of an effect's nonlinear parameters.
         name: Name in the tables of probabilities: an effect's slug, else the group.
         sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
-        quantity: Columns of the data that an effect is a function of.
-        bends: True if an effect has a nonlinear parameter.
         log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
         sign: Sign that physics expects of its coefficient; 0 where it expects none.
         expected: Expected size of its coefficient; 0 where nothing is known.
@@ -70,12 +67,8 @@ class RegressorTable:
     """Target and regressors at rows in order of time, each run by itself.
 
     Attributes:
-        regressors: One for each column.
         target: y, of unit size.
-        columns: X.
         acting: Regressors at the samples, in the unit of the force; zero for those that act on a sensor alone.
-        force: Latent force and sensor noise on the rows.
-        block: Number of the block of the record that each row belongs to.
         law: Features of f; none where no f is weighed.
         frequency: Square roots of the Laplacian's eigenvalues of the features.
         memories: Elements of forces with memory, by the memory's name.

@@ -1,24 +1,85 @@
-"""Linearisation point of rows and regressors, and the hypotheses weighed there."""
+"""Linearisation point of rows and regressors, the hypotheses weighed there, and the shapes of noise they speak for.
 
+The white residual of the likeliest hypothesis speaks for heavy tails, and for noise that grows with some quantity. They
+become further points of the noise grid, each with its prior and with the cost of its parameters.
+"""
+
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from bayes_greybox.data.noise.weighted import correlation_and_sd
+from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.evidence.set_prior import Window
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
+from bayes_greybox.discovery.grid.latent_force import LatentForce
+from bayes_greybox.discovery.grid.sets import Window
 from bayes_greybox.discovery.grid.table import EFFECT, Regressor
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
+from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, Rate, Sizes
+from bayes_greybox.model.gp.hyper import NoisePrior
+from bayes_greybox.model.noise.noise_model import NoiseModel
+from bayes_greybox.model.noise.suspicions import LEAST_ROWS, heavy, varying
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
-from .noise_shapes import Shape
+LEAST_SHAPE_ODDS, LEAST_WHITE_SCALE = -3.0, 1e-6
+"""Log posterior odds of a shape over white noise below which it is not added; least scale of whitened residuals."""
+
+
+AtRows = Float[np.ndarray, " n_row"]
+
+
+class Shape(NamedTuple):
+    """One shape of the noise.
+
+    Attributes:
+        spread: Relative standard deviation of the noise of each row as it came.
+        log_prior: Log prior that it adds to a noise point: its prior odds, and its parameters' cost.
+    """
+
+    name: str
+    spread: AtRows
+    log_prior: float
+    about: Mapping[str, Any]
+
+
+def noise_shapes(white: AtRows, quantities: Mapping[str, AtRows], odds: Odds) -> tuple[Shape, ...]:
+    """Return the shapes that a residual speaks for."""
+    if len(white) < LEAST_ROWS or not np.all(np.isfinite(white)):
+        return ()
+    plain, prior = NoiseModel(WhiteNoise((len(white),))), NoisePrior(LEAST_WHITE_SCALE, 1.0)
+    log_odds = math.log(odds.noise) - math.log1p(-odds.noise)
+
+    def grows(model: NoiseModel) -> Any:
+        return varying(white, model, quantities, prior)
+
+    def has_tails(model: NoiseModel) -> Any:
+        return heavy(white, model, prior)
+
+    def likely(suspicion: Any) -> bool:
+        return suspicion is not None and suspicion.log_bayes_factor + log_odds > LEAST_SHAPE_ODDS
+
+    worth = [s for s in (grows(plain), has_tails(plain)) if likely(s)]
+    if len(worth) == 2:
+        # Noise that grows has heavy tails, too: beside the growth tails are those that are left.
+        first = max(worth, key=lambda s: s.log_bayes_factor)
+        both = (has_tails if first is worth[0] else grows)(first.model)
+        worth += [both] if likely(both) else []
+    return tuple(_shape(suspicion.model, log_odds) for suspicion in worth)
+
+
+def _shape(model: NoiseModel, log_odds: float) -> Shape:
+    _, sd = correlation_and_sd(model.noise)
+    return Shape(" + ".join(model.names), np.asarray(sd), len(model.names) * log_odds + model.constant, model.about)
+
 
 SETTLED_SHARE = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
@@ -37,8 +98,6 @@ class Point:
 
     Attributes:
         added: Terms beside the simulation, with their coefficients.
-        sensors: Errors of sensors and inputs that the rows are free of.
-        values: Values of nonlinear parameters by the effect's label.
         shapes: Shapes of the noise beside white.
         spread: Relative standard deviations of the sensors' noise; empty where there is one sensor.
         window: Effects, errors and memories that are weighed there; None for all.
@@ -66,14 +125,8 @@ class Rows:
     """Rows and regressors near a point.
 
     Attributes:
-        point: The linearisation point.
-        model: The model with rows near it.
         data: Training data, free of the sensor errors of the point.
-        regressors: Regressors at the rows.
-        force: Latent force and noise on the rows.
-        rate: The whole modelled rate.
         place: Places of these rows among all: a delay takes some out of their run.
-        n_all: Number of all rows.
         floor: Least variance of the noise, scaled: rounding.
         unit: Log of the scaled rows' unit in that of the readings, so that evidences near different points compare.
     """
@@ -92,12 +145,7 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Near:
-    """Hypotheses on rows near a point.
-
-    Attributes:
-        rows: The rows.
-        weighed: The hypotheses.
-    """
+    """Hypotheses on rows near a point."""
 
     rows: Rows
     weighed: Weighed
@@ -178,12 +226,7 @@ class Near:
 
 
 def as_regressor(column: Column, gap: float) -> Regressor:
-    """Return the prior and names of a column, for the search.
-
-    Args:
-        column: The column.
-        gap: RMS of the gap as a force, over that of the target: the scale of effects.
-    """
+    """Return the prior and names of a column, for the search."""
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect
         return Regressor(

@@ -50,15 +50,10 @@ tolerance of columns that are proportional."""
 def freed(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
     """Return samples without the errors of sensors and inputs, but for the delays of several sensors.
 
-    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it.
-
-    Args:
-        samples: Samples as they came.
-        equation: The learned state.
-        sensors: Sizes of the errors, in units of their own.
-        clock: Data that drifts were found on.
+    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it. The clock's
+    data are those that drifts were found on.
     """
-    right, late = calibrated(samples, equation, sensors, clock), Late.of(samples, sensors)
+    right, late = calibrated(samples, equation, sensors, clock), Shifts.of(samples, sensors)
     if not np.all(seen := seen_samples(samples)):
         # Put right, a sensor at its end does not stay at one value.
         right = replace(right, unseen=~seen)
@@ -71,13 +66,13 @@ def put_right(samples: Trajectories, equation: str, sensors: Sizes, clock: Traje
 
     Rows that were not measured at those times are left out.
     """
-    right, late = freed(samples, equation, sensors, clock), Late.of(samples, sensors)
+    right, late = freed(samples, equation, sensors, clock), Shifts.of(samples, sensors)
     moved = {*late.inputs.values(), *late.states.values()} - {0.0}
     # The very samples where nothing moved: their path is known.
     return shifted(right, late.states).keep(measured_at(samples, moved)) if moved else right
 
 
-class Late(NamedTuple):
+class Shifts(NamedTuple):
     """Shifts to later times that undo delays: of the clock, of inputs, and of states where several have sensors."""
 
     clock: float
@@ -85,7 +80,7 @@ class Late(NamedTuple):
     states: Mapping[str, float]
 
     @classmethod
-    def of(cls, samples: Trajectories, sensors: Sizes) -> "Late":
+    def of(cls, samples: Trajectories, sensors: Sizes) -> "Shifts":
         """Return the shifts; the clock is that of the only sensor."""
         late, names = delays_of(sensors), samples.state_names
         clock = late.get(names[0], 0.0) if len(names) == 1 else 0.0
@@ -100,9 +95,6 @@ class PathErrors(NamedTuple):
         sensors: Errors with their columns at the rows, in the sensors' units.
         inputs: Errors with their forces along the path, at the nodes.
         shown: Effect of the errors so far on the rows, each as its size times its column.
-        nodes: States and inputs along the path.
-        samples: The samples.
-        simulation: The simulation.
     """
 
     sensors: ErrorColumns
@@ -119,7 +111,7 @@ class PathErrors(NamedTuple):
         assert samples is not None
         rows, nodes = model.equation_rows(data, equation), model.rows.nodes(data, equation, simulation)
         assert rows.operator is not None
-        modelled, late = _modelled(rows, data, point.added), Late.of(samples, sizes).states
+        modelled, late = _modelled(rows, data, point.added), Shifts.of(samples, sizes).states
         at_rows = _at_rows(rows, samples)
         sensors = [(error, column[at_rows]) for error, column in sensor_columns(samples, modelled, late)]
         step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
@@ -225,7 +217,6 @@ def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulatio
 
 
 def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:
-    """Return true if time itself is in the rates."""
     later = replace(nodes, time=nodes.time + step)
     return any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
 

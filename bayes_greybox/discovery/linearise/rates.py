@@ -12,13 +12,12 @@ from bayes_greybox.data.noise.weighted import correlation_and_sd
 from bayes_greybox.data.samples.clipping import clipped
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
-from bayes_greybox.discovery.grid.noise.points import OUTPUT_SCALES, SENSOR_SCALES
-from bayes_greybox.discovery.regressors.build import regressors_of
+from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
+from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
+from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
-    ChannelSuspect,
     Rate,
     Sizes,
     calibrated,
@@ -32,20 +31,21 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     with_columns,
     within,
 )
-from bayes_greybox.discovery.sensor_errors.drift import drift_columns
 from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
-from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 
 from .near import Point, Rows
-from .period import period_of
-from .source import Source, modelled_rate
+from .source import Source, modelled_rate, period_of
 
 CHANGE_OF = "change of {}"
 """Name of the change of the rate, or of an output, with which noise grows where the time stamps jitter."""
+
+ByChannel = dict[str, Bool[np.ndarray, " n_obs"]]
+"""True at some rows, by channel."""
 
 
 class RateRows(Source):
@@ -75,17 +75,19 @@ class RateRows(Source):
         rate = modelled_rate(self.model, whole, self.equation, point.added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(self.model, data, self.equation, effects, point.values)
-        columns = [
-            (self._in_time(error), column[used])
-            for error, column in suspect_columns(whole, self.equation, rate)
-            if point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY)
-        ]
+        columns = []
+        for error, column in suspect_columns(whole, self.equation, rate):
+            if error.kind == DELAY:
+                # Samples of states and of their rates set a limit to a delay.
+                error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
+            if point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY):
+                columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
         late = {error.key: size for error, size in point.sensors.items() if error.kind == DELAY}
         for k, column in enumerate(regressors.columns):
-            if column.suspect is not None and column.suspect.key in late:
-                size = late[column.suspect.key] * column.scale / regressors.target_scale
+            if column.called in late:
+                size = late[column.called] * column.scale / regressors.target_scale
                 regressors.shown = regressors.shown + size * regressors.values[:, k]
         # A memory reaches back to rows that are out, too.
         elements = chain(memory_columns(whole, point.weighs), drift_columns(whole, point.weighs))
@@ -96,11 +98,6 @@ class RateRows(Source):
             point, self.model, data, regressors, _force(regressors, data), rate, np.flatnonzero(used),
             self.train.n_obs, floor, math.log(scale),
         )  # fmt: skip
-
-    def _in_time(self, error: ChannelSuspect) -> ChannelSuspect:
-        """Return an error with the limit that the samples of states and of their rates set to its delay."""
-        limit = self._in_step.get(error.channel, np.inf) if error.kind == DELAY else np.inf
-        return replace(error, sd=min(error.sd, limit))
 
     def quantities(self, rows: Rows) -> dict[str, Float[np.ndarray, " n_row"]]:
         """Return all columns, the modelled rate, and its change, which jitter turns into noise."""
@@ -139,7 +136,7 @@ def _force(regressors: Regressors, data: Trajectories) -> LatentForce:
     return KnownNoise(rows.noise, period, force.step, noise)
 
 
-def _at_end(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n_obs"]]:
+def _at_end(data: Trajectories, equation: str) -> ByChannel:
     """Return true at rows where the sensor of the rate was at its end, by its name in tables."""
     # A state may rest, and an input may be held; a rate that stays to the last bit where it is largest is clipped.
     if not _separable(data):
@@ -151,9 +148,7 @@ def _at_end(data: Trajectories, equation: str) -> dict[str, Bool[np.ndarray, " n
     return clipped({data.target_label(equation): values}, data.run)
 
 
-def _mended(
-    data: Trajectories, equation: str, rate: Rate
-) -> tuple[Trajectories, dict[str, Bool[np.ndarray, " n_obs"]]]:
+def _mended(data: Trajectories, equation: str, rate: Rate) -> tuple[Trajectories, ByChannel]:
     """Return the data without slips of sensors, and true where these were, by channel."""
     if not _separable(data) or equation not in data.derivatives:
         return data, {}
@@ -166,14 +161,10 @@ def _mended(
     return (with_columns(data, columns) if slips else data), slips
 
 
-def _usable(
-    data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]
-) -> Bool[np.ndarray, " n_obs"]:
+def _usable(data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]) -> np.ndarray:
     """Return true for rows that are not out, and whose states and inputs were measured where delays take them."""
     used = within(data, equation, delays) if _separable(data) else np.ones(data.n_obs, bool)
-    for rows in out:
-        used = used & ~rows
-    return used
+    return np.logical_and.reduce([used, *(~rows for rows in out)])
 
 
 def _earlier(data: Trajectories, late: Mapping[str, Late]) -> Trajectories:

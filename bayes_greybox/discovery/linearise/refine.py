@@ -1,19 +1,16 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.evidence.gram import Gram, discrepancy_basis
-from bayes_greybox.discovery.grid.evidence.log_evidence import log_evidences
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis
-from bayes_greybox.discovery.grid.noise.latent_force import LatentForce
-from bayes_greybox.discovery.grid.noise.points import LAW, MEMORY, NoisePoint
+from bayes_greybox.discovery.grid.latent_force import LatentForce
+from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, log_evidences
+from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
-from bayes_greybox.discovery.regressors.clouds import Cloud, weights_of
-from bayes_greybox.discovery.regressors.columns import Values, at_values, limits, log_weights
+from bayes_greybox.discovery.grid.weigh import Hypothesis
+from bayes_greybox.discovery.regressors.columns import Cloud, Values, at_values, limits, log_weights, weights_of
 from bayes_greybox.discovery.regressors.regressors import Regressors
 
 from .near import MATTERS
@@ -25,11 +22,9 @@ MOST_ZOOMS, ZOOM_VALUES = 5, 9
 """Largest number of times that the grid of one parameter is refined around its best value, and the number of new
 values each time."""
 
-MOST_CLOUDS = 5
-"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before."""
-
-ENOUGH_VALUES = 12.0
-"""Effective number of values of several parameters, 1/Σp², from which on intervals are smooth."""
+MOST_CLOUDS, ENOUGH_VALUES = 5, 12.0
+"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before, and
+effective number of values, 1/Σp², from which on intervals are smooth."""
 
 MOST_COMPANIONS = 3
 """Number of companions, likeliest first, beside which an effect's values are refined."""
@@ -40,14 +35,7 @@ are kept."""
 
 
 class Ground(NamedTuple):
-    """Table and noise points on which values are refined.
-
-    Attributes:
-        table: Target and regressors.
-        forces: Rows under each shape of the noise.
-        points: Noise points; the first one is white noise alone.
-        floor: Least variance of the noise.
-    """
+    """Table and noise points on which values are refined; the first point is white noise alone."""
 
     table: RegressorTable
     forces: Sequence[LatentForce]
@@ -77,12 +65,6 @@ def refined(
 
     The likeliest value depends on the regressors beside an effect: its values are refined alone at first, then beside
     its likeliest companions.
-
-    Args:
-        regressors: Regressors of the equation.
-        ground: Their table.
-        hypotheses: Hypotheses of the table, likeliest first.
-        before: Companies of earlier refinements, which are left out.
     """
     finer, companies = {}, set(before)
     for label in dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner):
@@ -121,28 +103,16 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
     return contexts
 
 
-@dataclass
 class _Search:
-    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once.
+    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once."""
 
-    Attributes:
-        regressors: Regressors of the equation.
-        ground: Their table.
-        label: The effect's label.
-        tabled: Values that are in the table.
-    """
-
-    regressors: Regressors
-    ground: Ground
-    label: str
-    tabled: np.ndarray = field(init=False)
-
-    def __post_init__(self) -> None:
-        group = [self.regressors.columns[i] for i in self.regressors.group(self.label)]
+    def __init__(self, regressors: Regressors, ground: Ground, label: str) -> None:
+        self.regressors, self.ground = regressors, ground
+        group = [regressors.columns[i] for i in regressors.group(label)]
         shape = group[0].effect
         assert shape is not None
         self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
-        self._least, self._most = limits(shape, self.regressors.rows.columns, self.regressors.path)
+        self._least, self._most = limits(shape, regressors.rows.columns, regressors.path)
         self.tabled = np.array([list(column.inner.values()) for column in group])
         self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
         self._bases: dict[_Context, np.ndarray] = {}
@@ -224,7 +194,6 @@ class _Search:
         return logs
 
     def _base(self, context: _Context) -> np.ndarray:
-        """Return the whitened target and regressors beside the effect."""
         if context not in self._bases:
             table = self.ground.table
             rows = np.column_stack([table.target, table.columns[:, list(context.others)]])
@@ -237,7 +206,7 @@ class _Search:
         fresh = [key for key in dict.fromkeys(keys) if key not in self._columns]
         if fresh:
             own = self.regressors
-            more = Regressors(own.rows, own.variables, own.centre, own.half_width, own.basis, path=own.path)
+            more = Regressors(own.variables, own.centre, own.half_width, own.basis, path=own.path, rows=own.rows)
             more.add(EFFECT, at_values(self._shape, Values(np.array(fresh), np.zeros(len(fresh))), **self._about))
             self._columns |= dict.fromkeys(fresh)
             self._columns |= {tuple(c.inner.values()): (more.values[:, k], c.sd) for k, c in enumerate(more.columns)}
@@ -249,7 +218,6 @@ def _shares(logs: np.ndarray) -> np.ndarray:
 
 
 def _carrying(logs: np.ndarray) -> np.ndarray:
-    """Return true for the values that carry the posterior."""
     stay = np.zeros(len(logs), bool)
     stay[np.argsort(-logs, kind="stable")[:MOST_CARRYING]] = True
     return stay & (logs > np.max(logs) - CARRYING_NATS)

@@ -11,13 +11,12 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.gap_size import gap_size
-from bayes_greybox.discovery.grid.noise.path_force import ForcedPath, Steps
-from bayes_greybox.discovery.regressors.build import regressors_of
+from bayes_greybox.discovery.grid.latent_force import gap_size
+from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
+from bayes_greybox.discovery.linearise.source import regressors_of
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
-from bayes_greybox.discovery.sensor_errors.drift import drift_columns
-from bayes_greybox.discovery.sensor_errors.memory import memory_columns
+from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
@@ -30,8 +29,7 @@ from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
 from .path_sensors import PathErrors, freed, put_right
-from .period import period_of
-from .source import Source, modelled_rate
+from .source import Source, modelled_rate, period_of
 
 INSIDE_SDS, MOST_INSIDE = 3.0, 0.5
 """A path is inside a sensor's range by more than so many standard deviations of its noise; it contradicts an answer
@@ -61,9 +59,8 @@ class SampleRows(Source):
         errors = PathErrors.of(model, data, equation, point, rate)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, equation, effects, point.values, errors.shown)
-        regressors.add_sensor_errors(
-            [each for each in errors.identifiable(regressors) if point.weighs(each[0].key)], at_rows=True
-        )
+        identifiable = errors.identifiable(regressors)
+        regressors.add_sensor_errors([each for each in identifiable if point.weighs(each[0].key)], at_rows=True)
         regressors.add_sensor_errors([each for each in errors.inputs if point.weighs(each[0].key)])
         # A hidden state is a memory itself.
         visible = replace(errors.nodes, states={name: errors.nodes.states[name] for name in self.model.states(train)})
@@ -77,11 +74,8 @@ class SampleRows(Source):
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
         # In the unit of the samples as they came: those freed of a gain are over it.
         unit = math.log(scale * regressors.rows.gain) + unit_of_rows(right.samples or right, point.sensors)
-        n_row = regressors.rows.n_row
-        return Rows(
-            point, model, data, regressors, replace(force, gap=self._gap / scale), rate, np.arange(n_row), n_row, floor,
-            unit,
-        )  # fmt: skip
+        n_row, force = regressors.rows.n_row, replace(force, gap=self._gap / scale)
+        return Rows(point, model, data, regressors, force, rate, np.arange(n_row), n_row, floor, unit)
 
     def quantities(self, rows: Rows) -> Mapping[str, Float[np.ndarray, " n_row"]]:
         """Return the columns along the path, of one sensor."""
@@ -113,10 +107,9 @@ class SampleRows(Source):
             end, path = samples.states[name][at_end], rows.data.column(name)[at_end]
             distance = np.where(end == np.max(samples.states[name]), end - path, path - end)
             if np.mean(distance > INSIDE_SDS * noise[name]) > MOST_INSIDE:
-                doubts.append(
-                    f"{name} stays at the end of its sensor's range at samples where its path does not reach it"
-                )
-        return doubts
+                doubts.append(name)
+        text = "{} stays at the end of its sensor's range at samples where its path does not reach it"
+        return [text.format(name) for name in doubts]
 
     def _after(self, point: Point) -> Program:
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""
@@ -143,7 +136,7 @@ def _force(regressors: Regressors, data: Trajectories, point: Point) -> ForcedPa
     segments, sensors = path.segments, len(path.segments.outputs)
     typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
     relative = np.array(point.spread or path.sensor_sd / typical)
-    steps = Steps(
+    steps = PathSteps(
         segments.response.M, segments.response.b[..., segments.driven[path.acting_on]] / path.gain,
         np.diff(segments.grid.time[:, ::2], axis=1), segments.end,
     )  # fmt: skip

@@ -5,20 +5,19 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
-from bayes_greybox.discovery.grid.evidence.search import Reach
-from bayes_greybox.discovery.grid.hypotheses.agreement import blocks
-from bayes_greybox.discovery.grid.hypotheses.weigh import weigh
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.residuals import blocks
+from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.grid.table import Features, RegressorTable
+from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.running.errors import InputError
 
-from .near import Near, Point, Rows, as_regressor
-from .noise_shapes import noise_shapes
+from .near import Near, Point, Rows, as_regressor, noise_shapes
 from .refine import Company, Ground, refined
+from .source import Source
 
 MOST_OUTER_ITERATIONS = 6
 """Largest number of times that rows are linearised again; the last time everything is weighed again."""
@@ -31,36 +30,17 @@ LIKELIER = 1.0
 """Nats by which rows near another hypothesis have to make it likelier, or less likely, for the search to go on: six
 coefficients that move by 0.6 of their standard deviations are worth as much. It ends a loop, and decides no name."""
 
-Build = Callable[[Point], Rows]
-"""Function that makes the rows near a point."""
 
-Quantities = Callable[[Rows], Mapping[str, Float[np.ndarray, " n_row"]]]
-"""Function that returns the quantities that the noise of rows may grow with."""
-
-
-def settle(
-    build: Build, quantities: Quantities, start: Point, odds: Odds, reach: Reach, seed: int,
-    report: Callable[[str], None],
-) -> Near:  # fmt: skip
-    """Return the hypotheses on rows near the likeliest of them.
-
-    Args:
-        build: Makes rows near a point.
-        quantities: Returns the quantities that the noise may grow with.
-        start: Linearisation point to begin with.
-        odds: Prior probabilities.
-        reach: Limits of the searches.
-        seed: Seed of the bagged records.
-        report: Called with each step, in words.
-    """
+def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Near:
+    """Return the hypotheses on rows near the likeliest of them; the seed is that of the bagged records."""
     report("weighing hypotheses")
-    rows = build(start)
+    rows = source.near(start)
     companies: frozenset[Company] = frozenset()
     if not start.values:
         # Effects compete at their best from the start: coarse values would leave their places to stand-ins.
         ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
         values, companies = refined(rows.regressors, ground)
-        rows = build(replace(start, values=values)) if values else rows
+        rows = source.near(replace(start, values=values)) if values else rows
     near = weighed_on(rows, odds, reach, seed)
     visits = [Visit(near, None if start.added or start.sensors else near.names(near.weighed.before))]
     for iteration in range(MOST_OUTER_ITERATIONS):
@@ -68,7 +48,7 @@ def settle(
         near, weighed = here.near, here.near.weighed
         ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
         finer, companies = refined(near.regressors, ground, weighed.hypotheses, companies)
-        point = _next(near, finer, quantities, odds)
+        point = _next(near, finer, source, odds)
         same_shapes = [s.name for s in point.shapes] == [s.name for s in near.rows.point.shapes]
         stays = not finer and same_shapes and here.stays(point)
         if stays and near.rows.point.window is None:
@@ -77,7 +57,7 @@ def settle(
         # In the first iteration a small table is weighed whole: rates are seldom moved a second time.
         narrow = (iteration or weighed.table.columns.size > SMALL_TABLE) and not stays
         try:
-            rows = build(replace(point, window=near.window if narrow else None))
+            rows = source.near(replace(point, window=near.window if narrow else None))
             there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near)
         except (InputError, np.linalg.LinAlgError):
             # No path of that hypothesis follows the samples.
@@ -90,7 +70,7 @@ def settle(
         if abs(there.log_weight - here.log_weight) < LIKELIER and not stays:
             break
     while (here := _best(visits, seed)).near.rows.point.window is not None:
-        rows = build(replace(here.near.rows.point, window=None))
+        rows = source.near(replace(here.near.rows.point, window=None))
         whole = here._replace(near=weighed_on(rows, odds, reach, seed))
         visits = [whole, *(each for each in visits if each.hypothesis != here.hypothesis)]
     return here.near
@@ -100,9 +80,7 @@ class Visit(NamedTuple):
     """Rows near a hypothesis, on which it is weighed truly; the other hypotheses are linearised far from their modes.
 
     Attributes:
-        near: The rows with all hypotheses.
         hypothesis: Names of the hypothesis's regressors; None where the rows are near none of theirs.
-        origin: Rows on which it was the likeliest.
     """
 
     near: Near
@@ -173,19 +151,18 @@ def table_of(rows: Rows) -> RegressorTable:
     )  # fmt: skip
 
 
-def _next(near: Near, finer: Mapping[str, Values], quantities: Quantities, odds: Odds) -> Point:
+def _next(near: Near, finer: Mapping[str, Values], source: Source, odds: Odds) -> Point:
     """Return the point of the likeliest hypothesis, with finer values and the shapes of its noise."""
     rows, white = near.rows, near.weighed.white(near.likeliest)
     shapes = []
-    for shape in noise_shapes(white, quantities(rows), odds) if rows.force.forced else ():
+    for shape in noise_shapes(white, source.quantities(rows), odds) if rows.force.forced else ():
         # The spread is one at rows that are out.
         spread = np.ones(rows.n_all)
         spread[rows.place] = shape.spread
         shapes.append(shape._replace(spread=spread))
     values = {**rows.point.values, **finer, **_with_memory(near)}
-    return replace(
-        near.point_of(near.likeliest), values=values, shapes=tuple(shapes), spread=rows.force.rescaled(white)
-    )
+    point, spread = near.point_of(near.likeliest), rows.force.rescaled(white)
+    return replace(point, values=values, shapes=tuple(shapes), spread=spread)
 
 
 def _with_memory(near: Near) -> dict[str, Values]:

@@ -1,17 +1,24 @@
-"""Rows of one equation near a point, whatever was measured, and other data of the same sensors without their errors."""
+"""Rows and regressors of one equation near a point, and other data of the same sensors without their errors."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE
+from bayes_greybox.discovery.regressors.columns import Values, at_values, first_values
+from bayes_greybox.discovery.regressors.regressors import ALWAYS_ZERO, Regressors
+from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes, run_slices
 from bayes_greybox.discovery.sensor_errors.late import Late
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
+from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_kind import RowKind
+from bayes_greybox.model.scaling import discrepancy_box, features_per_variable
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
@@ -20,12 +27,6 @@ from .near import Point, Rows
 
 class Source(ABC):
     """Rows of one equation.
-
-    Args:
-        model: The model before.
-        train: Measurements as they came.
-        equation: The studied state or output.
-        effects: Effects bound to columns.
 
     Attributes:
         clipped: True at rows where a channel's sensor was at its end, by channel.
@@ -57,14 +58,7 @@ class Source(ABC):
 
     @abstractmethod
     def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
-        """Return data of the same sensors without their errors.
-
-        Args:
-            data: Any data of the same sensors.
-            point: Point that the study ended at.
-            sensors: Sizes of errors, in units of their own.
-            clock: Data that drifts were found on.
-        """
+        """Return data of the same sensors without their errors."""
 
     def row_kind(self, point: Point) -> RowKind | None:
         """Return the rows near a point, where rows are linear only near one; None where they are linear."""
@@ -90,3 +84,91 @@ def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequ
         return total
 
     return rate
+
+
+TURN_SHARE = 0.1
+"""Share of its range that a state moves between two turns; less is noise and no turn."""
+
+
+def period_of(data: Trajectories, equation: str) -> float:
+    """Return the time in which the studied state goes to and fro; the longest run if it does not."""
+    names = [equation] if equation in data.state_names else list(data.state_names) or list(data.input_names)
+    runs = run_slices(data.run)
+    durations = [float(np.ptp(data.time[rows])) for rows in runs]
+    turns = max((sum(_turns(data.column(name)[rows]) for rows in runs) for name in names), default=0)
+    return float(min(2 * sum(durations) / turns, max(durations))) if turns else max(durations)
+
+
+def _turns(values: np.ndarray) -> int:
+    """Return the number of turns of values by more than a share of their range."""
+    least = TURN_SHARE * np.ptp(values)
+    if least <= 0:
+        return 0
+    turns, rising, extreme = 0, 0, values[0]
+    for value in values.tolist():
+        if rising >= 0 and value > extreme or rising <= 0 and value < extreme:
+            if rising == 0 and abs(value - values[0]) < least:
+                continue
+            rising = rising or (1 if value > values[0] else -1)
+            extreme = value
+        elif rising and abs(value - extreme) > least:
+            turns, rising, extreme = turns + 1, -rising, value
+    return turns
+
+
+LAW_FEATURES = {1: 32, 2: 12, 3: 8}
+"""Features per variable when the user names none: finer than in a fit, since the gap may be finer than the discrepancy
+beside the effects that close it, and no chain has to pay for them."""
+
+INPUT_ROLE = "input"
+"""Role of a drive: the usual signs of its effects are relative to the simulation's own."""
+
+
+def regressors_of(
+    model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
+    values: Mapping[str, Values] | None = None, shown: Float[np.ndarray, " n_row"] | float = 0.0,
+) -> Regressors:  # fmt: skip
+    """Return free terms, corrections and effects of one equation.
+
+    Raises:
+        InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
+    """
+    plain = model.equation_rows(data, equation)
+    rows = replace(plain, measured=plain.measured + shown / plain.gain)
+    gp = model.discrepancy or OrthogonalGP()
+    variables, centre, half_width = discrepancy_box(gp, rows.columns)
+    simulation = model.simulator(data)
+    per_variable = LAW_FEATURES.get(len(variables))
+    default = None if per_variable is None else (per_variable,) * len(variables)
+    basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
+    hidden = any(effect.effect.hidden for effect in effects)
+    path = model.rows.nodes(data, equation, simulation, whole=True) if hidden else None
+    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows)
+    if model.dictionary.get(equation, ()):
+        stated = model.stated(equation, data)
+        spreads = {name: prior.sd for name, prior in stated.priors.items()}
+        regressors.add(FREE, [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
+    parts = simulation.additive_terms(equation)
+    regressors.add(CORRECTION, [(term, {"nominal": value}) for term, value in parts])
+    nominals = {term.name: value for term, value in parts}
+    terms = {regressors.columns[i].formula.name for i in regressors.of_kind(FREE)} | set(nominals)
+    # An input that acts late on another body, or as a factor, has no lag here.
+    idle = [e for e in effects if e.effect.nominal and e.names[e.effect.nominal] not in terms]
+    regressors.leave_out({e.slug: "the equation has no term of its own with this input" for e in idle})
+    items, without_range = [], []
+    for effect in effects:
+        if effect in idle:
+            continue
+        nominal = nominals.get(effect.names.get(effect.effect.nominal, ""), 0.0)
+        about = {"nominal": nominal, "direction": -1 if nominals.get(effect.names.get(INPUT_ROLE, ""), 0.0) < 0 else 1}
+        if not effect.effect.inner:
+            items.append((effect.term(), {"effect": effect, **about}))
+            continue
+        chosen = (values or {}).get(effect.label) or first_values(effect, rows.columns, path)
+        if chosen is None:
+            without_range.append(effect.slug)
+        else:
+            items += at_values(effect, chosen, **about)
+    regressors.add(EFFECT, items)
+    regressors.leave_out(dict.fromkeys(without_range, ALWAYS_ZERO))
+    return regressors

@@ -1,11 +1,22 @@
-"""Predictions of every hypothesis for candidates, and the fate of their runs."""
+"""Predictions of every hypothesis for candidates, and what these say about which hypothesis holds, in closed form.
+
+Near its mean, hypothesis i predicts y ~ N(m_i, S_i), S_i = I + A_iᵀA_i, over the noise; A_i has one row for each latent
+of its coefficients' posterior, so that only differences beyond a refit count. The information about the hypothesis is
+at least (Kolchinsky & Tracey 2017, eq. 10, with the Bhattacharyya distance)
+
+    I(M; y) ≥ −Σ_i p_i log Σ_j p_j exp(−C_ij),   C_ij = ⅛ dᵀS⁻¹d + ½ log|S| − ¼ log|S_i| − ¼ log|S_j|,
+
+d = m_i − m_j, S = (S_i + S_j)/2.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.trajectories import Trajectories
@@ -16,7 +27,49 @@ from bayes_greybox.physics.integration.side_by_side import Added, run_with, stag
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.units import derivative_unit
 
-from .information import Response
+TOO_UNCERTAIN = 1e6
+"""Noise standard deviations at which residuals are cut off, and from which on uncertain rows do not count."""
+
+
+class Information(NamedTuple):
+    """An expected information in bits, with its standard error: zero, where it is a closed form."""
+
+    bits: float
+    error: float = 0.0
+
+
+class Response(NamedTuple):
+    """Prediction of one hypothesis: m, rows of A of coefficients, and rows of A of an experiment's own start."""
+
+    mean: Float[np.ndarray, " n_row"]
+    load: Float[np.ndarray, "n_latent n_row"]
+    start: Float[np.ndarray, "n_start n_row"]
+
+
+def together(each: Sequence[Response]) -> Response:
+    """Return the prediction of several experiments."""
+    means, loads, starts = zip(*each, strict=True)
+    return Response(np.concatenate(means), np.hstack(loads), np.asarray(block_diag(*starts)))
+
+
+def distance(one: Response, other: Response) -> float:
+    """Return the Bhattacharyya distance C of two predictions, in nats."""
+    A, B = (np.vstack([each.load, each.start]) for each in (one, other))
+    d = one.mean - other.mean
+    sure = np.isfinite(d) & np.all(np.abs(np.vstack([A, B])) < TOO_UNCERTAIN, axis=0)
+    A, B, d = A[:, sure], B[:, sure], np.clip(d[sure], -TOO_UNCERTAIN, TOO_UNCERTAIN)
+    # Along right singular vectors of both loads S is 1 + s², and 1 elsewhere.
+    _, s, V = np.linalg.svd(np.vstack([A, B]) / np.sqrt(2), full_matrices=False)
+    left, logs = d - (V @ d) @ V, [np.linalg.slogdet(np.eye(len(L)) + L @ L.T)[1] for L in (A, B)]
+    squares = left @ left + np.sum((V @ d) ** 2 / (1 + s**2))
+    return float(squares / 8 + np.sum(np.log1p(s**2)) / 2 - sum(logs) / 4)
+
+
+def information(responses: Sequence[Sequence[Response]], p: Float[np.ndarray, " n"]) -> float:
+    """Return the information in bits, of predictions of all hypotheses along the path of each, by probabilities p."""
+    overlaps = [[np.exp(-distance(each[i], other)) for other in each] for i, each in enumerate(responses)]
+    return float(-p @ np.log2(np.array(overlaps) @ p))
+
 
 SMALL_STEP, UNSEEN_START = 0.1, 0.05
 """Standard deviations over which derivatives are taken; deviation of an unseen start, over its range in the data."""
@@ -30,13 +83,9 @@ class Responses:
     """One experiment under each explanation.
 
     Attributes:
-        candidate: The experiment.
-        names: Names of the explanations, likeliest first.
-        probability: Their probabilities.
         bands: Quantiles 5, 50 and 95 % of each channel without noise; NaN where runs have failed.
         labels: State that each channel shows, or its rate.
         units: Units by channel, and the time's under "t".
-        predictions: Predictions of all explanations along the path of each.
         fails: Largest share of runs that fail under an explanation.
         reach: Distance of runs from the middle of the data's range, over half of it (95 % quantile), by column.
         resolved: True if the steps follow its paths.
@@ -59,12 +108,9 @@ class Predictor:
     """Predicts candidates under explanations, each by its likeliest hypothesis.
 
     Attributes:
-        explanations: Explanations that predict something.
         simulation: The model before, its jumps rounded for an integrator.
-        data: Training data.
         rates: If true, sensors show rates, from known starts; if false, samples of states, from starts that they show.
         outcomes: Runs with coefficients from the posterior, for each.
-        seed: Seed of these runs.
     """
 
     explanations: Sequence[Explained]
@@ -110,7 +156,6 @@ class Predictor:
         return np.vstack([np.zeros((1, k)), SMALL_STEP * np.eye(k), draws])
 
     def _added(self, h: int, latents: np.ndarray) -> Added:
-        """Return the terms of a hypothesis with their coefficients by run."""
         c, names = self.hypotheses[h], self.simulation.states
         terms = [term.rounded(self.data.columns) for term in c.terms]
         theta = c.mean + latents[:, : len(c.root)] @ c.root
@@ -155,7 +200,6 @@ class Predictor:
         return Response(shown[0], by[:k], by[k:])
 
     def _predicted(self, candidate: Candidate, paths: Sequence[np.ndarray], resolved: bool) -> Responses:
-        """Return the predictions of all hypotheses for one candidate."""
         # Given the path, rates are linear in the coefficients; the information of the path itself is not counted.
         along = [[path] * len(paths) for path in paths] if self.rates else [paths] * len(paths)
         responses = [[self._response(h, candidate, own) for h, own in enumerate(each)] for each in along]

@@ -1,4 +1,14 @@
-"""Columns that a hypothesis may hold: terms, corrections, sensor errors, and effects by nonlinear parameter."""
+"""Columns that a hypothesis may hold: terms, corrections, sensor errors, and effects by nonlinear parameter.
+
+Values of several nonlinear parameters are drawn from importance-sampling proposals. Positions are shares of the
+logarithms of the ranges, between which priors are uniform. Points of the first grid stand for the whole unit cube; a
+cloud adds points from a normal density near a mode. All together are a sample of the mixture of these densities, so
+that a point weighs
+
+    w_i = 1 / (n₀ + Σ_c n_c q_c(s_i)),    ∫ L(s) ds ≈ Σ_i w_i L(s_i)
+
+(Cornuet, Marin, Mira & Robert 2012, Scand. J. Stat. 39:798, with deterministic weights).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,26 +17,60 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import norm, qmc
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
+from bayes_greybox.model.rows.equation_rows import Columns
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.terms import Term
 
-from .clouds import Cloud
+CLOUD_POINTS, TRIED_FOR_ONE = 64, 8
+"""Largest number of points of a cloud, and points that are drawn for each that it needs inside the cube."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of a normal density inside the unit cube, which has the share `inside` of it."""
+
+    mean: Float[np.ndarray, " d"]
+    covariance: Float[np.ndarray, "d d"]
+    points: Float[np.ndarray, "n d"]
+    inside: float
+
+    @classmethod
+    def around(cls, mean: Float[np.ndarray, " d"], covariance: Float[np.ndarray, "d d"]) -> "Cloud":
+        """Draw the points evenly, by Sobol's sequence."""
+        values, vectors = np.linalg.eigh(covariance)
+        # The first point of the sequence is a corner.
+        white = norm.ppf(qmc.Sobol(len(mean), scramble=False).random(CLOUD_POINTS * TRIED_FOR_ONE)[1:])
+        drawn = mean + (white * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
+        within = np.all((drawn > 0) & (drawn < 1), axis=1)
+        return cls(mean, covariance, drawn[within][:CLOUD_POINTS], max(float(np.mean(within)), 1 / len(drawn)))
+
+    def density(self, at: Float[np.ndarray, "n d"]) -> Float[np.ndarray, " n"]:
+        """Return the density inside the cube."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        values = np.maximum(values, np.finfo(float).tiny)
+        square = np.sum(((at - self.mean) @ vectors) ** 2 / values, axis=-1)
+        return np.exp(-0.5 * (square + np.sum(np.log(2 * np.pi * values)))) / self.inside
+
+
+def weights_of(at: Float[np.ndarray, "n d"], drawn: Sequence[Cloud | None]) -> Float[np.ndarray, " n"]:
+    """Return the log prior weights of points."""
+    clouds = {id(cloud): cloud for cloud in drawn if cloud is not None}
+    total = np.full(len(at), float(sum(cloud is None for cloud in drawn)))
+    for cloud in clouds.values():
+        total += len(cloud.points) * cloud.density(at)
+    return -np.log(total)
 
 
 @dataclass(frozen=True)
 class Nearer:
-    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions.
-
-    Attributes:
-        gain: Nats.
-        beside: Names of the set's other columns; no other set gains anything.
-    """
+    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions."""
 
     gain: float
     beside: frozenset[str] = frozenset()
@@ -41,16 +85,11 @@ class Column:
             a sensor or an input), "effect", and in files of earlier versions "memory" and "law".
         term: Formula over the data's columns and its hidden states; None for a sensor error, which is known at the rows
             only.
-        scale: RMS over the data, user's units.
         sd: Prior standard deviation of its coefficient, scaled units.
         nominal: The simulation's own coefficient: of a correction, or of the input that an effect changes.
         expected: Expected coefficient of such an effect, scaled units; 0 where nothing is known.
         direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
             the effects of a drive with the other sign.
-        effect: The catalogue's entry, of an effect.
-        inner: Values of its nonlinear parameters.
-        log_weight: Log prior weight of these values.
-        suspect: The error, of a sensor error.
         memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
             rows, scaled.
     """
@@ -93,23 +132,16 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values of an effect's nonlinear parameters that stand for all.
-
-    Attributes:
-        points: Values, in the order of the parameters.
-        log_weights: Log prior weights; their exponentials add up to one.
-    """
+    """Values of an effect's nonlinear parameters that stand for all; their prior weights add up to one."""
 
     points: Float[np.ndarray, "n_point n_inner"]
     log_weights: Float[np.ndarray, " n_point"]
 
 
-def first_values(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
-) -> Values | None:
+def first_values(effect: BoundEffect, columns: Columns, path: Trajectories | None = None) -> Values | None:
     """Return the first values of an effect's nonlinear parameters: middles of parts of equal prior probability.
 
-    The arguments are those of `limits`. The values are None where a parameter is a share of nothing.
+    The values are None where a parameter is a share of nothing.
     """
     least, most = limits(effect, columns, path)
     if not np.all(most > 0):
@@ -139,14 +171,11 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def limits(
-    effect: BoundEffect, columns: Mapping[str, np.ndarray], path: Trajectories | None = None
+    effect: BoundEffect, columns: Columns, path: Trajectories | None = None
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
     """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
 
-    Args:
-        effect: Effect bound to columns, with nonlinear parameters.
-        columns: States and inputs, whose range scales the priors.
-        path: The same columns with their times, for parameters that are times or frequencies.
+    Parameters that are times or frequencies need the path, which has the columns with their times.
     """
     time, run = (None, None) if path is None else (path.time, path.run)
     inner = effect.effect.inner
@@ -154,36 +183,32 @@ def limits(
     return ends[:, 0], ends[:, 1]
 
 
+@dataclass(eq=False)
 class EvaluatedColumns:
     """Columns of an equation and features of its f, at any samples: equations and free runs are made of these.
 
     Attributes:
-        equation: The learned state or output.
         columns: Terms of the model before and after.
-        variables: Variables of f.
         centre: Middle of the box that they fill in the data, user's units.
         half_width: Half the sides of that box.
-        basis: Features of f.
         target_scale: RMS of the measured rate less the simulation, user's units.
         path: States and inputs where terms are evaluated, in order of time, on rows of samples.
     """
 
     equation: str
-    columns: list[Column]
+    target_scale: float
     variables: tuple[str, ...]
     centre: Float[np.ndarray, " n_var"]
     half_width: Float[np.ndarray, " n_var"]
     basis: HilbertBasis
-    target_scale: float
-    path: Trajectories | None
+    columns: list[Column] = field(default_factory=list)
+    path: Trajectories | None = field(default=None, repr=False)
 
     def of_kind(self, kind: str) -> list[int]:
         """Return the columns of one kind."""
         return [i for i, column in enumerate(self.columns) if column.kind == kind]
 
-    def evaluate(
-        self, indices: Sequence[int], columns: Mapping[str, np.ndarray]
-    ) -> Float[np.ndarray, "n_row n_column"]:
+    def evaluate(self, indices: Sequence[int], columns: Columns) -> Float[np.ndarray, "n_row n_column"]:
         """Return chosen columns at any samples, scaled; sensor errors are known at the rows only."""
         return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 

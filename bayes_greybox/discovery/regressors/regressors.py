@@ -8,11 +8,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
-from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
@@ -20,20 +18,13 @@ from bayes_greybox.running.errors import InputError
 
 from .columns import Column, EvaluatedColumns, evaluated
 
-FREE_SCALE = 10.0
-"""Prior standard deviation of the coefficients of the user's own dictionary, scaled units: hardly a prior at all."""
+FREE_SCALE, CORRECTION_SCALE, EFFECT_SCALE = 10.0, 0.3, 1.0
+"""Prior standard deviations of coefficients: of the user's own dictionary, scaled units, hardly a prior at all; of a
+correction, over the simulation's own coefficient; of an effect, scaled units: its RMS in units of the gap's RMS."""
 
-CORRECTION_SCALE = 0.3
-"""Prior standard deviation of a correction over the simulation's own coefficient."""
-
-EFFECT_SCALE = 1.0
-"""Prior standard deviation of an effect's coefficient, scaled units: its RMS in units of the gap's RMS."""
-
-COLLINEAR = 1e-9
-"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own."""
-
-PARALLEL = 1e-4
-"""Share of a sensor error's square outside another column's span below which the two are one."""
+COLLINEAR, PARALLEL = 1e-9, 1e-4
+"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
+of a sensor error's square outside another column's span below which the two are one."""
 
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
 """Reasons why a term cannot serve."""
@@ -44,13 +35,6 @@ class Regressors(EvaluatedColumns):
     """Regressors of one equation, scaled to unit RMS, with the target and the features of f.
 
     Attributes:
-        rows: Rows of the equation.
-        variables: Variables of f.
-        centre: Middle of the box that they fill in the data, user's units.
-        half_width: Half the sides of that box.
-        basis: Features of f.
-        columns: One for each regressor.
-        values: Regressors at the rows.
         acting: Regressors as forces at the samples of the rows; zero for errors of a sensor that shows the rows.
         shown: Effect on the rows, scaled, of the sensor errors that they are free of; added to the target, so that a
             coefficient is a whole error.
@@ -58,16 +42,11 @@ class Regressors(EvaluatedColumns):
         twins: Sensor errors left out because another column is the same, with its name.
         changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
         memories: Elements of forces with memory: their effects on the rows, and themselves there.
-        path: States and inputs where terms are evaluated, in order of time, on rows of samples: hidden states follow
-            from them.
     """
 
-    rows: EquationRows
-    variables: tuple[str, ...]
-    centre: Float[np.ndarray, " n_var"]
-    half_width: Float[np.ndarray, " n_var"]
-    basis: HilbertBasis
-    columns: list[Column] = field(default_factory=list)
+    equation: str = field(init=False)
+    target_scale: float = field(init=False)
+    rows: EquationRows = field(kw_only=True)
     values: Float[np.ndarray, "n_row n_column"] = field(init=False)
     acting: Float[np.ndarray, "n_row n_column"] = field(init=False)
     shown: Float[np.ndarray, " n_row"] | float = 0.0
@@ -75,7 +54,6 @@ class Regressors(EvaluatedColumns):
     twins: dict[str, str] = field(default_factory=dict)
     changes: dict[str, float] = field(default_factory=dict)
     memories: dict[Memory, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
-    path: Trajectories | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         self.values = self.acting = np.zeros((self.rows.n_row, 0))
@@ -120,7 +98,7 @@ class Regressors(EvaluatedColumns):
                     refused[about["effect"].slug] = why
                 continue
             kept.append(self._column(kind, term, size, about))
-            forces.append(np.broadcast_to(value / size, self._n_node)[self._place])
+            forces.append(np.broadcast_to(value / size, len(next(iter(self.rows.columns.values()))))[self._place])
             if hidden:
                 along_path[len(kept) - 1] = value / size
         self.leave_out(refused, kept)
@@ -129,15 +107,13 @@ class Regressors(EvaluatedColumns):
         at_rows = self._at_rows(kept, along_path)
         # Within a step of a path a term may leave its domain though it does not at the step's ends.
         inside = np.all(np.isfinite(at_rows), axis=0)
-        for k in np.flatnonzero(~inside):
-            self._require(kind, kept[k].formula, NOT_FINITE)
-        outside = [kept[k].effect for k in np.flatnonzero(~inside)]
-        kept = [kept[k] for k in np.flatnonzero(inside)]
-        self.leave_out({effect.slug: NOT_FINITE for effect in outside if effect is not None}, kept)
+        outside, kept = ([kept[k] for k in np.flatnonzero(which)] for which in (~inside, inside))
+        for column in outside:
+            self._require(kind, column.formula, NOT_FINITE)
+        self.leave_out({column.effect.slug: NOT_FINITE for column in outside if column.effect is not None}, kept)
         self._extend(kept, at_rows[:, inside], np.column_stack(forces)[:, inside])
 
     def _require(self, kind: str, term: Term, why: str) -> None:
-        """Refuse a free term that cannot serve."""
         if kind == FREE:
             raise InputError(f"Term {term.name!r} of equation {self.equation!r} is {why}: remove it.")
 
@@ -166,16 +142,14 @@ class Regressors(EvaluatedColumns):
 
     def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
         """Return the hidden states of each term along the path; empty where it has none."""
-        values: list[dict[str, np.ndarray]] = [{} for _ in terms]
-        places = [k for k, term in enumerate(terms) if term.states]
-        if places:
-            path = self.path
-            assert path is not None
-            fresh = np.diff(path.run, prepend=-1) != 0
-            systems = [terms[k].states for k in places]
-            for k, states in zip(places, along(systems, path.time, path.columns, fresh), strict=True):
-                values[k] = states
-        return values
+        systems = {k: term.states for k, term in enumerate(terms) if term.states}
+        if not systems:
+            return [{} for _ in terms]
+        path = self.path
+        assert path is not None
+        fresh = np.diff(path.run, prepend=-1) != 0
+        values = dict(zip(systems, along(list(systems.values()), path.time, path.columns, fresh), strict=True))
+        return [values.get(k, {}) for k in range(len(terms))]
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.
@@ -214,10 +188,6 @@ class Regressors(EvaluatedColumns):
             table, size = table[:, size > 0], size[size > 0]
             if len(size):
                 self.memories[memory] = self.rows.operate(table / size), (table / size)[self._place]
-
-    @property
-    def _n_node(self) -> int:
-        return len(next(iter(self.rows.columns.values())))
 
     @property
     def _place(self) -> Any:
@@ -263,7 +233,6 @@ class Regressors(EvaluatedColumns):
 
 
 def _jumps(chosen: Sequence[tuple[Term, float]]) -> Jumps:
-    """Return the terms that may jump."""
     places = [k for k, (term, _) in enumerate(chosen) if term.jumps]
     return Jumps(places, partial(evaluated, [chosen[k] for k in places]))
 

@@ -27,13 +27,7 @@ HALVINGS = 60
 
 @dataclass(frozen=True)
 class Curve:
-    """Reading of a sensor as a function of the state that it measures, beyond its offset.
-
-    Attributes:
-        errors: Coefficients by power, of `BEND_POWERS`; nothing bends without any.
-        center: c, in the unit of the state.
-        gain: g, positive.
-    """
+    """Reading of a sensor as a function of the state that it measures, beyond its offset; errors by `BEND_POWERS`."""
 
     errors: Mapping[int, float] = field(default_factory=dict)
     center: float = 0.0

@@ -43,19 +43,13 @@ LAG = "lag"
 STATES = "states"
 """Channel that stands for all states together."""
 
-DELAY_STEPS = 2.0
-"""Prior standard deviation of a delay, in sampling steps."""
+DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD = 2.0, 0.03, 0.03, 0.1
+"""Prior standard deviations of a delay, in sampling steps; of a relative gain error; of an offset or drift of a rate,
+over its RMS; of the zero of a state's or an input's sensor, over the RMS of its channel."""
 
-GAIN_SD = 0.03
-"""Prior standard deviation of a relative gain error."""
+AtRows = Float[np.ndarray, " n_obs"]
 
-OFFSET_SD = 0.03
-"""Prior standard deviation of an offset or drift of a rate, over its RMS."""
-
-ZERO_SD = 0.1
-"""Prior standard deviation of the zero of a state's or an input's sensor, over the RMS of its channel."""
-
-Rate = Callable[[Trajectories], Float[np.ndarray, " n_obs"]]
+Rate = Callable[[Trajectories], AtRows]
 """The whole modelled rate G on the rows of some data."""
 
 
@@ -64,10 +58,8 @@ class ChannelSuspect:
     """One error that one channel may have.
 
     Attributes:
-        kind: One of `ERRORS`.
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in the unit of the size.
-        step: Sampling step, for a delay.
         center: Middle of a bend, see `bends`.
     """
 
@@ -90,13 +82,8 @@ ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
 """Errors with their columns per unit of their size."""
 
 
-def is_fault(name: str) -> bool:
-    """Return true for the key of a sensor error ("offset of y"), false for an effect's slug, which has no spaces."""
-    return bool(fault_kind(name))
-
-
 def fault_kind(name: str) -> str:
-    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key; "" for the slug of an effect."""
+    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key ("offset of y"); "" for a slug."""
     kind, _, channel = name.partition(" of ")
     return kind if channel and kind in (*ERRORS, LAG) else ""
 
@@ -123,33 +110,33 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
 
-    def late(channel: str, column: np.ndarray) -> tuple[ChannelSuspect, np.ndarray]:
-        return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step), column
-
     def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
         return zero_error(data, name), -slope(name, ones)
 
     G, ones = rate(data), np.ones(data.n_obs)
     if same_sensor:
         sensor = same_sensor[0]
-        columns = [*(late(u, along((u,))) for u in inputs), late(STATES, -along(inputs, clock=True))]
+        columns = [(delay_error(u, step), along((u,))) for u in inputs]
+        columns.append((delay_error(STATES, step), -along(inputs, clock=True)))
         if apart:
-            columns.append(late(sensor, -along((*apart, *inputs), clock=True)))
+            columns.append((delay_error(sensor, step), -along((*apart, *inputs), clock=True)))
         gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
-        columns += [(ChannelSuspect(GAIN, sensor, GAIN_SD), gained), zero(sensor)]
+        columns += [(gain_error(sensor), gained), zero(sensor)]
     else:
-        columns = [late(label, -along((*states, *inputs), clock=True))]
+        columns = [(delay_error(label, step), -along((*states, *inputs), clock=True))]
         if inputs:
-            columns += [late(STATES, along(states)), *(late(u, along((u,))) for u in inputs)]
+            columns.append((delay_error(STATES, step), along(states)))
+            columns += [(delay_error(u, step), along((u,))) for u in inputs]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
-        columns += [(ChannelSuspect(GAIN, label, GAIN_SD), G), (ChannelSuspect(OFFSET, label, OFFSET_SD * size), ones)]
+        offset = ChannelSuspect(OFFSET, label, OFFSET_SD * size)
+        columns += [(gain_error(label), G), (offset, ones)]
         if span > 0:
-            columns.append((ChannelSuspect(DRIFT, label, OFFSET_SD * size), (data.time - np.mean(data.time)) / span))
+            columns.append((replace(offset, kind=DRIFT), (data.time - np.mean(data.time)) / span))
     for name in (*apart, *inputs):
-        columns += [(ChannelSuspect(GAIN, name, GAIN_SD), -slope(name, data.column(name))), zero(name)]
+        columns += [(gain_error(name), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
         # Last: of errors with one and the same column the first stands, and this is the oddest one.
-        columns += [late(x, along((x,))) for x in apart]
+        columns += [(delay_error(x, step), along((x,))) for x in apart]
     return with_column(columns)
 
 
@@ -158,14 +145,22 @@ def with_column(columns: ErrorColumns) -> ErrorColumns:
     return [(error, column) for error, column in columns if np.all(np.isfinite(column)) and np.any(column != 0)]
 
 
+def delay_error(channel: str, step: float) -> ChannelSuspect:
+    """Return the delay of a channel that is sampled at a step."""
+    return ChannelSuspect(DELAY, channel, DELAY_STEPS * step, step)
+
+
+def gain_error(channel: str) -> ChannelSuspect:
+    """Return the gain of a channel."""
+    return ChannelSuspect(GAIN, channel, GAIN_SD)
+
+
 def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
     """Return the offset of the sensor of a state or an input."""
     return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
 
 
-def slope_along(
-    data: Trajectories, rate: Rate, name: str, direction: Float[np.ndarray, " n_obs"]
-) -> Float[np.ndarray, " n_obs"]:
+def slope_along(data: Trajectories, rate: Rate, name: str, direction: AtRows) -> AtRows:
     """Return ∂G/∂name along a direction, its move at each row per unit, by central differences."""
     values = data.column(name)
     size, largest = float(np.sqrt(np.mean(values**2))), float(np.max(np.abs(direction)))
@@ -211,12 +206,6 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
     """Return the data without gains, offsets and drifts of channels: x = (measured − o)/(1 + κ), and rates alike.
 
     A sensor that bends is inverted, see `bends`. Delays are left alone.
-
-    Args:
-        data: Measurements with delays undone.
-        equation: The studied state.
-        sizes: Sizes of the errors.
-        clock: Data that drifts were found on: their centre and span of time.
     """
     if all(error.kind == DELAY for error in sizes):
         return data
@@ -228,10 +217,8 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
             slope = (data.time - np.mean(clock.time)) / np.ptp(clock.time) if error.kind == DRIFT else 1.0
             offsets[error.channel] = offsets.get(error.channel, 0.0) + size * slope
     # A state computed from samples has their gain, and none of their offset.
-    columns = {
-        name: curve_of(sizes, _sensor(data, name), name).measured(x - offsets.get(name, 0.0))
-        for name, x in data.columns.items()
-    }
+    curves = {name: curve_of(sizes, _sensor(data, name), name) for name in data.columns}
+    columns = {name: curves[name].measured(x - offsets.get(name, 0.0)) for name, x in data.columns.items()}
     label, rates, same_sensor = data.target_label(equation), dict(data.derivatives), _one_sensor(data, equation)
     if equation in rates:
         gain = gains.get(same_sensor[0] if same_sensor else label, 0.0)
@@ -242,15 +229,7 @@ def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajector
 def as_shown(
     paths: Float[np.ndarray, "n_draw n_obs"], name: str, data: Trajectories, sizes: Sizes, clock: Trajectories
 ) -> Float[np.ndarray, "n_draw n_obs"]:
-    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`.
-
-    Args:
-        paths: Paths at the rows of the data; NaN where a path failed.
-        name: Name of the state.
-        data: Rows.
-        sizes: Sizes of the errors.
-        clock: Data that drifts were found on.
-    """
+    """Return a state's readings along paths, its sensor's curve at t − d, + o + drift: the inverse of `calibrated`."""
     sensor = _sensor(data, name)
     by_kind = {error.kind: size for error, size in sizes.items() if error.channel == sensor} if sensor == name else {}
     late = late_by(data, sizes).get(name, 0.0)
@@ -266,12 +245,9 @@ def as_shown(
 
 
 def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
-    """Return the curve of a sensor, beyond its offset.
+    """Return the curve of a state's sensor, beyond its offset.
 
-    Args:
-        sizes: Sizes of the errors.
-        sensor: State whose sensor it is: a state computed from its samples has its gain.
-        state: State that is shown, which alone bends; that of the sensor by default.
+    A state computed from its samples has its gain; only the state that is shown, by default the sensor's, bends.
     """
     gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
     bending = [error for error in sizes if error.kind in BEND_POWERS and error.channel == (state or sensor)]
@@ -293,13 +269,7 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
-    """Return states and inputs at later times, by cubic splines through the samples of each run.
-
-    Args:
-        data: Measurements.
-        later: Shift of each state or input.
-        clock: Shift of the clock, for rates that depend on time.
-    """
+    """Return states and inputs at later times, by cubic splines through the samples of each run."""
     columns = {
         name: np.concatenate([_later(data.time[rows], data.column(name)[rows], by) for rows in run_slices(data.run)])
         for name, by in later.items()

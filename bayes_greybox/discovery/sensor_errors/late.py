@@ -7,7 +7,7 @@ wrong damping; these samples do.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Float
@@ -25,26 +25,16 @@ WINDOW_STEPS = 10
 AGREEING = 0.01
 """Sensors that are right agree to within this share of the RMS of a state's changes."""
 
-FURTHEST = 6.0
-"""Largest delay that is looked for, in steps."""
+FURTHEST, FEWEST_WINDOWS = 6.0, 5
+"""Largest delay that is looked for, in steps, and least number of windows that say anything."""
 
 SURELY_LATE = 1e-6
 """p-value below which departures need a reason. A delay is that reason if it brings the p-value back above."""
 
-FEWEST_WINDOWS = 5
-"""Least number of windows that say anything."""
-
 
 @dataclass(frozen=True)
 class Late:
-    """A state that is late.
-
-    Attributes:
-        by: Delay, in units of time.
-        sd: Standard deviation of the delay.
-        step: Time between samples.
-        p: p-value of the samples as they came.
-    """
+    """A state that is late by some time, and the p-value of its samples as they came."""
 
     by: float
     sd: float
@@ -53,22 +43,13 @@ class Late:
 
 
 def late_states(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, Late]:
-    """Return the states whose samples follow those of their rate once they are taken earlier, and not as they came.
-
-    Args:
-        data: Samples.
-        simulation: Simulation, which knows the state that is another's rate.
-        noise: Standard deviation of the noise on the samples of states that have any.
-    """
+    """Return the states whose samples follow those of their rate once they are taken earlier, and not as they came."""
     delays = {pair.state: pair.late() for pair in _pairs(data, simulation, noise)}
     return {name: late for name, late in delays.items() if late is not None}
 
 
 def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
-    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name.
-
-    The arguments are those of `late_states`.
-    """
+    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name."""
     spreads: dict[str, float] = {}
     for pair in _pairs(data, simulation, noise):
         if pair.gained > 0 and pair.p(pair.departures(0.0)) >= SURELY_LATE:
@@ -78,7 +59,6 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
 
 
 def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
-    """Yield states with the states that are their rates."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
         if rate is None or rate not in data.state_names:
@@ -129,10 +109,11 @@ class _Pair:
         if before >= SURELY_LATE:
             return None
         most = FURTHEST * self.step
-        fit: Any = minimize_scalar(
-            lambda by: float(np.sum(self.departures(by) ** 2)), bounds=(-most, most), method="bounded"
-        )
-        by = float(fit.x)
+
+        def misfit(by: float) -> float:
+            return float(np.sum(self.departures(by) ** 2))
+
+        by = float(cast(Any, minimize_scalar(misfit, bounds=(-most, most), method="bounded")).x)
         residual = self.departures(by)
         if abs(by) > 0.95 * most or self.p(residual, 1) < SURELY_LATE or not self.gained > 0:
             return None

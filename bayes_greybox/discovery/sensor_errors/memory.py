@@ -20,7 +20,7 @@ from scipy.special import exprel
 
 from bayes_greybox.data.trajectories import Trajectories
 
-from .channels import run_slices
+from .channels import DRIFT, run_slices
 
 HYSTERESIS, RELAXATION = "hysteresis", "relaxation"
 
@@ -38,24 +38,14 @@ decay with any other one is a sum of theirs to within 0.002 of its height."""
 SUMMED_TIMES = 30.0
 """Time constants whose exponentials are summed at once."""
 
-RETURNS = 1.5
+RETURNS, RETURN_PLAY = 1.5, 0.1
 """Way of a channel within a run, over its range there, from which on it comes back to where it was: otherwise a memory
-of it is a function of its value."""
-
-RETURN_PLAY = 0.1
-"""Least share of the range that is a turn; less is noise and no way."""
+of it is a function of its value. Least share of the range that is a turn; less is noise and no way."""
 
 
 @dataclass(frozen=True)
 class Memory:
-    """One kind of memory of one channel.
-
-    Attributes:
-        kind: `HYSTERESIS`, `RELAXATION` or a drift.
-        channel: A state or an input.
-        share: Which of several of the kind.
-        behind: True if it was some samples behind, in files of earlier versions.
-    """
+    """One kind of memory of one channel; in files of earlier versions it may be some samples behind."""
 
     kind: str
     channel: str
@@ -82,12 +72,7 @@ Memories = Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]
 """Memories with their elements at the samples."""
 
 
-def everything(text: str) -> bool:
-    """Return true for each memory."""
-    return True
-
-
-def memory_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
+def memory_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
     """Yield every memory with the forces of its elements along the measured paths, for channels that come back.
 
     Elements are at rest where a run starts; those of an input, which may begin there, also as if it had been zero
@@ -123,14 +108,7 @@ def memory_columns(data: Trajectories, chosen: Chosen = everything) -> Memories:
 def relaxation_times(
     x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"], runs: Sequence[slice], applied: bool
 ) -> Float[np.ndarray, " n_time"]:
-    """Return the time constants of the Maxwell elements of a channel.
-
-    Args:
-        x: Samples of the channel.
-        time: Times of the samples.
-        runs: Samples of each run.
-        applied: True for an input.
-    """
+    """Return the time constants of the Maxwell elements of a channel."""
     if not applied:
         # A leap is two values at one time; the last ones tell the speed.
         later = [np.arange(len(x))[rows][np.append(np.diff(time[rows]) > 0, True)] for rows in runs]
@@ -169,3 +147,24 @@ def _summed(gained: np.ndarray, steps: np.ndarray, times: np.ndarray) -> np.ndar
         begun = np.exp(past[first] - past[first + 1]) * z[first]
         z[first + 1 : last + 1] = np.exp(-since) * (begun + np.cumsum(np.exp(since) * gained[first:last], axis=0))
     return z
+
+
+SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
+"""Time constants τ over the duration of the record."""
+
+
+def drift_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
+    """Yield every state and input times each of the ways of settling, one element each: x exp(−(t − t₀)/τ).
+
+    A spring warms up, a bolt comes loose, a battery sags: the coefficient of x settles or, where τ is longer than the
+    record, which starts at t₀, goes on changing. Where a motion dies away meanwhile, a law of the amplitude passes for
+    one of the time. A coefficient that does not change is a correction of the simulation. Runs that go on at the time
+    at which others ended belong to one record.
+    """
+    since = data.time - np.min(data.time)
+    duration = np.max(since)
+    if duration <= 0:
+        return
+    for name in (*data.state_names, *data.input_names):
+        for share in SETTLING if chosen(Memory(DRIFT, name).text) else ():
+            yield Memory(DRIFT, name, share), (data.column(name) * np.exp(-since / (share * duration)))[:, None]

@@ -16,19 +16,14 @@ from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.rates.integral import running_integral
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.noise.latent_force import MEDIAN_ABSOLUTE_NORMAL
+from bayes_greybox.discovery.grid.latent_force import MEDIAN_ABSOLUTE_NORMAL
 from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .channels import run_slices
 
-LARGEST_NOISE = 0.3
-"""Largest noise over a state's standard deviation: rows in no order in time look like noise alone."""
-
-BORNE_OUT = 0.65
-"""Least departure of steps from their rate, over √2 s, that bears the noise s out."""
-
-FEWEST_SMOOTHED = 30
-"""Samples of a run below which nothing is smoothed."""
+LARGEST_NOISE, BORNE_OUT, FEWEST_SMOOTHED = 0.3, 0.65, 30
+"""Largest noise over a state's standard deviation: rows in no order in time look like noise alone; least departure of
+steps from their rate, over √2 s, that bears the noise s out; samples of a run below which nothing is smoothed."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
@@ -40,21 +35,13 @@ SLIP_LEAP, SLIP_FOLLOWED = 6.0, 0.3
 """A leap that the rate lacks is a slip beyond so many of the leaps' usual size, if the rate leaps by less than this
 share of the expected leap."""
 
-SLIP_WIDTHS = (1, 2)
-"""Numbers of samples that a slip may have."""
-
-MOST_MENDINGS = 10
-"""Largest number of times that slips are looked for again once the largest are mended."""
+SLIP_WIDTHS, MOST_MENDINGS = (1, 2), 10
+"""Numbers of samples that a slip may have; largest number of searches for slips, each after the largest are mended."""
 
 
 @dataclass(frozen=True)
 class SampleNoise:
-    """White noise on one state.
-
-    Attributes:
-        sd: Standard deviation on the samples, user's units.
-        left: Standard deviation on the smoothed samples.
-    """
+    """Standard deviations of white noise on the samples of a state, and left on the smoothed ones, user's units."""
 
     sd: float
     left: float
@@ -108,12 +95,6 @@ def misread(
 
     A blow leaps too, and moves the machine: the rate leaps with it, by ∂G/∂x times as much. A slip of the sensor does
     not move anything. It is replaced by the cubic through its neighbours.
-
-    Args:
-        values: Samples of a state or an input.
-        run: Run of each sample.
-        rate: Measured rate at the samples.
-        slope: ∂G/∂x there.
     """
     values, out = values.copy(), np.zeros(len(values), bool)
     for _ in range(MOST_MENDINGS):
@@ -154,9 +135,8 @@ def _away(x: np.ndarray, leap: np.ndarray) -> np.ndarray:
     """Return true for samples that are away from both their neighbours to the same side, unlike those of an edge."""
     before, after = x[:, 2] - x[:, 1], x[:, -3] - x[:, -2]
     side = np.sign(leap[:, 0])
-    return (np.minimum(side * before, side * after) > 0.5 * np.max(np.abs(leap), axis=1)) & (
-        np.min(side[:, None] * leap, axis=1) > 0
-    )
+    away = np.minimum(side * before, side * after) > 0.5 * np.max(np.abs(leap), axis=1)
+    return away & (np.min(side[:, None] * leap, axis=1) > 0)
 
 
 def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, float]:
@@ -207,6 +187,6 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
 def _even(data: Trajectories) -> bool:
     """Return true if each run has a step of its own, up to the rounding of time stamps."""
     steps = [np.diff(data.time[rows]) for rows in run_slices(data.run) if rows.stop - rows.start > 1]
-    return bool(steps) and all(
-        bool(np.all(np.abs(each - np.median(each)) <= STEP_TOLERANCE * np.median(each))) for each in steps
-    )
+    usual = [np.median(each) for each in steps]
+    even = (np.abs(each - h) <= STEP_TOLERANCE * h for each, h in zip(steps, usual, strict=True))
+    return bool(steps) and all(bool(np.all(each)) for each in even)

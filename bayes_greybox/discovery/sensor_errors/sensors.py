@@ -8,6 +8,7 @@ and an input that is wrong acts as a force along the path, see `channels`.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,18 +18,14 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .bends import BEND_POWERS, BEND_SD
 from .channels import (
-    DELAY,
-    DELAY_STEPS,
     DRIFT,
-    GAIN,
-    GAIN_SD,
-    OFFSET,
-    ZERO_SD,
     ChannelSuspect,
     ErrorColumns,
     Rate,
     Sizes,
     curve_of,
+    delay_error,
+    gain_error,
     run_slices,
     shifted,
     slope_along,
@@ -41,29 +38,21 @@ NEAR_ZERO = 0.2
 
 
 def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None) -> ErrorColumns:
-    """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size.
-
-    Args:
-        samples: Readings; columns are ordered by sensor, then by sample.
-        path: The path at the samples.
-        late: Delays of sensors found so far, at which the columns of delays are taken.
-    """
+    """Return every error of every sensor with its column at all samples, in the sensor's unit per unit of its size."""
     columns, late = [], late or {}
     step = float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
     span = float(np.ptp(samples.time))
     for k, name in enumerate(samples.state_names):
         by = late.get(name, 0.0)
         # The gain of a late sensor is that of its reading.
-        x = shifted(path, {name: -by}).column(name)
-        zero_sd = ZERO_SD * float(np.sqrt(np.mean(x**2)))
+        read = shifted(path, {name: -by})
+        x, zero = read.column(name), zero_error(read, name)
         later, sooner = (shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
         alone = [
-            (ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), (later - sooner) / (step / 2)),
-            (ChannelSuspect(GAIN, name, GAIN_SD), x),
-            (ChannelSuspect(OFFSET, name, zero_sd), np.ones(path.n_obs)),
-        ]
+            (delay_error(name, step), (later - sooner) / (step / 2)), (gain_error(name), x), (zero, np.ones(path.n_obs))
+        ]  # fmt: skip
         if span > 0:
-            alone.append((ChannelSuspect(DRIFT, name, zero_sd), (path.time - np.mean(path.time)) / span))
+            alone.append((replace(zero, kind=DRIFT), (path.time - np.mean(path.time)) / span))
         low, high = float(np.min(x)), float(np.max(x))
         # A tank that starts empty passes zero as well, whatever the noise says.
         margin = NEAR_ZERO * (high - low)
@@ -105,8 +94,8 @@ def input_columns(nodes: Trajectories, names: Sequence[str], rate: Rate, step: f
         u = nodes.column(name)
         change = np.concatenate([_gradient(nodes.time[rows], u[rows]) for rows in run_slices(nodes.run)])
         columns += [
-            (ChannelSuspect(DELAY, name, DELAY_STEPS * step, step), slope_along(nodes, rate, name, change)),
-            (ChannelSuspect(GAIN, name, GAIN_SD), -slope_along(nodes, rate, name, u)),
+            (delay_error(name, step), slope_along(nodes, rate, name, change)),
+            (gain_error(name), -slope_along(nodes, rate, name, u)),
             (zero_error(nodes, name), -slope_along(nodes, rate, name, np.ones(nodes.n_obs))),
         ]
     return with_column(columns)

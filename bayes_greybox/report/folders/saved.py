@@ -6,8 +6,8 @@ from typing import Any
 
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.kept.file import checked_of, load_checked
-from bayes_greybox.discovery.kept.study_file import holds_study, study_of
 from bayes_greybox.discovery.study import StudyResult
+from bayes_greybox.discovery.study_file import holds_study, study_of
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior

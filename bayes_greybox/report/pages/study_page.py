@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.answer.gap.table import NO_SHARES
+from bayes_greybox.discovery.answer.gap import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import is_denied, shown_part

@@ -8,7 +8,7 @@ from hand_made import answer, with_hypotheses
 from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_near
 
 from bayes_greybox.discovery.answer.coefficients import answering, draw_coefficients, sensor_errors, without_sensors
-from bayes_greybox.discovery.grid.evidence.log_evidence import modes
+from bayes_greybox.discovery.grid.log_evidence import modes
 
 N_DRAW = 4000
 

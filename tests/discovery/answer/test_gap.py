@@ -13,8 +13,8 @@ from bayes_greybox.data.samples.starts import Starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
-from bayes_greybox.discovery.answer.gap.free_runs import PATH_DRAWS, FreeRuns
-from bayes_greybox.discovery.answer.gap.table import RATE_DRAWS, gap_rows
+from bayes_greybox.discovery.answer.free_runs import PATH_DRAWS, FreeRuns
+from bayes_greybox.discovery.answer.gap import RATE_DRAWS, gap_rows
 from bayes_greybox.discovery.answer.interval import INTERVAL_ENDS
 from bayes_greybox.discovery.decision.criteria import CRITERIA
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE, left_over, worsened

@@ -7,11 +7,9 @@ from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS, VERDICTS, decide
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, Probabilities, Share, trusted
 from bayes_greybox.discovery.decision.reasons import Reason
-from bayes_greybox.discovery.grid.evidence.gram import Gram
-from bayes_greybox.discovery.grid.evidence.set_prior import SetPrior
-from bayes_greybox.discovery.grid.hypotheses.weigh import Hypothesis, Weighed
-from bayes_greybox.discovery.grid.noise.latent_force import ForcedRates
-from bayes_greybox.discovery.grid.noise.points import (
+from bayes_greybox.discovery.grid.latent_force import ForcedRates
+from bayes_greybox.discovery.grid.log_evidence import Gram
+from bayes_greybox.discovery.grid.points import (
     DISCREPANCIES,
     LATENT_FORCE,
     LAW,
@@ -19,7 +17,9 @@ from bayes_greybox.discovery.grid.noise.points import (
     SENSOR_NOISE,
     NoisePoint,
 )
+from bayes_greybox.discovery.grid.sets import SetPrior
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, Features, Regressor, RegressorTable
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
 
 N = 4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.linearise.noise_shapes import noise_shapes
+from bayes_greybox.discovery.linearise.near import noise_shapes
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.linearise.period import period_of
+from bayes_greybox.discovery.linearise.source import period_of
 
 T = np.arange(400) * 0.05
 """Twenty seconds."""

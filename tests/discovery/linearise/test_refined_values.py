@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tiny_study_of
 
-from bayes_greybox.discovery.grid.noise.points import NO_DISCREPANCY, NoisePoint
+from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.refine import MOST_CARRYING, Ground, refined

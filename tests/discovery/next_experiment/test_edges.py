@@ -7,9 +7,8 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.answer.explained import Component, Explained, joined
-from bayes_greybox.discovery.kept.known_columns import Features
-from bayes_greybox.discovery.kept.study_file import STUDY_CLASSES
-from bayes_greybox.discovery.next_experiment.candidates import Candidate, usual_candidates
+from bayes_greybox.discovery.next_experiment.ranked import Candidate, usual_candidates
+from bayes_greybox.discovery.study_file import STUDY_CLASSES, Features
 from bayes_greybox.inference.kept.packing import Packer, Unpacker
 from bayes_greybox.missing_effects import Study
 from bayes_greybox.model.gp.features import HilbertBasis

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.next_experiment.information import Response, distance, information, together
+from bayes_greybox.discovery.next_experiment.predicted import Response, distance, information, together
 
 
 def response(rng: np.random.Generator, n: int, k: int, start: int = 1) -> Response:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.ranked import Candidate
 from bayes_greybox.missing_effects import load
 from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Usual
 from bayes_greybox.running.errors import InputError

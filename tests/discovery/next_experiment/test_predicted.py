@@ -6,9 +6,8 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.answer.explained import Component, Explained
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
-from bayes_greybox.discovery.next_experiment.information import information
-from bayes_greybox.discovery.next_experiment.predicted import Predictor
+from bayes_greybox.discovery.next_experiment.predicted import Predictor, information
+from bayes_greybox.discovery.next_experiment.ranked import Candidate
 from bayes_greybox.physics.experiments.signals import Hold
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.simulation.reading import simulation_of

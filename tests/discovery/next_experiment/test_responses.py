@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from bayes_greybox import cli, plots
-from bayes_greybox.discovery.next_experiment.candidates import Candidate
+from bayes_greybox.discovery.next_experiment.ranked import Candidate
 from bayes_greybox.physics.experiments.signals import Hold
 from bayes_greybox.running.errors import InputError
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayes_greybox.discovery.regressors.clouds import CLOUD_POINTS, Cloud, weights_of
+from bayes_greybox.discovery.regressors.columns import CLOUD_POINTS, Cloud, weights_of
 
 
 def grid(*counts):

@@ -7,7 +7,7 @@ from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.white import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.regressors.build import LAW_FEATURES, regressors_of
+from bayes_greybox.discovery.linearise.source import LAW_FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.regressors.regressors import COLLINEAR, CORRECTION_SCALE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import GAIN, OFFSET, ChannelSuspect
@@ -38,7 +38,7 @@ def some_rows(noise=WHITE, seed=0):
 
 def empty(rows):
     """Regressors on some rows, two features along each of x and u and no columns yet."""
-    return Regressors(rows, ("x", "u"), np.zeros(2), np.ones(2), HilbertBasis(2.0, (2, 2)))
+    return Regressors(("x", "u"), np.zeros(2), np.ones(2), HilbertBasis(2.0, (2, 2)), rows=rows)
 
 
 def terms(*formulas):

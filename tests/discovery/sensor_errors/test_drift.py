@@ -5,8 +5,7 @@ import pytest
 from tiny_equation import CUBE, tiny_study_of
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.drift import DRIFT, SETTLING, drift_columns
-from bayes_greybox.discovery.sensor_errors.memory import Memory
+from bayes_greybox.discovery.sensor_errors.memory import DRIFT, SETTLING, Memory, drift_columns
 
 T = np.linspace(0, 30, 400)
 

@@ -1,1 +1,0 @@
-"""Checks of an answer: residuals, ends of ranges, filtered rates, and rows that are linear near it only."""

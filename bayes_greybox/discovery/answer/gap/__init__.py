@@ -1,1 +1,0 @@
-"""The gap before and after: its table, and free runs."""

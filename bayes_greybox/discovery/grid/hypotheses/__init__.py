@@ -1,1 +1,0 @@
-"""Hypotheses with their posterior probability, coefficients, residuals and agreement."""
