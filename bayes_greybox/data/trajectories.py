@@ -312,11 +312,7 @@ class Trajectories(CutRuns):
 
 
 def require_measured(data: object) -> None:
-    """Refuse an object that is no measurements, such as a table that was not read.
-
-    Raises:
-        InputError: The class of the object, and how it is read.
-    """
+    """Refuse an object that is no measurements, such as a table that was not read, and say how it is read."""
     if not isinstance(data, Trajectories):
         # A stream of rows has its own advice.
         raise InputError(

@@ -1,11 +1,12 @@
-"""The terms of an equation with the priors of their single coefficients, as a model was given them."""
+"""Terms of equations and of blocks that share their rows, and the priors of single coefficients."""
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from bayes_greybox.physics.coefficient import Coefficient
-from bayes_greybox.physics.terms import Dictionary, Term, stating
+from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.terms import Dictionary, Term, stating, terms_of
 from bayes_greybox.running.errors import InputError
 
 
@@ -13,9 +14,7 @@ class StatedTerms(NamedTuple):
     """The terms of one equation, and the priors that are stated of their coefficients.
 
     Attributes:
-        all: Every term of the dictionary.
-        learned: Terms whose coefficients are learned.
-        fixed: The other terms, with their coefficients.
+        fixed: Terms that are not learned, with their coefficients.
         known: Terms in the simulation: the fixed ones, and means that are taken off.
         priors: Priors of single terms by name.
     """
@@ -28,11 +27,7 @@ class StatedTerms(NamedTuple):
 
 
 def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> StatedTerms:
-    """Read the terms of one equation and the priors of their coefficients.
-
-    Raises:
-        InputError: See `Dictionary.of` and `matched`.
-    """
+    """Read the terms of one equation and the priors of their coefficients."""
     dictionary = Dictionary.of(terms, names)
     priors = matched(stated, dictionary.names, equation)
     learned = tuple(t for t in dictionary.terms if t.name not in priors or priors[t.name].learned)
@@ -42,11 +37,7 @@ def stated_terms(terms: Any, stated: Mapping[str, Coefficient], names: Sequence[
 
 
 def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, dict[str, Coefficient]]:
-    """Read the priors of single coefficients that a model was given, and those that terms of its dictionary state.
-
-    Raises:
-        InputError: No such equation, or not a mapping from terms to `Coefficient`; two priors of one term.
-    """
+    """Read the priors of single coefficients that a model was given, and those that terms of its dictionary state."""
     example = "{'ydot': {'y**3': bg.priors.Coefficient(sign=-1)}}"
     if not isinstance(stated, Mapping):
         raise InputError(f"GreyBox(coefficients={stated!r}) must map equations to terms, for example {example}.")
@@ -81,8 +72,7 @@ def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, d
 def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> dict[str, Coefficient]:
     """Return priors by the names of the dictionary's terms, which blanks in a key do not change.
 
-    Raises:
-        InputError: A key that is no term, or two for one term.
+    A key that is no term, or two for one term, are refused.
     """
     found: dict[str, Coefficient] = {}
     for key, prior in stated.items():
@@ -101,11 +91,7 @@ def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: s
 
 
 def centred(stated: Mapping[str, Mapping[str, Coefficient]]) -> dict[str, dict[str, Coefficient]]:
-    """Return the priors beside a simulation that has every term with its mean, by equation and term.
-
-    Raises:
-        InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
-    """
+    """Return the priors beside a simulation that has every term with its mean; coefficients with bounds are refused."""
     for equation, terms in stated.items():
         for term, prior in terms.items():
             if prior.bounded:
@@ -124,3 +110,30 @@ def stated_in_words(stated: Mapping[str, Mapping[str, Coefficient]], several: bo
         for equation, terms in stated.items()
         for term, prior in terms.items()
     )
+
+
+def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, Dictionary]) -> dict[str, Dictionary]:
+    """Return dictionaries by block, from those by learned state; equations that share their rows have a joint one."""
+    return {
+        name: dictionaries[name]
+        if name in dictionaries
+        else Dictionary.joined({each: dictionaries[each] for each in equations})
+        for name, equations in blocks.items()
+    }
+
+
+def used_states(
+    dictionary: Mapping[str, Any], simulation: Mapping[str, str], columns: Container[str]
+) -> tuple[str, ...]:
+    """Return learned states without data that another equation uses; one that nothing uses is a slip of the pen."""
+    unknown = [name for name in dictionary if name not in columns and name not in simulation]
+    if not unknown:
+        return ()
+    used: dict[str, set[str]] = {name: set(_names(text)) for name, text in simulation.items()}
+    for name, terms in dictionary.items():
+        used.setdefault(name, set()).update(*(term.symbols for term in terms_of(terms)))
+    return tuple(name for name in unknown if any(name in each for state, each in used.items() if state != name))
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return symbol_names(parse_expression(str(text)))

@@ -45,12 +45,7 @@ class CoefficientPriors:
 
     @classmethod
     def of(cls, stated: Sequence[Coefficient | None], scale: Float[np.ndarray, " n_term"]) -> "CoefficientPriors":
-        """Return scaled priors of the terms of an equation.
-
-        Args:
-            stated: Prior of each term, None where the model's prior holds alone.
-            scale: User's coefficient per scaled coefficient.
-        """
+        """Return scaled priors of the terms of an equation; `scale` is user's coefficient per scaled coefficient."""
         everything = (-math.inf, math.inf)
         limits = np.array([everything if c is None else c.interval for c in stated]).reshape(-1, 2) / scale[:, None]
         has_mean = [c is not None and c.mean is not None for c in stated]
@@ -96,13 +91,7 @@ class CoefficientPriors:
     def draw(
         self, scales: Scales, key_gamma: Array, key_theta: Array
     ) -> tuple[Float[Array, " n_term"], Float[Array, " n_term"]]:
-        """Draw θ from its prior, and return it with its standard deviations, zero where a term is out.
-
-        Args:
-            scales: Scales of all terms.
-            key_gamma: Random key of the pattern.
-            key_theta: Random key of the coefficients.
-        """
+        """Draw θ from its prior, and return it with its standard deviations, zero where a term is out."""
         sd = scales.sd
         if scales.log_odds is not None:
             included = jax.random.bernoulli(key_gamma, jax.nn.sigmoid(scales.log_odds))
@@ -119,11 +108,8 @@ class CoefficientPriors:
     def log_restriction(self, sd: Float[Array, "*draws n_term"], power: float = 1.0) -> Float[Array, "*draws"]:
         """Return −Σ_j log P(lower_j ≤ θ_j ≤ upper_j), θ_j ~ N(mean_j, sd_j²/power), over the bounded terms that are in.
 
-        This is what restricting a normal prior adds to its log density inside the bounds.
-
-        Args:
-            sd: Prior standard deviations, zero where a term is out.
-            power: Power that the normal density is raised to.
+        This is what restricting a normal prior adds to its log density inside the bounds; `sd` is zero where a term is
+        out.
         """
         total = jnp.zeros(sd.shape[:-1])
         for j in self.bounded:

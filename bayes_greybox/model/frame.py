@@ -32,7 +32,6 @@ class Frame:
 
     Attributes:
         equation: The learned state, say "ydot" for d(ydot)/dt, or the name of several that share their rows.
-        dictionary: Its terms.
         variables: Variables that f depends on.
         centre: Centre of the data's box in each variable, user's units.
         half_width: Half-width of the box, user's units.

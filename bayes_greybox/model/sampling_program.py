@@ -26,13 +26,7 @@ from .sites import DRAWN, LABELS, Sites, site
 
 
 class SamplingProgram:
-    """y ~ N(Φθ + f, σ² R) for each equation, by its design.
-
-    Attributes:
-        prior: Prior on θ.
-        discrepancy: The Gaussian process f, or None to leave it out.
-        noise: Prior scale of σ over the RMS of the target, or a `Noise` that has one.
-    """
+    """y ~ N(Φθ + f, σ² R) for each equation, by its design; see `Program` for the attributes."""
 
     prior: Prior
     discrepancy: OrthogonalGP | None
@@ -66,8 +60,7 @@ class SamplingProgram:
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
         """Return the equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
 
-        Raises:
-            InputError: See `require_own_sites`; priors of single coefficients in such an equation.
+        Priors of single coefficients in such an equation are refused.
         """
         sites = self.require_own_sites(designs)
         if not self._samples_patterns:
@@ -86,8 +79,7 @@ class SamplingProgram:
     def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
         """Return the sites of each equation by quantity, from a trace of each equation alone.
 
-        Raises:
-            InputError: A prior of the user's own has a site with the name of something else in the results.
+        A prior of the user's own that has a site with the name of something else in the results is refused.
         """
         names, found = Sites(designs), {}
         for equation, design in designs.items():
@@ -148,13 +140,8 @@ class SamplingProgram:
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
         """Return scales and odds of θ at given draws; None where the prior leaves no inclusion patterns to be summed.
 
-        Args:
-            design: Design of the equation.
-            values: Draws of the prior's sites by quantity, each [n_draw, ...]; others are passed over.
-            sigma: Draws of σ, scaled units.
-
-        Raises:
-            InputError: The prior has a site that the draws do not have.
+        Draws of the prior's sites are by quantity, each [n_draw, ...], those of σ in scaled units. A prior with a site
+        that the draws do not have is refused.
         """
 
         def program(sigma: Any) -> Scales:

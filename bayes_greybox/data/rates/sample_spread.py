@@ -81,12 +81,9 @@ class SampleSpread:
         }
 
     def mean(self, evaluate: Evaluate, columns: Columns, jumping: Evaluate | None = None) -> Float[np.ndarray, "n k"]:
-        """Return means φ̄ of jumping terms at some samples.
+        """Return means φ̄ of jumping terms at some samples of `beside`.
 
-        Args:
-            evaluate: Function from columns to values [n, k], each sample by itself.
-            columns: Some samples of `beside`.
-            jumping: Jumping part of these terms, where they also have a smooth part; all of them by default.
+        `jumping` is the part of these terms that jumps, where they also have a smooth part.
         """
         x = {name: column for name, column in columns.items() if not name.endswith((NEXT, LAST))}
         value = np.array(evaluate(x), float)
@@ -111,9 +108,8 @@ class SampleSpread:
         largest = np.zeros(len(next(iter(columns.values()))))
         for first, other in self._ends(columns, self.beside(columns)):
             at = np.linspace(0.0, 1.0, 2 * BEND_PARTS + 1)
-            values = [
-                evaluate({name: (1 - a) * first[name] + a * other[name] for name in first})[:, 0] for a in at.tolist()
-            ]
+            points = ({name: (1 - a) * first[name] + a * other[name] for name in first} for a in at.tolist())
+            values = [evaluate(point)[:, 0] for point in points]
             whole = np.abs(values[0] + values[-1] - 2 * values[BEND_PARTS])
             # Of a kink off the middle of both parts that have it, a quarter is seen.
             part = np.max(

@@ -11,8 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.noise.weighted import correlation_and_sd
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise, correlation_and_sd
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.noise_model import NoiseModel

@@ -46,10 +46,7 @@ class Standing(NamedTuple):
 def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
     """Return the estimate on paths of the model alone, from one near it; None where it does not settle.
 
-    Args:
-        model: The model, with rows near where the descent begins.
-        data: Samples.
-        most: Most steps, twice where fewer segments do at its end than on its way.
+    It takes `most` steps, twice where fewer segments do at its end than on its way.
     """
     start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
     found = _settled(start, data, most)

@@ -78,8 +78,7 @@ def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = Fal
     """
     if model.rows.follows_path:
         off = equation.moved(frozen(model, equation))
-        at = equation.ridge() if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
-        return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
+        return _near(model, equation) if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
     found = likeliest(equation)
     if _stays(model, found, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
         return None
@@ -103,9 +102,6 @@ def _alternated(model: Any, data: Trajectories) -> Any:
     """Take rows that hold to the samples by themselves near the likeliest of the model's terms, until these stay.
 
     Where two sets that differ by one term lead to each other alternately, either will do: the data hardly tell.
-
-    Raises:
-        InputError: Sets of terms that do not settle.
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)

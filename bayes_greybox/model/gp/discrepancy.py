@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
-from .kernels import KERNELS
-from .orthogonal import Measure, Variant
+from .kernels import KERNELS, Measure, Variant
 
 Path = Literal["hsgp", "exact"]
 

@@ -9,7 +9,7 @@ discrepancy, few features of it, and is repeated under the noise that it found:
 Correlated noise looks like what β explains, and residuals have lost that part: a correlation is held at the mode of
 p(y | R), β integrated out (restricted likelihood; Patterson & Thompson 1971, Biometrika 58:545).
 
-Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `unknown_force`).
+Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `suspicions.force`).
 """
 
 import math
@@ -35,8 +35,7 @@ from bayes_greybox.running.errors import InputError
 
 from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion
-from .suspicions import LEAST_ROWS, below_floor, heavy, varying
-from .unknown_force import force
+from .suspicions import LEAST_ROWS, below_floor, force, heavy, varying
 
 FIT = "fit"
 """Value of an option whose parameter is found from the data."""
@@ -110,13 +109,7 @@ class Noise:
 def find_noise(
     noise: Noise, rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, floor: float
 ) -> NoiseModel:
-    """Find R at the mode on the residuals of a ridge fit.
-
-    `floor` is the least σ over the RMS of the target.
-
-    Raises:
-        InputError: Too few rows; a column that the data do not have; noise whose correlation is known already.
-    """
+    """Find R at the mode on the residuals of a ridge fit; `floor` is the least σ over the RMS of the target."""
     model = plain = NoiseModel(rows.noise)
     if noise.white:
         return plain
@@ -148,11 +141,7 @@ def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
 
 
 def check_asked(noise: Noise, rows: EquationRows) -> None:
-    """Refuse noise that cannot be found on these rows, before there is any work to lose.
-
-    Raises:
-        InputError: As for `find_noise`.
-    """
+    """Refuse noise that cannot be found on these rows, before there is any work to lose."""
     if noise.white:
         return
     if rows.noise.derived:

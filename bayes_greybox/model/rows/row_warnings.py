@@ -34,9 +34,6 @@ def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: S
     since E[e | x] = s² ∇ log p(x) is a force that more rows make surer; s and σ from third differences of the samples.
     Truncation: what the filter takes from the simulation's rate when the states pass through it once more, against the
     gap. Sampling: samples per period of the frequency below which 99 % of the rate's power lies.
-
-    Returns:
-        At most one sentence on each state's noise, one on truncation and one on sampling.
     """
     rows = kind.rows(data, equation, simulation)
     found = [*_noisy(data, equation, simulation), *_coarse(data, equation)]

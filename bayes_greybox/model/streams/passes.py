@@ -15,21 +15,20 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.streams.row_stream import RowStream, Source
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.algebra.compression import CACHED_ROWS, stacked
+from bayes_greybox.model.coefficient import by_block
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
-from ..algebra.stacking import CACHED_ROWS, stacked
 from ..assemble import require_rows, scaled_table, with_steps
-from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
 from ..rows.row_kind import RowsOfRuns
 from ..scaling import scaled_frame
-from .extent import Extent, Factors, Sizes, ends_of, together
-from .statistics import RowStatistics
+from .statistics import Extent, Factors, RowStatistics, Sizes, ends_of, together
 
 READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
 """Labels of the progress bars of the passes: the first, and a further one."""
@@ -188,12 +187,7 @@ class Whole:
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
-    """Make the first pass.
-
-    Raises:
-        InputError: Chunks that cannot be read; a column that is the same everywhere; a term that is not finite, or
-            zero, on paths of the sample.
-    """
+    """Make the first pass."""
     simulation = model.simulator(sample)
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
     frames = {}

@@ -20,8 +20,7 @@ from bayes_greybox.physics.integration.smoothing import (
 from bayes_greybox.running.errors import InputError
 
 from .forced_rate import ForcedRate
-from .path_grid import points_at_ends, points_at_nodes
-from .path_segments import segments_of
+from .path_segments import AtEnds, points_at_ends, points_at_nodes, segments_of
 
 FORCE_INTENSITIES = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
@@ -50,7 +49,7 @@ class Smoothed(NamedTuple):
     The unknown force has the intensity `ratio` and gains `gained` nats over the least one.
     """
 
-    ends: Float[np.ndarray, "n_segment n_end n_state"]
+    ends: AtEnds
     ratio: float
     gained: float
     passes: int
@@ -72,17 +71,11 @@ class PathSmoother:
     own: float
     E: Float[np.ndarray, "n_state n_learned"]
 
-    def smoothest(
-        self, first: Float[np.ndarray, "n_segment n_end n_state"], process_noise: bool,
-        shared: tuple[float, int] | None = None,
-    ) -> Smoothed:  # fmt: skip
+    def smoothest(self, first: AtEnds, process_noise: bool, shared: tuple[float, int] | None = None) -> Smoothed:
         """Return the smoothed path at the likeliest intensity of the unknown force.
 
         The path `first` to begin with is NaN where there is none. If `process_noise`, the intensity may be more than
         the least. Intensity and passes in `shared` are those of other runs.
-
-        Raises:
-            InputError: The path leaves the domain of the equations.
         """
         grid, observed, outputs, own = self.grid, self.observed, self.outputs, self.own
         turn, fewest = 0, 0 if shared is None else shared[1]
@@ -113,9 +106,7 @@ class PathSmoother:
             raise InputError(NO_PATH)
         return Smoothed(ends, ratio, gained, turn)
 
-    def _inside_domain(
-        self, before: np.ndarray, paths: Iterable[np.ndarray]
-    ) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    def _inside_domain(self, before: np.ndarray, paths: Iterable[np.ndarray]) -> AtEnds:
         """Return the first of the paths after a pass that the equations are defined on.
 
         Where there is none, each segment goes as much of the way to the first one as they are defined on. A segment
