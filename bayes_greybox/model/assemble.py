@@ -16,7 +16,7 @@ from bayes_greybox.running.errors import InputError
 
 from .algebra.compression import FACTOR_CHUNK, triangular_factor
 from .algebra.linalg import require_independent
-from .coefficient_priors import CoefficientPriors
+from .coefficient import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
 from .equation import Equation
 from .frame import Frame

@@ -137,8 +137,8 @@ class Equation:
         # As a least squares problem in units in which the precision is a correlation.
         unit = 1.0 / np.sqrt(np.diag(precision))
         L = np.linalg.cholesky(precision * np.outer(unit, unit))
-        found = lsq_linear(L.T, np.linalg.solve(L, pull * unit), (lower / unit, upper / unit), method="bvls")
-        return np.clip(found.x * unit, lower, upper)
+        solution = lsq_linear(L.T, np.linalg.solve(L, pull * unit), (lower / unit, upper / unit), method="bvls")
+        return np.clip(solution.x * unit, lower, upper)
 
     @cached_property
     def variance(self) -> float:

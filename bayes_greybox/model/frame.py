@@ -65,7 +65,7 @@ class Frame:
         """Return frames by learned state: this one, or, of several that share their rows, one for each."""
         if not self.dictionary.parts:
             return {self.equation: Share(self, slice(None))}
-        found, start = {}, 0
+        shares, start = {}, 0
         for state, dictionary in self.dictionary.parts:
             columns = slice(start, start + len(dictionary))
             frame = replace(
@@ -75,8 +75,8 @@ class Frame:
                 term_scale=self.term_scale[columns],
                 orthonormal=np.zeros((len(dictionary), 0)),
             )
-            found[state], start = Share(frame, columns), columns.stop
-        return found
+            shares[state], start = Share(frame, columns), columns.stop
+        return shares
 
     def of_terms(self, index: Int[np.ndarray, " n"]) -> "Frame":
         """Return the frame with some of its terms only, at least one; one with features needs them all, and stays."""

@@ -223,8 +223,8 @@ class Program(SamplingProgram):
         require_measured(data)
         dictionaries = by_block(self.blocks, self.dictionaries(data))
         rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
-        found = self._find_noise(rows, dictionaries)
-        rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
+        models = self._find_noise(rows, dictionaries)
+        rows = {equation: replace(r, noise=models[equation].noise) if models else r for equation, r in rows.items()}
         return {
             block: assemble(rows[block], dictionary, self.discrepancy, self.noise_floor, self.priors_of(block, data))
             for block, dictionary in dictionaries.items()

@@ -67,10 +67,10 @@ class SampleSpread:
             name: [np.diff(part) for part in np.split(np.asarray(column, float), ends)]
             for name, column in columns.items()
         }
-        known = {name: s for name, s in noise.items() if name in columns and 0 < s < np.inf}
+        finite = {name: s for name, s in noise.items() if name in columns and 0 < s < np.inf}
         ahead = {name: np.concatenate([np.append(part, 0.0) for part in parts]) for name, parts in steps.items()}
         behind = {name: np.concatenate([[0.0, *part] for part in parts]) for name, parts in steps.items()}
-        return cls(known, ahead, behind)
+        return cls(finite, ahead, behind)
 
     def beside(self, columns: Columns) -> dict[str, np.ndarray]:
         """Return columns at all samples together with their changes, to be taken in stretches."""

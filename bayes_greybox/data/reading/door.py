@@ -86,8 +86,8 @@ def read(
         sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
         columns=columns, dayfirst=dayfirst,
     )  # fmt: skip
-    given = {"state": states, "input": inputs, "derivative": dict(derivatives or {}), "output": outputs}
-    kinds = {kind: named(chosen, f"{kind}s") for kind, chosen in given.items()}
+    by_kind = {"state": states, "input": inputs, "derivative": dict(derivatives or {}), "output": outputs}
+    kinds = {kind: named(chosen, f"{kind}s") for kind, chosen in by_kind.items()}
     # Columns of a frame may be numbers.
     asked = Asked(kinds, None if time is None else str(time), dt, None if run is None else str(run), restart)
     labels, tables = _tables(source, asked, layout)

@@ -102,9 +102,9 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
     return Pieces(names, columns, kept, dated, table.where, tuple(remarks))
 
 
-def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str | None) -> dict[str, str]:
+def stated_units(pieces: Sequence[Pieces], units: Mapping[str, str], time: str | None) -> dict[str, str]:
     """Return the units of all sources together: as given, "" for none, else as the sources state them."""
-    chosen = {"t" if name == time else name: unit for name, unit in given.items()}
+    chosen = {"t" if name == time else name: unit for name, unit in units.items()}
     if pieces[0].dated and chosen.get("t", "s") != "s":
         raise InputError(
             f"Dates are converted to seconds, so the unit of the time cannot be {chosen['t']!r}; leave it out of units."

@@ -126,12 +126,12 @@ def tidy(table: Table, layout: Layout) -> Table:
         stated |= {name: unit for name, unit in zip(names, units, strict=True) if unit}
     if not len(frame):
         raise InputError(f"{capital(table.where)} has no rows.")
-    known, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
+    checked, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
     if units is not None:
-        read = ", ".join(f"{name} in {unit}" for name, unit in known.items())
+        read = ", ".join(f"{name} in {unit}" for name, unit in checked.items())
         remarks = (*remarks, f"the first row of {table.where} was read as units: {read or 'none that is known'}")
     others = tuple(tidy(other, layout) for other in table.others) if layout.columns is None else ()
-    return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown), others=others)
+    return replace(table, frame=frame, units=checked, aliases=aliases, remarks=(*remarks, *unknown), others=others)
 
 
 def require_distinct(names: Sequence[str], where: str) -> None:

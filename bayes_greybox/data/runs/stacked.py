@@ -139,8 +139,8 @@ class Runs:
 
     def derivative_unit(self, name: str) -> str | None:
         """Return the unit of the derivative of a state: as given, else state over time, None if unknown."""
-        given = self.units.get(derivative_label(name, "t"))
-        return given if given is not None else rate_unit(self.units.get(name), self.units.get("t"))
+        stated = self.units.get(derivative_label(name, "t"))
+        return stated if stated is not None else rate_unit(self.units.get(name), self.units.get("t"))
 
     def summary(self) -> pd.DataFrame:
         """Tabulate kind, unit, min, max, mean and number of rows of every column."""

@@ -22,7 +22,6 @@ class LabelledRows(FileRows):
     """Variables over one dimension; a part is a store, the dimension, its first row and the row behind its last."""
 
     pieces: tuple[tuple[str, str, int, int], ...]
-    asked: Asked
 
     def tables(self, part: int) -> Iterator[Piece]:
         """Yield the rows of a part as they lie in the store, some at a time."""
@@ -84,7 +83,6 @@ class ParquetRows(FileRows):
     """Rows of one or several Parquet files; a part is a file, the number of its first row, and some row groups."""
 
     pieces: tuple[tuple[str, int, tuple[int, ...]], ...]
-    asked: Asked
 
     def tables(self, part: int) -> Iterator[Piece]:
         """Yield the rows of a part as they lie in the file, some at a time."""

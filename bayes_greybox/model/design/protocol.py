@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.coefficient_priors import CoefficientPriors
+from bayes_greybox.model.coefficient import CoefficientPriors
 from bayes_greybox.model.gp.hyper import Hyperparameters
 
 Compress = Callable[[Float[np.ndarray, "n_replicate n_white"]], Float[np.ndarray, "n_replicate n_row"]]

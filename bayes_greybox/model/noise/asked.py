@@ -125,7 +125,7 @@ def find_noise(
 
     def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
         residual = y - both @ ridge(noise_so_far)[1]
-        return _found(noise, residual, plain, rows, quantities, prior, evidence)
+        return _held_at_mode(noise, residual, plain, rows, quantities, prior, evidence)
 
     for _ in range(MOST_ALTERNATIONS):
         before, model = model, found_under(model.noise)
@@ -180,7 +180,7 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
         )
 
 
-def _found(
+def _held_at_mode(
     noise: Noise, residual: Float[np.ndarray, " n_row"], plain: NoiseModel, rows: EquationRows,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]], prior: NoisePrior,
     evidence: Callable[[RowNoise], float] | None,
@@ -198,8 +198,8 @@ def _found(
         model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
     if noise.correlation is not None:
         tau = None if noise.correlation == FIT else float(noise.correlation)
-        found = in_time(residual, model, Stamps(rows.time, rows.run), prior, CORRELATED, tau, evidence)
-        model = _taken(model, found, noise.correlation)
+        suspicion = in_time(residual, model, Stamps(rows.time, rows.run), prior, CORRELATED, tau, evidence)
+        model = _taken(model, suspicion, noise.correlation)
     if noise.tails is not None:
         asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
         model = _taken(model, heavy(residual, model, prior, **asked), noise.tails)
@@ -302,20 +302,24 @@ def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray,
 def noise_record(model: NoiseModel) -> dict[str, Any]:
     """Return the parameters that were found, as plain values for the columns of `Fit.noise`."""
     about, record = model.about, {}
-    if found := about.get(CORRELATED):
-        record |= {"correlation_time": found["time_scale"], "white_share": found["white"]}
-    if found := about.get(VARYING):
-        record |= {"depends_on": found["variable"], "exponent": found["exponent"], "level": found["level"]}
-    if found := about.get(PROCESS):
-        record |= {"force": math.sqrt(found["intensity"]), "force_share": found["share"]}
-    if found := about.get(HEAVY):
-        record |= {"degrees": float(found["degrees"])}
+    if parameters := about.get(CORRELATED):
+        record |= {"correlation_time": parameters["time_scale"], "white_share": parameters["white"]}
+    if parameters := about.get(VARYING):
+        record |= {
+            "depends_on": parameters["variable"],
+            "exponent": parameters["exponent"],
+            "level": parameters["level"],
+        }
+    if parameters := about.get(PROCESS):
+        record |= {"force": math.sqrt(parameters["intensity"]), "force_share": parameters["share"]}
+    if parameters := about.get(HEAVY):
+        record |= {"degrees": float(parameters["degrees"])}
     return record
 
 
-def with_found(noise: Noise, found: Mapping[str, NoiseModel]) -> Noise:
+def with_found(noise: Noise, models: Mapping[str, NoiseModel]) -> Noise:
     """Return the noise with the parameters that were found for each equation."""
-    return replace(noise, found={name: noise_record(model) for name, model in found.items()})
+    return replace(noise, found={name: noise_record(model) for name, model in models.items()})
 
 
 def is_number(value: Any) -> bool:

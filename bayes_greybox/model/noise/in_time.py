@@ -95,9 +95,9 @@ def in_time(
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
     about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
-    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
+    suspicion = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
     lift = float(np.max(logs)) - float(fine[k, m])
-    return replace(found, model=replace(found.model, constant=found.model.constant + lift))
+    return replace(suspicion, model=replace(suspicion.model, constant=suspicion.model.constant + lift))
 
 
 class _Stretches(NamedTuple):

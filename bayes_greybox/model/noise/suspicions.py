@@ -44,19 +44,19 @@ def suspicions(
     """Weigh every kind of noise that is not yet in the noise model."""
     if len(residual) < LEAST_ROWS or below_floor(residual, current, prior):
         return []
-    found, whole = [], residual
+    weighed, whole = [], residual
     residual = current.noise.without_starts(residual[:, None])[:, 0]
     if not {CORRELATED, PROCESS} & set(current.names):
         stamps = Stamps(time, run)
-        found.append(in_time(residual, current, stamps, prior, CORRELATED))
+        weighed.append(in_time(residual, current, stamps, prior, CORRELATED))
         # Where rows are samples of a path, a process of the system moves that.
         moved = len(current.noise.intensities) > 0
-        found.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
+        weighed.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
     if VARYING not in current.names:
-        found.append(varying(residual, current, quantities, prior))
+        weighed.append(varying(residual, current, quantities, prior))
     if HEAVY not in current.names:
-        found.append(heavy(residual, current, prior))
-    return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
+        weighed.append(heavy(residual, current, prior))
+    return [s for s in weighed if s is not None and np.isfinite(s.log_bayes_factor)]
 
 
 def below_floor(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> bool:
@@ -163,18 +163,18 @@ def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion
         return log_white_each(squares, len(residual), prior) - 0.5 * np.array([noise.log_det for noise in noises])
 
     grid = np.asarray(current.noise.intensities, float)
-    found = logs(grid)
+    log_p = logs(grid)
     # In long records an intensity between two nodes is many nats likelier than either.
     for _ in range(MOST_REFINEMENTS):
-        best = int(np.argmax(found))
+        best = int(np.argmax(log_p))
         beside = [k for k in (best - 1, best + 1) if 0 <= k < len(grid)]
-        if all(found[best] - found[k] < FINE_NATS for k in beside):
+        if all(log_p[best] - log_p[k] < FINE_NATS for k in beside):
             break
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
         nearby = np.setdiff1d(np.geomspace(low, high, REFINED_INTERVALS + 1)[1:-1], grid)
         order = np.argsort(np.concatenate([grid, nearby]))
-        grid, found = (np.concatenate(pair)[order] for pair in ((grid, nearby), (found, logs(nearby))))
-    intensity = float(grid[int(np.argmax(found))])
+        grid, log_p = (np.concatenate(pair)[order] for pair in ((grid, nearby), (log_p, logs(nearby))))
+    intensity = float(grid[int(np.argmax(log_p))])
     noise = current.noise.forced(intensity)
     square = float(np.sum(current.noise.whiten(residual[:, None]) ** 2))
     before = float(log_white_each(np.array([square]), len(residual), prior)[0]) - 0.5 * current.noise.log_det
@@ -182,7 +182,7 @@ def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion
     # Uniform in log λ over the grid's range, by the trapezoidal rule.
     place = np.log(grid)
     width = (np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])) / 2
-    return weighed_on_grid(PROCESS, found, np.log(width / (place[-1] - place[0])), before, noise, current, about)
+    return weighed_on_grid(PROCESS, log_p, np.log(width / (place[-1] - place[0])), before, noise, current, about)
 
 
 def _share(residual: np.ndarray, current: NoiseModel, intensity: float) -> float:

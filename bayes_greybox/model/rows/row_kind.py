@@ -1,6 +1,5 @@
 """The interface of a kind of rows: how the rows of an equation are built from data."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar, cast
@@ -42,8 +41,10 @@ RowsOfRuns = Callable[[Trajectories, tuple[str, ...], Simulation], EquationRows]
 of runs that come one after another are together the rows of all runs at once."""
 
 
-class RowKind(ABC):
+class RowKind:
     """A kind of rows: by default measured rates beside all states, linear in whatever is added to them.
+
+    A kind has a method `rows`, or `shared_rows` where all equations share them.
 
     Arguments of the methods have the same meaning throughout: `data` are measurements, `equation` or `equations` the
     learned states that the rows tell of, and `simulation` the known rates.
@@ -66,9 +67,9 @@ class RowKind(ABC):
     follows_path: bool = False
     studied: bool = True
 
-    @abstractmethod
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """Return the rows of one equation; data that cannot give such rows are refused."""
+        return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows of equations that share them; see `rows`."""

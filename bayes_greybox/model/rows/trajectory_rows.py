@@ -167,10 +167,6 @@ class TrajectoryRows(RowKind):
         units = with_rates(data.units, {name: simulation.rate_name(name) for name in simulation.states})
         return replace(data, states=states, derivatives=rates, units=units, noise=noise, samples=samples)
 
-    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows of one equation; see `RowKind.rows`."""
-        return self.shared_rows(data, (equation,), simulation)
-
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
         path, samples = self.path(data, equations, simulation), data.samples or data

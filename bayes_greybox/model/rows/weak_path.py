@@ -176,14 +176,14 @@ class WeakPath:
 def weak_path(
     reading: Reading,
     equations: tuple[str, ...],
-    known: Simulation,
+    simulation: Simulation,
     whole: Simulation,
     white_share: float,
     levels: Sequence[Level] = (),
 ) -> WeakPath:
     """Return states and rows near a frozen model.
 
-    `known` are the known rates and `whole` the same with the terms of the frozen model. `levels` of each pass are found
+    `simulation` are the known rates, `whole` those with the terms of the frozen model. `levels` of each pass are found
     from these rows, unless they share them with others.
     """
     samples, bumps = reading.samples, reading.bumps
@@ -197,7 +197,7 @@ def weak_path(
         X = reading.smooth(Y - near.error(reading))
         near = _linear(reading, states, X, whole, white_share, level)
         levels_found.append(near.level)
-    g, rows = known.rates(samples.time, X, U), near.rows
+    g, rows = simulation.rates(samples.time, X, U), near.rows
     measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in states])[rows]
     learned, equation_of = {}, rows // max(len(bumps), 1)
     for i, name in enumerate(equations):

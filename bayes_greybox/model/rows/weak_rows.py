@@ -109,10 +109,6 @@ class WeakRows(RowKind):
             samples=samples,
         )
 
-    def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows that tell of one equation; see `RowKind.rows`."""
-        return self.shared_rows(data, (equation,), simulation)
-
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
         path = self._near(data, equations, simulation)

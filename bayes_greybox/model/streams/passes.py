@@ -131,12 +131,12 @@ class Whole:
             factors = {block: self._first_factors(block, frame) for block, frame in frames.items()}
         else:
             factors = self._factors(model, frames)
-        found = {}
+        statistics = {}
         for block, frame in frames.items():
             size, floor = sizes[block], model.noise_floor
             if size.levels is not None:
                 floor = with_steps(size.levels / frame.target_scale, size.n_white, floor)
-            found[block] = RowStatistics(
+            statistics[block] = RowStatistics(
                 n_row=self.extent.n_row,
                 ends=size.ends,
                 term_scale=frame.term_scale,
@@ -147,10 +147,10 @@ class Whole:
                 log_det=size.log_det,
                 plain=factors[block].plain if self.first else None,
             )
-        return found
+        return statistics
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
-        rows = Rows(self.stream.source, model, measured_of(self.sample), self.runs)
+        rows = Rows(self.stream.source, model, self.sample.samples or self.sample, self.runs)
         parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
         factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
         for part in parts:
@@ -188,7 +188,8 @@ class Whole:
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     """Make the first pass."""
-    simulation = model.simulator(sample)
+    # Rows as they were measured, if they were completed.
+    simulation, measured = model.simulator(sample), sample.samples or sample
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
     frames = {}
     if not model.rows.linear:
@@ -196,17 +197,10 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
         for block, dictionary in _terms(model, sample).items():
             rows = model.equation_rows(sample, block)
             scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
-            with of_the_sample(measured_of(sample), stream):
+            with of_the_sample(measured, stream):
                 frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
-    rows = Rows(stream.source, model, measured_of(sample), runs)
-    return Whole(
-        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, rows, frames)), runs, frames
-    )
-
-
-def measured_of(sample: Trajectories) -> Trajectories:
-    """Return rows as they were measured, if they were completed."""
-    return sample.samples or sample
+    parts = _over_parts(stream, _extent_of_part, READING_RANGES, Rows(stream.source, model, measured, runs), frames)
+    return Whole(stream, sample, together(parts), runs, frames)
 
 
 def _terms(model: Program, sample: Trajectories) -> dict[str, Dictionary]:

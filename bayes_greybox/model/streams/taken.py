@@ -56,11 +56,11 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
         whole = whole_of(data, model, sample)
         lean = replace(model, discrepancy=None)
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
-        found = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
-        if found is None:
+        moved = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
+        if moved is None:
             silent = _silent(model, whole.extent)
             return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
-        earlier, model = model, found
+        earlier, model = model, moved
         with of_the_sample(measured, data):
             sample = model.complete(measured)
     raise InputError(

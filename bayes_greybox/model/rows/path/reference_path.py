@@ -55,7 +55,7 @@ class ReferencePath:
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         seen: Samples that are rows; where a sensor was at its end there is none.
         place: Node of each row.
-        own: Intensity of a force as large as the path's own.
+        full_intensity: Intensity of a force as large as the path's own.
         start_sd: Prior standard deviation of each state at the start of a segment.
         common: Findings that further runs share with these.
         acting_on: Number of the learned state that the forces of the operator act on.
@@ -73,7 +73,7 @@ class ReferencePath:
     seen: Bool[np.ndarray, " n_sample"]
     sample: Int[np.ndarray, " n_row"]
     place: Int[np.ndarray, " n_row"]
-    own: float
+    full_intensity: float
     start_sd: Float[np.ndarray, " n_state"]
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
@@ -88,7 +88,9 @@ class ReferencePath:
     def motion(self, unit: float) -> Motion:
         """Return the changes of the path from sample to sample, with variances over the square of `unit`."""
         M, G, fresh = motion_of(self.segments, list(self.learned.values()))
-        return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.own * FORCE_INTENSITIES)
+        return Motion(
+            M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.full_intensity * FORCE_INTENSITIES
+        )
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Return the response of the rows to forces."""
@@ -152,7 +154,7 @@ def follow_samples(
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
         common = replace(common, ratio=smoothed.ratio, passes=smoothed.passes, pieces=pieces)
-        return _assembled(sensors, segments, end, learned, smoother.own, smoothed.gained, common)
+        return _assembled(sensors, segments, end, learned, smoother.full_intensity, smoothed.gained, common)
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,8 +277,8 @@ class _Sensors:
 
 
 def _assembled(
-    sensors: _Sensors, segments: Segments, every: np.ndarray, learned: Mapping[str, float], own: float, gained: float,
-    common: Common,
+    sensors: _Sensors, segments: Segments, every: np.ndarray, learned: Mapping[str, float], full_intensity: float,
+    gained: float, common: Common,
 ) -> ReferencePath:  # fmt: skip
     """Return the path at `every` sample, and the rows that are seen."""
     rate, seen, outputs = sensors.rate, sensors.seen, segments.outputs
@@ -311,7 +313,7 @@ def _assembled(
         seen=seen,
         sample=np.tile(np.flatnonzero(seen), len(outputs)),
         place=np.tile(end[:, 0] * segments.grid.time.shape[1] + 2 * end[:, 1], len(outputs)),
-        own=own,
+        full_intensity=full_intensity,
         start_sd=START_WIDTH * sizes,
         unfollowed=Unfollowed(gained, common.ratio, float(np.max(s / spread.clip(1e-300)))),
         segments=segments,
