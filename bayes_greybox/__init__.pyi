@@ -14,7 +14,7 @@ from .criticism.trade_off import TradeOff as TradeOff
 from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset
 from .data.reading.door import read as read
-from .data.reading.read_table import read_table as read_table
+from .data.reading.door import read_table as read_table
 from .data.streams.door import stream as stream
 from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories

@@ -24,7 +24,7 @@ import xarray as xr
 
 from bayes_greybox import cli
 from bayes_greybox.cli import fitting  # noqa: F401
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.running.whole_files import PART_PREFIX
 
 CONFIG = """

@@ -16,8 +16,7 @@ from bayes_greybox.config.file import Compare, Sampling
 from bayes_greybox.criticism.cross_validation.folds import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
 from bayes_greybox.model.gp.discrepancy import Path as PathKind
-from bayes_greybox.model.gp.kernels import KERNELS
-from bayes_greybox.model.gp.orthogonal import Measure, Variant
+from bayes_greybox.model.gp.kernels import KERNELS, Measure, Variant
 from bayes_greybox.model.priors import PRIORS
 from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.running.errors import InputError

@@ -13,6 +13,9 @@ from .plain_arrays import first_lost, plain_array, since_first
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
 """Names that no column can have, and their meaning."""
 
+Columns = Mapping[str, Any]
+"""Columns by name, as users give them."""
+
 
 def derivative_label(state: str, time_name: str = "t") -> str:
     """Return the column label of the derivative of a state, such as d(y)/dt."""
@@ -35,11 +38,7 @@ def several(value: Any) -> list[Any]:
 
 
 def require_mappings(**arguments: Any) -> None:
-    """Refuse arguments that do not map names to columns.
-
-    Raises:
-        InputError: No mapping; the message shows one.
-    """
+    """Refuse arguments that do not map names to columns, with an example of a mapping."""
     for name, columns in arguments.items():
         if columns is not None and not isinstance(columns, Mapping):
             raise InputError(
@@ -50,8 +49,7 @@ def require_mappings(**arguments: Any) -> None:
 def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
     """Subtract the first stamp from runs whose stamps are whole numbers of more digits than a float holds.
 
-    Returns:
-        The stamps, and a remark for each such run.
+    Returns the stamps, and a remark for each such run.
     """
     arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
     long = [first_lost(stamps) is not None for stamps in arrays]
@@ -113,9 +111,7 @@ def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarra
     return codes.astype(np.int64), listed
 
 
-def check_names(
-    states: Mapping[str, Any], inputs: Mapping[str, Any], derivatives: Mapping[str, Any], outputs: Mapping[str, Any]
-) -> None:
+def check_names(states: Columns, inputs: Columns, derivatives: Columns, outputs: Columns) -> None:
     """Refuse names that expressions cannot use, that clash, or that belong to no state."""
     if not states and not outputs:
         raise InputError("There is no state; give at least one column in states={...}.")
@@ -145,9 +141,7 @@ def check_names(
             )
 
 
-def check_units(
-    units: Mapping[str, str], states: Mapping[str, Any], inputs: Mapping[str, Any], outputs: Mapping[str, Any]
-) -> None:
+def check_units(units: Mapping[str, str], states: Columns, inputs: Columns, outputs: Columns) -> None:
     """Refuse units of columns that do not exist."""
     columns = ["t", *states, *inputs, *outputs, *(derivative_label(name) for name in states)]
     for name in units:
@@ -266,12 +260,3 @@ def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by
         if n < 2:
             raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
     return [min(max(round(fraction * n), 1), n - 1) for n in lengths]
-
-
-def summary_table(rows: Sequence[tuple[str, str, str | None, np.ndarray]]) -> pd.DataFrame:
-    """Tabulate range and mean of each (name, kind, unit, values), indexed by name."""
-    table = [
-        (name, kind, unit or "", float(np.min(values)), float(np.max(values)), float(np.mean(values)), len(values))
-        for name, kind, unit, values in rows
-    ]
-    return pd.DataFrame(table, columns=["column", "kind", "unit", "min", "max", "mean", "n"]).set_index("column")

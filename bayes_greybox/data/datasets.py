@@ -26,7 +26,7 @@ TANK_CLIP = 10.0
 
 @dataclass(frozen=True)
 class BallDrops:
-    """Falling balls: one run for each drop, and a table of the balls.
+    """Falling balls.
 
     Attributes:
         data: runs named "<ball>, drop <number>" with the states y (height, m) and v (velocity, m/s, derived
@@ -39,15 +39,12 @@ class BallDrops:
 
 
 def load_dataset(name: str, **options: Any) -> Any:
-    """Load a measured data set.
+    """Load a measured data set by its name in `dataset_table()`.
 
     Args:
         name: one of the names in `dataset_table()`.
         **options: options of `load_silverbox`, `load_cascaded_tanks`, `load_falling_balls` or
             `load_hudson_bay`, whichever is loaded.
-
-    Returns:
-        The result of that function.
 
     Raises:
         InputError: if the name or an option is unknown, or a file is missing or not the original.
@@ -140,9 +137,6 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
 
     Returns:
         "train" (estimation record) and "test" (validation record), 1024 samples each before dropping.
-
-    Raises:
-        InputError: if `clipped` is neither "keep" nor "drop".
     """
     if clipped not in ("keep", "drop"):
         raise InputError(f'clipped must be "keep" or "drop", not {clipped!r}.')
@@ -179,9 +173,6 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
 
     Returns:
         The drops and the table of balls; mass and diameter of the volleyball are not known (NaN).
-
-    Raises:
-        InputError: if openpyxl is missing.
     """
     path = _locate("falling_balls", "falling_balls/Ball_drops_data.xlsx")
     try:
@@ -216,11 +207,7 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
 
 
 def load_hudson_bay() -> Trajectories:
-    """Load the Hudson Bay record: yearly hare and lynx pelts in thousands, 1900–1920 (Odum 1953).
-
-    Returns:
-        One run with the states hare and lynx; time in years.
-    """
+    """Load the Hudson Bay record: hare and lynx pelts in thousands, by years, 1900–1920 (Odum 1953), as one run."""
     table = np.loadtxt(_locate("hudson_bay", "hudson_bay/hudson_bay_data.dat"), encoding="ascii")
     return Trajectories.from_arrays(table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"})
 

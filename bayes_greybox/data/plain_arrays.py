@@ -17,8 +17,7 @@ NO_UNIT = ("", "dimensionless")
 def plain_array(values: Any, what: str) -> np.ndarray:
     """Return values as an array of their own type; if some are masked, as floats with NaN for these.
 
-    Raises:
-        InputError: Complex numbers; a unit of the values' own. The message calls the values `what`.
+    Complex numbers, and a unit of the values' own, are refused; the message calls the values `what`.
     """
     kind, dtype = type(values), getattr(values, "dtype", None)
     if getattr(dtype, "kind", "") not in ("m", "M"):

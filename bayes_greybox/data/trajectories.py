@@ -159,26 +159,12 @@ class Trajectories(CutRuns):
         unseen: Sequence[int] | None = None,
         remarks: Sequence[str] = (),
     ) -> "Trajectories":
-        """Rebuild from `to_frame`: `Trajectories.from_frame(data.to_frame(), **data.metadata())`.
+        """Rebuild from `to_frame`: `from_frame(data.to_frame(), **data.metadata())`, equal to the last bit.
 
-        Args:
-            frame: one row for each sample, columns named as `to_frame` names them; rows of a run lie together, and
-                its column "run" has its number or its name.
-            states: names of the states.
-            inputs: names of the inputs.
-            derivatives: states whose derivative is in the table.
-            outputs: names of the outputs.
-            units: as in `from_arrays`.
-            noise: plain records of the row noise, by state or output.
-            run_names: name of each run; those that the table has, in order, if left out.
-            dropped: rows left out before.
-            time_name: name of the time column.
-            filter: plain record of the filter of the derivatives.
-            unseen: rows at which a sensor was at its end, where the samples do not show it.
-            remarks: changes of the measurements.
-
-        Returns:
-            The data, equal to the last bit.
+        The table has one row for each sample, its columns named as `to_frame` names them; rows of a run lie together,
+        and the column "run" has its number or its name. Run names are those that the table has, in order, if left out.
+        Noise and filter are plain records, and `unseen` numbers the rows at which a sensor was at its end, where
+        samples do not show it.
 
         Raises:
             InputError: if a column is not in the table, or its runs are not those of `run_names`.
@@ -312,11 +298,7 @@ class Trajectories(CutRuns):
 
 
 def require_measured(data: object) -> None:
-    """Refuse an object that is no measurements, such as a table that was not read.
-
-    Raises:
-        InputError: The class of the object, and how it is read.
-    """
+    """Refuse an object that is no measurements, such as a table that was not read, and say how it is read."""
     if not isinstance(data, Trajectories):
         # A stream of rows has its own advice.
         raise InputError(

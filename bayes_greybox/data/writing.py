@@ -39,7 +39,7 @@ def unit_text(unit: str | None) -> str:
 def formula(expression: str) -> str:
     """Write a formula or the name of a term in mathematical notation: y**3*ydot becomes y³·ydot."""
     whole = r"\*\*(?:(-?\d+)(?![\d.])|\((-?\d+)\))"
-    raised = re.sub(whole, lambda found: (found[1] or found[2]).translate(_TO_SUPERSCRIPT), expression)
+    raised = re.sub(whole, lambda match: (match[1] or match[2]).translate(_TO_SUPERSCRIPT), expression)
     return re.sub(r"\s*\*\s*", "·", raised.replace("**", "^")).replace("-", "−")
 
 

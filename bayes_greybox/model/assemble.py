@@ -16,7 +16,7 @@ from bayes_greybox.running.errors import InputError
 
 from .algebra.compression import FACTOR_CHUNK, triangular_factor
 from .algebra.linalg import require_independent
-from .coefficient_priors import CoefficientPriors
+from .coefficient import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
 from .equation import Equation
 from .frame import Frame
@@ -38,12 +38,8 @@ def assemble(
 ) -> Equation:
     """Build frame and design of one equation: the only work that grows with the number of rows.
 
-    Args:
-        rows: Rows of the equation.
-        dictionary: Terms of its equation.
-        discrepancy: The Gaussian process, or None for a purely parametric model.
-        noise_floor: Least noise standard deviation over the RMS of the target.
-        coefficients: Prior of each term, None where the model's holds alone.
+    `noise_floor` is the least σ over the RMS of the target, and `coefficients` has the prior of each term, None where
+    the model's holds alone.
 
     Raises:
         InputError: Fewer rows than terms; a term that is not finite; collinear terms; a target that is zero;
@@ -54,7 +50,7 @@ def assemble(
     target_scale = rows.scale
     # A state in small units moves by small forces.
     sizes = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
-    term_scale = np.sqrt(_mean_squares(rows, dictionary)) / sizes
+    term_scale = np.sqrt(sums_of_squares(rows, dictionary, 16 * FACTOR_CHUNK) / rows.n_sample) / sizes
     frame = scaled_frame(equation, dictionary, discrepancy, rows.columns, term_scale, target_scale)
     table = scaled_table(frame, rows)
 
@@ -138,11 +134,8 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
     """Return the noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
 
     Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values the
-    smallest difference says nothing but how many there are, and a signal of a few levels may well be exact.
-
-    Args:
-        measured: The measured derivative over the RMS of the target.
-        relative: Least noise standard deviation over the RMS of the target.
+    smallest difference says nothing but how many there are, and a signal of a few levels may well be exact. Both
+    arguments are over the RMS of the target.
     """
     return with_steps(np.unique(measured), measured.size, relative)
 
@@ -158,13 +151,12 @@ def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: floa
     return float(np.hypot(relative, rounding))
 
 
-def _mean_squares(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, " n_term"]:
-    """Return the mean square of each term over the samples."""
+def sums_of_squares(rows: EquationRows, dictionary: Dictionary, at_once: int) -> Float[np.ndarray, " n_term"]:
+    """Return the sum of squares of each term over the samples, evaluated at so many of them at once."""
     squares = np.zeros(len(dictionary))
-    for start in range(0, rows.n_sample, 16 * FACTOR_CHUNK):
-        part = rows.at(slice(start, start + 16 * FACTOR_CHUNK))
-        squares += np.sum(np.asarray(dictionary.evaluate(part)) ** 2, axis=0)
-    return squares / rows.n_sample
+    for start in range(0, rows.n_sample, at_once):
+        squares += np.sum(np.asarray(dictionary.evaluate(rows.at(slice(start, start + at_once)))) ** 2, axis=0)
+    return squares
 
 
 def scaled_table(frame: Frame, rows: EquationRows) -> Table:

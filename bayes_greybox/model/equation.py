@@ -1,7 +1,7 @@
 """One learned equation, ready for the likelihood: its rows, its frame and its design."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,9 +11,13 @@ from scipy.optimize import lsq_linear
 
 from bayes_greybox.physics.terms import Term
 
-from .design import Design, EquationDraws, WeightedRows
+from .design import Design, EquationDraws
+from .design.protocol import PickRows
 from .frame import Frame
 from .rows.equation_rows import EquationRows, Table
+
+Index = Int[np.ndarray, " n"] | slice
+"""Rows by number."""
 
 ESTIMATE_RIDGE = 1e-6
 """Shrinkage of the estimate that rows are taken near, over the mean square of a column."""
@@ -32,27 +36,25 @@ class Equation:
         """Measured less simulated values, scaled units."""
         return self.rows.target / self.frame.target_scale
 
-    def table(self, index: Int[np.ndarray, " n"] | slice = slice(None)) -> Float[np.ndarray, "n n_column"]:
+    def table(self, index: Index = slice(None)) -> Float[np.ndarray, "n n_column"]:
         """Return [Φ Ψ̃ y] in scaled units at rows, neither whitened nor compressed."""
         index = np.arange(self.rows.n_row)[index]
         return np.column_stack([self._terms(index), self.target[index]])
 
     def parts(
-        self, index: Int[np.ndarray, " n"] | slice = slice(None)
+        self, index: Index = slice(None)
     ) -> tuple[Float[np.ndarray, "n n_term"], Float[np.ndarray, "n n_basis"], Float[np.ndarray, " n"]]:
         """Return Φ, Ψ̃ and y of `table`."""
         table, n_term = self.table(index), len(self.frame.dictionary)
         return table[:, :n_term], table[:, n_term:-1], table[:, -1]
 
-    def discrepancy(
-        self, draws: EquationDraws, index: Int[np.ndarray, " n"] | slice = slice(None)
-    ) -> Float[np.ndarray, "n_draw n"]:
+    def discrepancy(self, draws: EquationDraws, index: Index = slice(None)) -> Float[np.ndarray, "n_draw n"]:
         """Return posterior draws of f at rows of the data, scaled units."""
         return self.design.at_data(self.parts(index)[1], index, draws)
 
-    def weighted(self) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+    def weighted(self) -> PickRows:
         """Return observations by number, weighted by the inverse noise correlation; see `FeatureDesign.weighted`."""
-        return self.design.weighted(self.frame, self.rows, self.table)
+        return self.design.weighted(self.rows, self.table)
 
     @cached_property
     def _terms(self) -> Table:
@@ -126,9 +128,7 @@ class Equation:
         weight = variance * self._stated_weight
         return precision + np.diag(weight), pull + weight * np.asarray(stated.mean)
 
-    def _bounded(
-        self, precision: Float[np.ndarray, "n_term n_term"], pull: Float[np.ndarray, " n_term"]
-    ) -> Float[np.ndarray, " n_term"]:
+    def _bounded(self, precision: np.ndarray, pull: np.ndarray) -> Float[np.ndarray, " n_term"]:
         """Minimise ½ θᵀHθ − bᵀθ within the stated bounds."""
         theta, stated = np.linalg.solve(precision, pull), self.design.coefficients
         lower, upper = np.asarray(stated.lower), np.asarray(stated.upper)
@@ -137,8 +137,8 @@ class Equation:
         # As a least squares problem in units in which the precision is a correlation.
         unit = 1.0 / np.sqrt(np.diag(precision))
         L = np.linalg.cholesky(precision * np.outer(unit, unit))
-        found = lsq_linear(L.T, np.linalg.solve(L, pull * unit), (lower / unit, upper / unit), method="bvls")
-        return np.clip(found.x * unit, lower, upper)
+        solution = lsq_linear(L.T, np.linalg.solve(L, pull * unit), (lower / unit, upper / unit), method="bvls")
+        return np.clip(solution.x * unit, lower, upper)
 
     @cached_property
     def variance(self) -> float:
@@ -165,4 +165,4 @@ class Equation:
         """
         gone = np.unique(np.asarray(out, int))
         removal = self.rows.without(gone)
-        return replace(self, design=self.design.without(self.frame, self.rows, self.table, gone, removal))
+        return replace(self, design=self.design.without(self.rows, self.table, gone, removal))

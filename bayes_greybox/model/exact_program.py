@@ -16,7 +16,7 @@ from scipy.stats import lognorm, norm
 
 from bayes_greybox.physics.formula.expressions import namespace
 
-from .coefficient_priors import CoefficientPriors
+from .coefficient import CoefficientPriors
 from .design import Design
 from .priors import Scales
 from .sampling_program import SamplingProgram
@@ -102,13 +102,13 @@ class ExactLikelihood:
     def log_prior(self, drawn: Mapping[str, np.ndarray], names: EquationSites) -> dict[str, np.ndarray]:
         """Return log prior densities [n_chain, n_draw] that the collapsed model has not, from draws by variable."""
         starts = norm.logpdf(drawn[names[START_SITE]], self.start_mean, self.start_sd)
-        found = {names[START_SITE]: starts.sum(axis=(-2, -1))}
+        densities = {names[START_SITE]: starts.sum(axis=(-2, -1))}
         if self.sensor_noise is not None:
             median, spread = self.sensor_noise.T
-            found[names[SENSOR_SITE]] = lognorm.logpdf(drawn[names[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
+            densities[names[SENSOR_SITE]] = lognorm.logpdf(drawn[names[SENSOR_SITE]], spread, scale=median).sum(axis=-1)
             # In its place σ has no prior of its own.
-            found[names.noise] = np.zeros(starts.shape[:2])
-        return found
+            densities[names.noise] = np.zeros(starts.shape[:2])
+        return densities
 
     def whitened(self, change: Any, sigma: Any) -> Any:
         """Return a change of the rows over their noise, W₀ change/σ [..., n_row]."""

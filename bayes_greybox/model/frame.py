@@ -32,7 +32,6 @@ class Frame:
 
     Attributes:
         equation: The learned state, say "ydot" for d(ydot)/dt, or the name of several that share their rows.
-        dictionary: Its terms.
         variables: Variables that f depends on.
         centre: Centre of the data's box in each variable, user's units.
         half_width: Half-width of the box, user's units.
@@ -66,7 +65,7 @@ class Frame:
         """Return frames by learned state: this one, or, of several that share their rows, one for each."""
         if not self.dictionary.parts:
             return {self.equation: Share(self, slice(None))}
-        found, start = {}, 0
+        shares, start = {}, 0
         for state, dictionary in self.dictionary.parts:
             columns = slice(start, start + len(dictionary))
             frame = replace(
@@ -76,8 +75,8 @@ class Frame:
                 term_scale=self.term_scale[columns],
                 orthonormal=np.zeros((len(dictionary), 0)),
             )
-            found[state], start = Share(frame, columns), columns.stop
-        return found
+            shares[state], start = Share(frame, columns), columns.stop
+        return shares
 
     def of_terms(self, index: Int[np.ndarray, " n"]) -> "Frame":
         """Return the frame with some of its terms only, at least one; one with features needs them all, and stays."""

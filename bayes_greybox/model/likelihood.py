@@ -26,11 +26,6 @@ class CollapsedNormal(dist.Distribution):
 
     The event is the compressed target; `log_prob` is the log density of the `n_obs` measurements behind it, so
     values are comparable between dictionaries and kernels.
-
-    Args:
-        design: Rows of the equation.
-        hyper: η.
-        scales: Prior scales of θ, with log odds for a sum over inclusion patterns.
     """
 
     arg_constraints: dict = {}

@@ -151,7 +151,7 @@ class SpikeAndSlab(_Limited):
         pi = jnp.asarray(site("pi", dist.Beta(self.a, self.b)))
         tau = site("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
         if self.sums(n_term):
-            return Scales(jnp.full(n_term, tau), jnp.full(n_term, _log_odds(pi)))
+            return Scales(jnp.full(n_term, tau), jnp.full(n_term, jnp.log(pi) - jnp.log1p(-pi)))
         gamma = site("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
         return Scales(jnp.asarray(gamma * tau))
 
@@ -172,10 +172,6 @@ class CustomPrior:
     def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
         """Run the user's program."""
         return Scales(jnp.broadcast_to(jnp.asarray(self.program(n_term), float), (n_term,)))
-
-
-def _log_odds(pi: Float[Array, ""]) -> Float[Array, ""]:
-    return jnp.log(pi) - jnp.log1p(-pi)
 
 
 PRIORS: Mapping[str, type] = {

@@ -18,8 +18,7 @@ from bayes_greybox.physics.units import check_units
 from bayes_greybox.running.errors import InputError
 
 from .assemble import assemble
-from .blocks import by_block, used_states
-from .coefficient import StatedTerms, centred, read_coefficients, stated_in_words, stated_terms
+from .coefficient import StatedTerms, by_block, centred, read_coefficients, stated_in_words, stated_terms, used_states
 from .design import Design
 from .equation import Equation
 from .estimate.evidence import LEAST_FLOOR
@@ -115,11 +114,7 @@ class Program(SamplingProgram):
         return {name: (name,) for name in self.equations}
 
     def block_of(self, equation: str | None) -> str:
-        """Return the name of the rows of an equation or block; of the first, if None.
-
-        Raises:
-            InputError: There is no such equation.
-        """
+        """Return the name of the rows of an equation or block; of the first, if None."""
         for block, equations in self.blocks.items():
             if equation in (None, block, *equations):
                 return block
@@ -156,11 +151,7 @@ class Program(SamplingProgram):
         return {equation: Dictionary(stated.learned) for equation, stated in parsed.items()}
 
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
-        """Return the terms of one equation with the priors that are stated of their coefficients.
-
-        Raises:
-            InputError: A term that cannot be read; a prior of a term that does not exist.
-        """
+        """Return the terms of one equation with the priors that are stated of their coefficients."""
         names = (*self.states(data), *data.input_names)
         return stated_terms(self.dictionary[equation], self.coefficients.get(equation, {}), names, equation)
 
@@ -176,11 +167,7 @@ class Program(SamplingProgram):
         return Sites(self.blocks)
 
     def centred(self) -> "Program":
-        """Return the model with the means of single coefficients in its simulation: the rest of them is normal.
-
-        Raises:
-            InputError: A coefficient has bounds, so that no evidence of the model has a closed form.
-        """
+        """Return the model with the means of single coefficients in its simulation: the rest of them is normal."""
         if not self.coefficients:
             return self
         # What terms state themselves is replaced.
@@ -193,13 +180,7 @@ class Program(SamplingProgram):
     def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
         """Return the simulation and the terms with fixed coefficients, read with the names of the data.
 
-        Args:
-            data: Data.
-            lacking: If true, the data may lack outputs that the model was fitted to: a name that is no state is then
-                one.
-
-        Raises:
-            InputError: An expression for an unknown state or output, or one that cannot be read.
+        If `lacking`, the data may lack outputs that the model was fitted to: a name that is no state is then one.
         """
         states, outputs, simulation = self.states(data), data.output_names, self.simulation
         if lacking:
@@ -208,11 +189,7 @@ class Program(SamplingProgram):
         return simulation.beside({name: self.stated(name, data).known for name in self.coefficients})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
-        """Return the measured states, then those that the rows allow to be hidden.
-
-        Raises:
-            InputError: Rows of samples beside outputs.
-        """
+        """Return the measured states, then those that the rows allow to be hidden."""
         rates = self.simulation
         if readable(rates):
             rates = rates or {}
@@ -220,11 +197,7 @@ class Program(SamplingProgram):
         return (*data.state_names, *self.rows.hidden(rates, data))
 
     def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
-        """Return the model with more hidden states in its simulation; f does not depend on them.
-
-        Raises:
-            InputError: The simulation is a function.
-        """
+        """Return the model with more hidden states in its simulation; f does not depend on them."""
         if not states:
             return self
         discrepancy = self.discrepancy
@@ -235,35 +208,23 @@ class Program(SamplingProgram):
         return replace(self, simulation=with_states(self.simulation, states), discrepancy=discrepancy, rows=rows)
 
     def complete(self, data: Trajectories) -> Trajectories:
-        """Return the data with every state and the learned rates at every sample, as the kind of rows completes them.
-
-        Raises:
-            InputError: See `RowKind.rows`; a table that was not read yet.
-        """
+        """Return the data with every state and the learned rates at every sample, completed by the kind of rows."""
         require_measured(data)
         for equations in self.blocks.values():
             data = self.rows.complete_all(data, equations, self.simulator(data, lacking=True))
         return data
 
     def equation_rows(self, data: Trajectories, equation: str) -> EquationRows:
-        """Return the rows of one equation, or of a block: measurements, simulated values, and noise.
-
-        Raises:
-            InputError: See `RowKind.rows`, such as a derivative that is missing.
-        """
+        """Return the rows of one equation, or of a block: measurements, simulated values, and noise."""
         return self.rows.shared_rows(data, self.blocks.get(equation, (equation,)), self.simulator(data))
 
     def assemble(self, data: Trajectories) -> dict[str, Equation]:
-        """Read the data into rows, frames and designs by block: all the work that grows with the rows.
-
-        Raises:
-            InputError: See `dictionaries`, `equation_rows` and `assemble.assemble`; a table that was not read yet.
-        """
+        """Read the data into rows, frames and designs by block: all the work that grows with the rows."""
         require_measured(data)
         dictionaries = by_block(self.blocks, self.dictionaries(data))
         rows = {equation: self.equation_rows(data, equation) for equation in dictionaries}
-        found = self._find_noise(rows, dictionaries)
-        rows = {equation: replace(r, noise=found[equation].noise) if found else r for equation, r in rows.items()}
+        models = self._find_noise(rows, dictionaries)
+        rows = {equation: replace(r, noise=models[equation].noise) if models else r for equation, r in rows.items()}
         return {
             block: assemble(rows[block], dictionary, self.discrepancy, self.noise_floor, self.priors_of(block, data))
             for block, dictionary in dictionaries.items()
@@ -275,12 +236,7 @@ class Program(SamplingProgram):
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
     def on(self: "AnyProgram", data: Trajectories) -> "AnyProgram":
-        """Return the model with the kind of rows that training data have, where that is left to them.
-
-        Raises:
-            InputError: Such rows cannot be those of the model, as with a discrepancy of several equations on samples; a
-                table that was not read yet.
-        """
+        """Return the model with the kind of rows that training data have, where that is left to them."""
         require_measured(data)
         return replace(self, rows=self.rows.chosen(data))
 
@@ -289,9 +245,6 @@ class Program(SamplingProgram):
 
         The rows are taken near the ridge estimate of the model's own terms: what matters is the path, which any
         estimate that fits follows; see `near.near_estimate`.
-
-        Raises:
-            InputError: See `assemble`; several equations whose coefficients do not settle.
         """
         model = self.on(data)
         if model.rows.linear:
@@ -303,9 +256,6 @@ class Program(SamplingProgram):
         """Return the model and the training data with the parameters of the noise held, as a fit and its folds use it.
 
         The data carry R, so that a part of them carries its part.
-
-        Raises:
-            InputError: See `dictionaries`, `equation_rows` and `noise.find_noise`.
         """
         if not isinstance(self.noise, Noise) or self.noise.white:
             return self, data

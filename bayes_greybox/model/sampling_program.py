@@ -26,13 +26,7 @@ from .sites import DRAWN, LABELS, Sites, site
 
 
 class SamplingProgram:
-    """y ~ N(Φθ + f, σ² R) for each equation, by its design.
-
-    Attributes:
-        prior: Prior on θ.
-        discrepancy: The Gaussian process f, or None to leave it out.
-        noise: Prior scale of σ over the RMS of the target, or a `Noise` that has one.
-    """
+    """y ~ N(Φθ + f, σ² R) for each equation, by its design; see `Program` for the attributes."""
 
     prior: Prior
     discrepancy: OrthogonalGP | None
@@ -66,14 +60,13 @@ class SamplingProgram:
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
         """Return the equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
 
-        Raises:
-            InputError: See `require_own_sites`; priors of single coefficients in such an equation.
+        Priors of single coefficients in such an equation are refused.
         """
         sites = self.require_own_sites(designs)
         if not self._samples_patterns:
             return ()
-        found = tuple(name for name in designs if "gamma" in sites[name])
-        for name in found:
+        sampled = tuple(name for name in designs if "gamma" in sites[name])
+        for name in sampled:
             if designs[name].coefficients.stated:
                 raise InputError(
                     f"The equation of {name!r} has too many terms for a sum over their inclusion patterns, and the "
@@ -81,30 +74,29 @@ class SamplingProgram:
                     "SpikeAndSlab(enumerate_up_to=...), take another prior, such as bg.RegularisedHorseshoe(), leave "
                     "terms out, or fix coefficients."
                 )
-        return found
+        return sampled
 
     def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
         """Return the sites of each equation by quantity, from a trace of each equation alone.
 
-        Raises:
-            InputError: A prior of the user's own has a site with the name of something else in the results.
+        A prior of the user's own that has a site with the name of something else in the results is refused.
         """
-        names, found = Sites(designs), {}
+        names, by_equation = Sites(designs), {}
         for equation, design in designs.items():
             traced = [str(name) for name in trace(seed(self.numpyro_model, 0)).get_trace({equation: design})]
-            found[equation] = names.owned(equation, traced)
-            strange = [name for name in traced if name not in found[equation].values()]
+            by_equation[equation] = names.owned(equation, traced)
+            strange = [name for name in traced if name not in by_equation[equation].values()]
             if strange:
                 raise InputError(
                     f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
                     "were one of another equation: give it another name."
                 )
             drawn = () if self._samples_patterns else DRAWN
-            for taken in (name for name in (*LABELS, *drawn) if name in found[equation]):
+            for taken in (name for name in (*LABELS, *drawn) if name in by_equation[equation]):
                 raise InputError(
                     f"The prior has a site called {taken!r}, which the results need: give it another name."
                 )
-        return found
+        return by_equation
 
     def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
         """Run the same model with θ and the weights of f as sites: the reference for tests.
@@ -148,13 +140,8 @@ class SamplingProgram:
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
         """Return scales and odds of θ at given draws; None where the prior leaves no inclusion patterns to be summed.
 
-        Args:
-            design: Design of the equation.
-            values: Draws of the prior's sites by quantity, each [n_draw, ...]; others are passed over.
-            sigma: Draws of σ, scaled units.
-
-        Raises:
-            InputError: The prior has a site that the draws do not have.
+        Draws of the prior's sites are by quantity, each [n_draw, ...], those of σ in scaled units. A prior with a site
+        that the draws do not have is refused.
         """
 
         def program(sigma: Any) -> Scales:

@@ -12,7 +12,7 @@ from bayes_greybox.running.errors import InputError
 from .frame import Frame
 from .gp.discrepancy import OrthogonalGP
 from .gp.features import HilbertBasis, default_features
-from .gp.orthogonal import box_nodes, orthonormalise
+from .gp.kernels import box_nodes, orthonormalise
 
 
 def scaled_frame(
@@ -25,10 +25,8 @@ def scaled_frame(
 ) -> Frame:
     """Return scaling and features of an equation, before the measure is known.
 
-    The ends of the columns are enough. Terms and target are scaled by their RMS.
-
-    Raises:
-        InputError: A term that is not finite, or zero; a variable of f that the data do not have or that is constant.
+    The ends of the columns are enough. Terms and target are scaled by their RMS; terms that are zero or not finite are
+    refused.
     """
     variables, centre, half_width = (), np.zeros(0), np.zeros(0)
     if discrepancy is not None:
@@ -66,15 +64,8 @@ def with_measure(
 ) -> Frame:
     """Return the frame with the orthonormal dictionary and ⟨Φₒ, ψᵀ⟩ under the chosen measure.
 
-    Args:
-        frame: Scaling and features.
-        gp: The Gaussian process.
-        columns: States and inputs; their ends are enough.
-        factor: Factor of [Φ ψ y] at the rows that the measure is taken on.
-        n_node: Number of these rows.
-
-    Raises:
-        InputError: A term that is not finite on the whole box of the data.
+    The ends of the columns are enough. `factor` is that of [Φ ψ y] at the `n_node` rows that the measure is taken on. A
+    term that is not finite on the whole box of the data is refused.
     """
     if gp.measure in ("empirical", "unweighted"):
         # The triangular factor has the Gram matrix of its rows, so it serves as their nodes. With whitened rows
@@ -98,11 +89,7 @@ def with_measure(
 def discrepancy_box(
     discrepancy: OrthogonalGP, columns: Mapping[str, Float[np.ndarray, " n_row"]]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, " n_var"], Float[np.ndarray, " n_var"]]:
-    """Return the variables that f depends on, and centre and half-width of their box in the data, user's units.
-
-    Raises:
-        InputError: A variable that the data do not have, or that is constant.
-    """
+    """Return the variables that f depends on, and centre and half-width of their box in the data, user's units."""
     variables = tuple(discrepancy.variables or columns)
     unknown = [name for name in variables if name not in columns]
     if unknown:
@@ -123,11 +110,7 @@ def discrepancy_box(
 def features_per_variable(
     discrepancy: OrthogonalGP, n_var: int, default: tuple[int, ...] | None = None
 ) -> tuple[int, ...]:
-    """Return the number of features along each variable: those that the user named, or the default.
-
-    Raises:
-        InputError: A number of features below one, or not one for each variable.
-    """
+    """Return the number of features along each variable: those that the user named, or the default."""
     features = discrepancy.features
     if features is None:
         return default or default_features(n_var)

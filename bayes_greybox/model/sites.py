@@ -57,24 +57,17 @@ class EquationSites:
     A quantity of another name, such as a site of a user's own prior, is `sites["ydot"]["its_name"]`.
 
     Attributes:
-        equation: The learned state.
         y: Target, the observed site.
         rate: Measured rate, user's units.
         noise: s, the coordinate that σ is sampled by.
         sigma: Noise standard deviation.
-        amplitude: Standard deviation of f.
-        length_scale: Length scales of f.
         tau: Scale of the coefficients, or of the slab.
         tau_unit: Coordinate that the horseshoe's global scale is sampled by.
         pi: Inclusion probability a priori.
-        gamma: Inclusion pattern.
         inclusion: P(γ = 1) given the hyperparameters.
-        theta: Coefficients.
         theta_sd: Prior standard deviations of the coefficients, scaled units, as they are drawn.
         prior_sd: The same in results.
         log_odds: Log prior odds of inclusion where the sampler sums over the patterns.
-        weight: Weights of the features of f.
-        f: Values of f at the rows.
         placement: Numbers that place the coefficients with bounds.
     """
 
@@ -94,11 +87,7 @@ class EquationSites:
 
 
 class Sites(Mapping[str, EquationSites]):
-    """Names of the variables of several equations, and the equation that a variable belongs to.
-
-    Args:
-        equations: Learned states.
-    """
+    """Names of the variables of several equations, and the equation that a variable belongs to."""
 
     def __init__(self, equations: Iterable[str]) -> None:
         """Name nothing yet."""

@@ -15,7 +15,7 @@ from typing import Any, cast
 import sympy
 
 from bayes_greybox.data.columns import derivative_label
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.data.runs.stacked import Runs
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.running.errors import InputError

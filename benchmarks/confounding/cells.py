@@ -18,7 +18,7 @@ from bayes_greybox.model.design import EquationDraws
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.gp.orthogonal import Measure, Variant
+from bayes_greybox.model.gp.kernels import Measure, Variant
 from bayes_greybox.model.priors import Normal
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.sites import EquationSites

@@ -5,7 +5,7 @@ import os
 import numpy as np
 import pytest
 
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 

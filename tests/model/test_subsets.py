@@ -8,8 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from bayes_greybox.model.algebra.collapsed import Regression, spike_and_slab
-from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
+from bayes_greybox.model.algebra.collapsed import Regression, log_pattern_weights, patterns, spike_and_slab
 
 
 def _regression(n_term, sigma, collinear, n_row=9, seed=0):

@@ -1,6 +1,6 @@
 """An equation of motion as an example, with its numbers in the units of a table."""
 
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 
 MASS, SPRING, DAMPER = 2.0, 30.0, 0.8
 """Of the example, in kg, N/m and N s/m; of a rotation in kg m², N m/rad and N m s/rad."""

@@ -13,8 +13,7 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.algebra.collapsed import Regression, ridge
-from bayes_greybox.model.algebra.subsets import log_pattern_weights, patterns
+from bayes_greybox.model.algebra.collapsed import Regression, log_pattern_weights, patterns, ridge
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError

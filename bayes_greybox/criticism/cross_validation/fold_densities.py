@@ -11,9 +11,8 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.algebra.collapsed import log_evidence, ridge
+from bayes_greybox.model.algebra.collapsed import log_evidence, log_pattern_weights, ridge
 from bayes_greybox.model.algebra.linalg import solve_lower
-from bayes_greybox.model.algebra.subsets import log_pattern_weights
 from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.priors import Scales
@@ -53,7 +52,7 @@ def fold_densities(
         m₋F = m − J_F P⁻¹ g_F,   V₋F = V + J_F P⁻¹ J_Fᵀ,
         p(y_F | y₋F, η) = p(y_F | y₋F, η, γ = 1) Σ_γ w_γ(m, V) / Σ_γ w_γ(m₋F, V₋F),
 
-    with the weights of `model.algebra.subsets.log_pattern_weights`. Patterns that Gibbs moves drew are conditioned on
+    with the weights of `model.algebra.collapsed.log_pattern_weights`. Patterns that Gibbs moves drew are conditioned on
     like η; so are patterns and coefficients if any of these has bounds. The draws, from `fold_parameters`, may be those
     of another run.
     """

@@ -8,15 +8,12 @@ import numpy as np
 
 from bayes_greybox.running.errors import InputError
 
-from .banded import BandedNoise
-from .forced_noise import ForcedNoise, Motion
-from .overlapping import OverlappingNoise
+from .banded import BandedNoise, OverlappingNoise
 from .protocol import RowNoise
 from .spectral import SpectralNoise
-from .starts_noise import StartsNoise
+from .starts_noise import ForcedNoise, Motion, StartsNoise
 from .state_space import StateSpaceNoise
-from .weighted import WeightedNoise
-from .white import WhiteNoise
+from .weighted import WeightedNoise, WhiteNoise
 
 NOISE_KINDS: dict[str, Any] = {
     noise.kind: noise
@@ -29,11 +26,7 @@ NOISE_KINDS: dict[str, Any] = {
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
-    """Rebuild a noise from `RowNoise.to_dict`.
-
-    Raises:
-        InputError: if the kind is unknown.
-    """
+    """Rebuild a noise from `RowNoise.to_dict`, and refuse an unknown kind."""
     if record["kind"] not in NOISE_KINDS:
         kinds = ", ".join(f'"{kind}"' for kind in NOISE_KINDS)
         raise InputError(f'Row noise of kind "{record["kind"]}" is unknown; the kinds are {kinds}.')

@@ -1,4 +1,4 @@
-"""Kalman innovations of a path that an unknown force moves, compiled for `forced_noise`.
+"""Kalman innovations of a path that an unknown force moves, compiled for `starts_noise`.
 
 Records are padded to a power of two in length and in columns, so that few shapes are compiled. The padding stands
 behind the record, and nothing before it depends on it.
@@ -12,38 +12,39 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .forced_noise import Motion
+from .starts_noise import Motion
+
+BySample = Float[np.ndarray, "n n_output"]
+"""Numbers by sample and sensor."""
+
+Gains = Float[np.ndarray, "n n_output d"]
+"""Gains of the innovations, sensor by sensor."""
+
+Columns = Float[np.ndarray, "n n_output k"]
+"""Columns of rows by sample and sensor."""
 
 # Data come before physics, where 64-bit is switched on for everything downstream.
 jax.config.update("jax_enable_x64", True)
 
 
-def gains(
-    motion: Motion, r: Float[np.ndarray, "n n_output"], intensity: float
-) -> tuple[Float[np.ndarray, "n n_output d"], Float[np.ndarray, "n n_output"]]:
+def gains(motion: Motion, r: BySample, intensity: float) -> tuple[Gains, BySample]:
     """Return gains and variances of the innovations, sensor by sensor, for noise variances r and intensity λ."""
     n = len(r)
     K, S = _gains(*_padded_motion(motion, n), _padded(r, n, 1.0), motion.start_sd, intensity, outputs=motion.outputs)
     return np.asarray(K)[:n], np.asarray(S)[:n]
 
 
-def innovations(
-    motion: Motion, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
-) -> Float[np.ndarray, "n n_output k"]:
+def innovations(motion: Motion, K: Gains, y: Columns) -> Columns:
     """Return rows less their prediction from earlier samples, for gains K and rows y, each column by itself."""
     return _applied(_innovations, motion, K, y)
 
 
-def adjoint(
-    motion: Motion, K: Float[np.ndarray, "n n_output d"], y: Float[np.ndarray, "n n_output k"]
-) -> Float[np.ndarray, "n n_output k"]:
+def adjoint(motion: Motion, K: Gains, y: Columns) -> Columns:
     """Run the transpose of `innovations` backwards; arguments as there."""
     return _applied(_adjoint, motion, K, y)
 
 
-def precision_diagonal(
-    motion: Motion, K: Float[np.ndarray, "n n_output d"], S: Float[np.ndarray, "n n_output"]
-) -> Float[np.ndarray, "n n_output"]:
+def precision_diagonal(motion: Motion, K: Gains, S: BySample) -> BySample:
     """Return 1/S + Kᵀ N K, N the covariance of the adjoint, K the gains and S the variances of the innovations."""
     n = len(S)
     M, _, fresh = _padded_motion(motion, n)

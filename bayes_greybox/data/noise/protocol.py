@@ -25,23 +25,24 @@ from bayes_greybox.running.errors import InputError
 WHITE_SHARE = 0.05
 """Default δ: the share of the row variance that is white."""
 
-
 PRECISION_COLUMNS = 20
 """Columns of R⁻¹ that are computed at once: each is as long as the record."""
+
+Sequences = tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]
+"""Values, the length of each stretch of neighbours, and True if they run along frequency instead of time."""
 
 
 class RowNoise(ABC):
     """Noise of the stacked rows of one derivative, block by run; each kind is a frozen dataclass.
 
     Attributes:
-        kind: name in files.
-        unsaved: fields that files leave out.
-    local: True if each row is whitened by itself, so that rows can be whitened a chunk at a time.
-    triangular: True if W is triangular: no row of it depends on a later row.
-    derived: True if R follows from the noise of the samples and a model, and is not estimated from the rows.
-        run_lengths: rows of each run.
-        scale: standard deviation of the derivative rows divided by that of the state samples, in the units
-            of the data (1/time for a first derivative).
+        kind: Name in files.
+        unsaved: Fields that files leave out.
+        local: If true, each row is whitened by itself, so that rows can be whitened a chunk at a time.
+        triangular: If true, no row of W depends on a later row.
+        derived: If true, R follows from the noise of the samples and a model, and is not estimated from the rows.
+        scale: Standard deviation of the derivative rows over that of the state samples, in the units of the data
+            (1/time for a first derivative).
     """
 
     kind: ClassVar[str]
@@ -122,11 +123,7 @@ class RowNoise(ABC):
     def starts_given(
         self, rows: Float[np.ndarray, "n_obs k"], white: Float[np.ndarray, "n_start k"]
     ) -> tuple[Float[np.ndarray, "n_start k"], Float[np.ndarray, "n_obs k"]]:
-        """Draw the unknown starts of runs given the residuals.
-
-        Args:
-            rows: Residuals over σ.
-            white: Standard normal numbers.
+        """Draw the unknown starts of runs given residuals over σ, from standard normal numbers `white`.
 
         Returns:
             The starts, and the residuals less the part that they explain, both over σ.
@@ -166,31 +163,18 @@ class RowNoise(ABC):
         """Return the same noise with an unknown force along the path, white in time, of one of `intensities`."""
         return self
 
-    def sequences(
-        self, white: Float[np.ndarray, "n_draw n_white"]
-    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
-        """Order whitened rows so that neighbours would be correlated if R were wrong.
-
-        Args:
-            white: Whitened residuals, standard normal if R is right.
-
-        Returns:
-            The values, the length of each stretch of neighbours, and True if they run along frequency instead of time.
-        """
+    def sequences(self, white: Float[np.ndarray, "n_draw n_white"]) -> Sequences:
+        """Order whitened residuals so that neighbours would be correlated if R were wrong."""
         return white, self.white_lengths, False
 
     @abstractmethod
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":
-        """Return the noise of a part of the rows.
+        """Return the noise of a part of the rows, its mean diagonal of R again 1 and scale² R unchanged.
 
-        Args:
-            bounds: half-open range of rows that stay, for each run; an empty range leaves the run out.
-
-        Returns:
-            The noise of these rows, rescaled so that the mean diagonal of R is 1 and scale² R is unchanged.
+        `bounds` is the half-open range of rows that stay, for each run; an empty range leaves the run out.
 
         Raises:
-            InputError: if the rows of a run cannot be parted.
+            InputError: The rows of a run cannot be parted.
         """
 
     def to_dict(self) -> dict[str, Any]:

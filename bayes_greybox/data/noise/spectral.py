@@ -12,7 +12,7 @@ from scipy.linalg import block_diag, toeplitz
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import WHITE_SHARE, RowNoise, check_white_share
+from .protocol import WHITE_SHARE, RowNoise, Sequences, check_white_share
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +25,8 @@ class SpectralNoise(RowNoise):
 
     Attributes:
         order: m.
-        run_lengths: rows of each run.
-        steps: sample spacing of each run, in units of time.
-        kept: number of kept frequencies 1, …, kept of each run (multiples of 1 / (n · step)).
+        steps: Sample spacing of each run, in units of time.
+        kept: Number of kept frequencies 1, …, kept of each run (multiples of 1 / (n · step)).
         white_share: δ, spread evenly over the kept coefficients of each run.
     """
 
@@ -56,9 +55,7 @@ class SpectralNoise(RowNoise):
         """Number of whitened rows of each run, two for each kept frequency."""
         return tuple(2 * kept for kept in self.kept)
 
-    def sequences(
-        self, white: Float[np.ndarray, "n_draw n_white"]
-    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+    def sequences(self, white: Float[np.ndarray, "n_draw n_white"]) -> Sequences:
         """Return the power at each frequency, less its mean: neighbours in time have no rows of their own.
 
         Cosines come before sines, run by run; the power of one frequency is exponential with mean 1.
@@ -115,11 +112,7 @@ class SpectralNoise(RowNoise):
         return np.asarray(block_diag(*blocks))
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "SpectralNoise":
-        """Return the noise of whole runs; a part of a periodic record has no such form.
-
-        Raises:
-            InputError: if a run would be cut.
-        """
+        """Return the noise of whole runs, and refuse to cut one: a part of a periodic record has no such form."""
         stay = [i for i, (start, stop) in enumerate(bounds) if stop > start]
         for i in stay:
             if bounds[i] != (0, self.run_lengths[i]):

@@ -1,4 +1,4 @@
-"""Rows of unequal noise: R = D^½ R₀ D^½, with D known row by row and R₀ the noise of rows of equal variance."""
+"""White noise, as is assumed of measured rates, and rows of unequal noise: R = D^½ R₀ D^½, with D known row by row."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,11 +6,55 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import RowNoise
+from .protocol import RowNoise, Sequences
+
+
+@dataclass(frozen=True)
+class WhiteNoise(RowNoise):
+    """R = I: every row is its own whitened row."""
+
+    kind: ClassVar[str] = "white"
+    unsaved: ClassVar[tuple[str, ...]] = ("scale",)
+    local: ClassVar[bool] = True
+    run_lengths: tuple[int, ...]
+    scale: float = 1.0
+
+    @property
+    def log_det(self) -> float:
+        """log|I| = 0."""
+        return 0.0
+
+    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
+        """Return the rows themselves."""
+        return rows
+
+    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
+        """Return the rows themselves."""
+        return rows
+
+    def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
+        """Return ones on the diagonal."""
+        return np.eye(1, width).repeat(self.n_obs, axis=0)
+
+    def precision_at(self, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n n"]:
+        """Return the identity."""
+        return np.eye(len(index))
+
+    def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
+        """Return the identity."""
+        return np.eye(self.n_obs)
+
+    def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
+        """Return the draws themselves."""
+        return white
+
+    def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WhiteNoise":
+        """Return the noise of contiguous rows of each run."""
+        return WhiteNoise(tuple(stop - start for start, stop in bounds if stop > start))
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +62,7 @@ class WeightedNoise(RowNoise):
     """Noise whose standard deviation differs from row to row.
 
     Attributes:
-        inner: R₀.
+        inner: R₀, the noise of rows of equal variance.
         sd: Roots of the diagonal of D, over the σ of the model [n_obs].
     """
 
@@ -79,9 +123,7 @@ class WeightedNoise(RowNoise):
         """Return draws from N(0, R₀) times the roots of D."""
         return self.inner.correlated(white) * self.sd
 
-    def sequences(
-        self, white: Float[np.ndarray, "n_draw n_white"]
-    ) -> tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]:
+    def sequences(self, white: Float[np.ndarray, "n_draw n_white"]) -> Sequences:
         """Return those of R₀."""
         return self.inner.sequences(white)
 

@@ -63,20 +63,13 @@ class _Filter(NamedTuple):
 def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int[np.ndarray, " n_row"]]:
     """Smooth every column and add the missing derivatives; see `Trajectories.differentiate`.
 
-    Args:
-        data: Measured runs, each evenly spaced in time; their derivatives and outputs are smoothed, not replaced.
-        settings: The differentiator.
-
     Returns:
         The filtered data, and the numbers of the rows that stay.
-
-    Raises:
-        InputError: if the data or the settings do not fit.
     """
     rates, names = settings.rates, data.run_names
     _check_request(data, rates)
     check_settings(settings.method, settings.window, settings.polyorder, settings.band)
-    blocks = [np.flatnonzero(data.run == i) for i in range(data.n_run)]
+    blocks = data.run_rows
     steps = [uniform_step(data.time[rows], name) for rows, name in zip(blocks, names, strict=True)]
     missing = {name: values for name, values in data.states.items() if name not in data.derivatives}
     if settings.method == "spectral":
@@ -185,11 +178,7 @@ def _different(steps: Sequence[float]) -> tuple[float, ...]:
 
 
 def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
-    """Return the sample spacing of one run.
-
-    Raises:
-        InputError: if the spacing is not uniform.
-    """
+    """Return the sample spacing of one run, and refuse uneven ones."""
     if len(time) < 2:
         raise InputError(f'Run "{name}" has one row and cannot be differentiated; leave it out.')
     step = float(time[-1] - time[0]) / (len(time) - 1)

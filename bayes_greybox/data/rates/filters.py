@@ -53,14 +53,11 @@ def filter_taps(
     under a Kaiser window, with the lowest moments corrected so that cubics are differentiated exactly.
 
     Args:
-        order: order of the derivative, 0 for the smoothing filter.
+        order: Order of the derivative, 0 for the smoothing filter.
         method: "savgol" or "bandlimited".
-        window: odd number of taps; needed for savgol, chosen from the band for bandlimited.
-        polyorder: degree of the polynomial, default 3 (order 0 and 1) or 4.
-        band: edge of the pass band in cycles per sample, below 0.5.
-
-    Raises:
-        InputError: if the settings do not fit each other.
+        window: Odd number of taps; needed for savgol, chosen from the band for bandlimited.
+        polyorder: Degree of the polynomial, default 3 (order 0 and 1) or 4.
+        band: Edge of the pass band in cycles per sample, below 0.5.
     """
     if method == "savgol":
         degree = polyorder if polyorder is not None else (3 if order < 2 else 4)
@@ -81,11 +78,8 @@ def filter_taps(
 def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int, kept: int) -> Float[np.ndarray, " n"]:
     """Differentiate one whole period, or several, by multiplication with (iω)^order in Fourier space.
 
-    Args:
-        values: evenly spaced samples of a periodic record, the repeated last point left out.
-        step: sample spacing.
-        order: order of the derivative; 0 limits the band only.
-        kept: highest kept multiple of 1 / (n · step), below n / 2.
+    Samples are evenly spaced, the repeated last point left out; of the multiples of 1 / (n · step) the first `kept`
+    stay.
     """
     n = len(values)
     spectrum = np.fft.rfft(values)
@@ -103,19 +97,12 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
     leave-one-out prediction of the centre sample. It assumes noise that is white from sample to sample; give
     the window where it is not.
 
-    That window balances noise against truncation error. The covariance of the rows accounts for noise only,
-    so the window returned is UNDERSMOOTHING times as long: the truncation error of a second derivative falls
-    by two thirds, its noise doubles and is known.
+    That window balances noise against truncation error. The covariance of the rows accounts for noise only, so the
+    window returned is UNDERSMOOTHING times as long: the truncation error of a second derivative falls by two thirds,
+    its noise doubles and is known. It is odd, at most a third of the shortest run and 401; a run too short for any is
+    refused.
 
-    Args:
-        series: for each column, its runs.
-        polyorder: degree of the polynomial.
-
-    Returns:
-        The odd window, at most a third of the shortest run and 401.
-
-    Raises:
-        InputError: if the shortest run is too short for any window.
+    `series` has the runs of each column.
     """
     smallest = polyorder + 2 + (polyorder + 1) % 2
     shortest = min(len(values) for runs in series for values in runs)

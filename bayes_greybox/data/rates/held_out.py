@@ -7,8 +7,7 @@ from bayes_greybox.running.errors import InputError
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
     """Differentiate held-out data by the filter of the training data, unless their rates are known already.
 
-    Raises:
-        InputError: Rates that another filter computed; a table that was not read yet.
+    Rates that another filter computed, and a table that was not read yet, are refused.
     """
     require_measured(test)
     if train.filter is None or test.filter == train.filter:

@@ -6,7 +6,7 @@ therefore s ∗ ẋ, and the equation that holds for it is s ∗ (g + Φθ + f) 
 and smoothed then: h ∗ Φ(x) is not Φ(h ∗ x).
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
@@ -20,6 +20,7 @@ from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.running.errors import InputError
 
 from .filters import STEP_TOLERANCE, filter_taps
+from .sample_spread import Columns, Evaluate
 
 NEIGHBOUR_CORRELATION = float(np.exp(-1))
 """Largest correlation of the noise of neighbouring rows, which decides how far apart rows are."""
@@ -44,10 +45,7 @@ class RateFilter:
     Attributes:
         method: "savgol", "bandlimited" or "spectral".
         window: Taps; 0 for spectral.
-        polyorder: Degree of the local polynomial (savgol).
         band: Edge of the pass band, cycles per unit of time (bandlimited, spectral).
-        white_share: δ of the rows' noise.
-        rates: As in `Trajectories.differentiate`.
         orders: Order of the derivative by the state whose equation the row is; 0 where the rate was measured and
             smoothed.
         steps: Different sample spacings of the runs, that of the first run first.
@@ -196,7 +194,6 @@ class RowOperator:
     Attributes:
         weights: s.
         every: Distance of rows in samples.
-        run_lengths: Samples of each run.
     """
 
     weights: Float[np.ndarray, " window"]
@@ -230,11 +227,7 @@ class RowOperator:
                 yield slice(start + first, start + last + window)
             start += n
 
-    def of(
-        self,
-        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
-        columns: Mapping[str, Float[np.ndarray, " n_sample"]],
-    ) -> Float[np.ndarray, "n_row k"]:
+    def of(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n_row k"]:
         """Return rows of the table [n, k] that a function makes of columns [n], without ever forming it as a whole."""
         at = ({name: column[piece] for name, column in columns.items()} for piece in self.pieces(STRETCH_SAMPLES))
         return np.concatenate([self.smooth(evaluate(part)) for part in at])

@@ -67,10 +67,10 @@ class SampleSpread:
             name: [np.diff(part) for part in np.split(np.asarray(column, float), ends)]
             for name, column in columns.items()
         }
-        known = {name: s for name, s in noise.items() if name in columns and 0 < s < np.inf}
+        finite = {name: s for name, s in noise.items() if name in columns and 0 < s < np.inf}
         ahead = {name: np.concatenate([np.append(part, 0.0) for part in parts]) for name, parts in steps.items()}
         behind = {name: np.concatenate([[0.0, *part] for part in parts]) for name, parts in steps.items()}
-        return cls(known, ahead, behind)
+        return cls(finite, ahead, behind)
 
     def beside(self, columns: Columns) -> dict[str, np.ndarray]:
         """Return columns at all samples together with their changes, to be taken in stretches."""
@@ -81,12 +81,9 @@ class SampleSpread:
         }
 
     def mean(self, evaluate: Evaluate, columns: Columns, jumping: Evaluate | None = None) -> Float[np.ndarray, "n k"]:
-        """Return means φ̄ of jumping terms at some samples.
+        """Return means φ̄ of jumping terms at some samples of `beside`.
 
-        Args:
-            evaluate: Function from columns to values [n, k], each sample by itself.
-            columns: Some samples of `beside`.
-            jumping: Jumping part of these terms, where they also have a smooth part; all of them by default.
+        `jumping` is the part of these terms that jumps, where they also have a smooth part.
         """
         x = {name: column for name, column in columns.items() if not name.endswith((NEXT, LAST))}
         value = np.array(evaluate(x), float)
@@ -111,9 +108,8 @@ class SampleSpread:
         largest = np.zeros(len(next(iter(columns.values()))))
         for first, other in self._ends(columns, self.beside(columns)):
             at = np.linspace(0.0, 1.0, 2 * BEND_PARTS + 1)
-            values = [
-                evaluate({name: (1 - a) * first[name] + a * other[name] for name in first})[:, 0] for a in at.tolist()
-            ]
+            points = ({name: (1 - a) * first[name] + a * other[name] for name in first} for a in at.tolist())
+            values = [evaluate(point)[:, 0] for point in points]
             whole = np.abs(values[0] + values[-1] - 2 * values[BEND_PARTS])
             # Of a kink off the middle of both parts that have it, a quarter is seen.
             part = np.max(

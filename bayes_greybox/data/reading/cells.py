@@ -54,11 +54,7 @@ class AmbiguousDates(InputError):
 
 
 def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_row"]:
-    """Return a column as numbers, missing cells as NaN.
-
-    Raises:
-        InputError: No such column; dates; a cell that is no number, with its row.
-    """
+    """Return a column as numbers, missing cells as NaN; dates and cells that are no numbers are refused."""
     column: Any = table.column(name)
     if column.dtype.kind in "mM":
         raise InputError(
@@ -82,11 +78,7 @@ def numbers(table: Table, name: str, layout: Layout) -> Float[np.ndarray, " n_ro
 
 
 def stamps(table: Table, name: str, layout: Layout) -> Stamps:
-    """Return the column of time as numbers.
-
-    Raises:
-        InputError: No such column; no date at all; cells that are neither; dates whose day may be their month.
-    """
+    """Return the column of time as numbers; no date at all, and dates whose day may be their month, are refused."""
     column: Any = table.column(name)
     if column.dtype.kind not in "mM":
         values, bad = _as_numbers(column, layout)
@@ -160,11 +152,7 @@ def may_have_lost(column: Any) -> bool:
 
 
 def with_digits(floats: Any, words: Any) -> Any:
-    """Read numbers in words again with all their digits, and with missing cells where the floats have them.
-
-    Returns:
-        Whole numbers; the floats if the words are no whole numbers.
-    """
+    """Read numbers in words again with all their digits, missing where the floats are; floats if they are not whole."""
     whole: Any = pd.to_numeric(words.where(floats.notna()), errors="coerce", dtype_backend="numpy_nullable")
     return whole if whole.dtype.kind in "iu" and whole.isna().equals(floats.isna()) else floats
 

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from itertools import count
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -13,9 +14,8 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import is_finite
 
 from .formats.text import BLANKS
-from .listed import listed
 from .pieces import Asked, Pieces, cut, stated_units
-from .sources import read_source
+from .sources import listed, read_source
 from .table import Layout, Table
 
 Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int] | None
@@ -86,8 +86,8 @@ def read(
         sep=sep, decimal=decimal, thousands=thousands, skiprows=skiprows, encoding=encoding, sheet=sheet,
         columns=columns, dayfirst=dayfirst,
     )  # fmt: skip
-    given = {"state": states, "input": inputs, "derivative": dict(derivatives or {}), "output": outputs}
-    kinds = {kind: named(chosen, f"{kind}s") for kind, chosen in given.items()}
+    by_kind = {"state": states, "input": inputs, "derivative": dict(derivatives or {}), "output": outputs}
+    kinds = {kind: named(chosen, f"{kind}s") for kind, chosen in by_kind.items()}
     # Columns of a frame may be numbers.
     asked = Asked(kinds, None if time is None else str(time), dt, None if run is None else str(run), restart)
     labels, tables = _tables(source, asked, layout)
@@ -194,11 +194,7 @@ def layout_of(
 
 
 def named(columns: Columns, what: str) -> dict[str, str]:
-    """Return columns by name, from names alone or a mapping of name to column; `what` is the argument's name.
-
-    Raises:
-        InputError: A single string, or a name that cannot stand in expressions.
-    """
+    """Return columns by name, from names alone or a mapping of name to column; `what` is the argument's name."""
     if columns is None:
         return {}
     if isinstance(columns, str):
@@ -248,3 +244,25 @@ def _distinct(names: Sequence[str]) -> list[str]:
         free = (each for each in (f"{name}_{i}" for i in count(2)) if each not in (*names, *distinct))
         distinct.append(next(free) if name in distinct else name)
     return distinct
+
+
+def read_table(
+    path: str | Path,
+    *,
+    time: str | None = None,
+    states: Sequence[str] | Mapping[str, str] = (),
+    inputs: Sequence[str] | Mapping[str, str] = (),
+    derivatives: Mapping[str, str] | None = None,
+    outputs: Sequence[str] | Mapping[str, str] = (),
+    trajectory: str | None = None,
+    dt: float | None = None,
+    units: Mapping[str, str] | None = None,
+    missing: Literal["error", "drop"] = "error",
+    constant: Literal["error", "keep"] = "error",
+) -> Trajectories:
+    """Read one file of measurements: `read(path, run=trajectory, ...)`, which has more options.
+
+    `path` is the `source` of `read`, and `trajectory` its `run`: the column whose value tells the runs apart.
+    """
+    options = {"missing": missing, "constant": constant, "time": time, "dt": dt, "run": trajectory, "units": units}
+    return read(path, states=states, inputs=inputs, derivatives=derivatives, outputs=outputs, **options)

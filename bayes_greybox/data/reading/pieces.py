@@ -14,6 +14,12 @@ from bayes_greybox.running.errors import InputError
 from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
+Rows = Int[np.ndarray, " _"]
+"""Numbers of rows."""
+
+Time = Float[np.ndarray, " n_row"]
+"""Stamps of a table, NaN where one is missing."""
+
 MOST_NIGHTS = 4
 """Most steps of a run that may be off by an hour because clocks were changed: those of some years."""
 
@@ -38,11 +44,8 @@ class Pieces:
     """Runs of one source.
 
     Attributes:
-        names: Name of each run.
         columns: Values of each run by kind and name; the time's under ("time", "t").
         units: Units that the source states, by name as `Trajectories` has them.
-        dated: True if the stamps were dates or clock times.
-        where: Description of the source, within a sentence.
         remarks: Changes that the source does not state itself.
     """
 
@@ -55,11 +58,7 @@ class Pieces:
 
 
 def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
-    """Cut a table into its runs; `label` is the name of the source, None if there is only one.
-
-    Raises:
-        InputError: A column that is not there or holds what it should not; rows that name no run; time that goes back.
-    """
+    """Cut a table into its runs; `label` is the name of the source, None if there is only one."""
     remarks = list(table.remarks)
     table = table.packed() if asked.time is not None else table
     run = asked.run if asked.run is not None else table.run
@@ -85,7 +84,7 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
         stamped = [time[rows] for rows in groups]
     if dated or long is not None:
         # Numbers far from zero have fewer digits behind the point.
-        stamped = [values - _earliest(values) for values in stamped]
+        stamped = [values - np.nanmin(values) if np.isfinite(values).any() else values for values in stamped]
         first = table.column(str(asked.time)).dropna().iloc[0] if dated else long
         each = "the first of each run" if len(groups) > 1 else f"the first, {first}"
         how = " was converted to seconds since" if dated else ", of more digits than a float holds, counts from"
@@ -103,13 +102,9 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
     return Pieces(names, columns, kept, dated, table.where, tuple(remarks))
 
 
-def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str | None) -> dict[str, str]:
-    """Return the units of all sources together: as given, "" for none, else as the sources state them.
-
-    Raises:
-        InputError: Sources that differ; dates whose seconds are to be something else.
-    """
-    chosen = {"t" if name == time else name: unit for name, unit in given.items()}
+def stated_units(pieces: Sequence[Pieces], units: Mapping[str, str], time: str | None) -> dict[str, str]:
+    """Return the units of all sources together: as given, "" for none, else as the sources state them."""
+    chosen = {"t" if name == time else name: unit for name, unit in units.items()}
     if pieces[0].dated and chosen.get("t", "s") != "s":
         raise InputError(
             f"Dates are converted to seconds, so the unit of the time cannot be {chosen['t']!r}; leave it out of units."
@@ -129,7 +124,7 @@ def stated_units(pieces: Sequence[Pieces], given: Mapping[str, str], time: str |
     return {name: unit for name, unit in {**pieces[0].units, **chosen}.items() if unit}
 
 
-def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
+def _grouped(table: Table, run: str) -> tuple[list[Rows], list[str]]:
     """Return the rows and the name of each run, in the order in which runs appear in the table."""
     labels = table.column(run)
     if labels.isna().any():
@@ -144,21 +139,14 @@ def _grouped(table: Table, run: str) -> tuple[list[Int[np.ndarray, " _"]], list[
     return [np.flatnonzero(codes == i) for i in range(len(values))], names
 
 
-def clock_set_back(time: Float[np.ndarray, " n_row"], row: int) -> bool:
+def clock_set_back(time: Time, row: int) -> bool:
     """Return True if stamps, in seconds, go back by an hour less the usual step, as when clocks are set back."""
     steps = np.diff(time[np.isfinite(time)])
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 0.0
     return bool(abs(time[row - 1] - time[row] + usual - 3600.0) <= min(usual, 900.0))
 
 
-def _require_forward(
-    table: Table,
-    name: str,
-    time: Float[np.ndarray, " n_row"],
-    dated: bool,
-    groups: Sequence[Int[np.ndarray, " _"]],
-    restart: bool,
-) -> None:
+def _require_forward(table: Table, name: str, time: Time, dated: bool, groups: Sequence[Rows], restart: bool) -> None:
     """Refuse time that goes back within a run, unless a run begins there, and advise."""
     for rows in groups:
         stamped = rows[np.isfinite(time[rows])]
@@ -184,9 +172,7 @@ def _require_forward(
         raise InputError(f"{fault}: if {other}; if the rows are out of order, sort them.")
 
 
-def _hours_off(
-    table: Table, name: str, time: Float[np.ndarray, " n_row"], groups: Sequence[Int[np.ndarray, " _"]]
-) -> list[str]:
+def _hours_off(table: Table, name: str, time: Time, groups: Sequence[Rows]) -> list[str]:
     """Remark on a step of a run that is an hour longer or shorter than its others, as where summer time begins."""
     remarks = []
     for rows in groups:
@@ -205,13 +191,8 @@ def _hours_off(
 
 
 def _restarted(
-    time: Float[np.ndarray, " n_row"],
-    groups: list[Int[np.ndarray, " _"]],
-    names: list[str],
-    alone: bool,
-    where: str,
-    remarks: list[str],
-) -> tuple[list[Int[np.ndarray, " _"]], list[str]]:
+    time: Time, groups: list[Rows], names: list[str], alone: bool, where: str, remarks: list[str]
+) -> tuple[list[Rows], list[str]]:
     """Cut runs wherever the time goes back; parts of a run that has a name have its name and a number."""
     parts: list[np.ndarray] = []
     labels: list[str] = []
@@ -225,7 +206,3 @@ def _restarted(
     if len(parts) > len(groups):
         remarks.append(f"a new run begins wherever the time of {where} goes back: {len(parts)} runs")
     return parts, labels
-
-
-def _earliest(values: Float[np.ndarray, " n"]) -> float:
-    return float(np.nanmin(values)) if np.isfinite(values).any() else 0.0

@@ -1,5 +1,7 @@
-"""Readers of files by their extension, and of tables in memory by their interface."""
+"""Sources one by one, and their readers: files by their extension, tables in memory by their interface."""
 
+import glob
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,11 +12,62 @@ import pandas as pd
 from bayes_greybox.running.errors import InputError
 
 from .cells import is_measured
-from .formats.labelled import dataset_table, read_netcdf
 from .formats.labview import read_lvm
 from .formats.matlab import read_mat
 from .formats.text import read_text
 from .table import Layout, Table, capital, first_line, first_row_measured, require_distinct, tidy
+
+
+def listed(source: Any) -> list[tuple[str | None, Any]]:
+    """Return the sources, each with the name of its run: that of its file, or None if there is only one source."""
+    if isinstance(source, str | Path):
+        if not _is_pattern(source):
+            return [(None, source)]
+        source = _matching(source)
+    elif not isinstance(source, list | tuple):
+        return [(None, source)]
+    elif any(isinstance(each, str | Path) and _is_pattern(each) for each in source):
+        source = _opened(source)
+    if not source:
+        raise InputError("There is nothing to read: the list of sources is empty.")
+    stems = [Path(each).stem if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
+    if len(set(stems)) < len(stems):
+        stems = [str(each) if isinstance(each, str | Path) else str(i) for i, each in enumerate(source)]
+    return list(zip(stems, source, strict=True))
+
+
+def _is_pattern(source: str | Path) -> bool:
+    """Return True if a path stands for all files that it matches."""
+    require_path(source)
+    return glob.has_magic(str(source)) and not Path(source).exists()
+
+
+def _matching(pattern: str | Path) -> list[Any]:
+    """Return the files of a pattern, run 2 before run 10."""
+    files = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
+    if not files:
+        raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
+    return files
+
+
+def _opened(sources: Sequence[Any]) -> list[Any]:
+    """Replace patterns by their files; a file that two of them match, or that is named besides, is read once."""
+    named = {Path(each) for each in sources if isinstance(each, str | Path) and not _is_pattern(each)}
+    opened: list[Any] = []
+    for each in sources:
+        if isinstance(each, str | Path) and _is_pattern(each):
+            files = [path for path in _matching(each) if Path(path) not in named]
+            named |= {Path(path) for path in files}
+            opened += files
+        else:
+            opened.append(each)
+    return opened
+
+
+def _in_order(name: str) -> list[tuple[int, str]]:
+    """Return a key by which run 2 stands before run 10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
 
 INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
@@ -35,11 +88,7 @@ SAVE_AS = {
 
 
 def read_source(source: Any, layout: Layout) -> Table:
-    """Read one source, a path or a table in memory, and tidy it.
-
-    Raises:
-        InputError: A file or an object that cannot be read; the message says which and what to do.
-    """
+    """Read one source, a path or a table in memory, and tidy it."""
     if isinstance(source, str | Path):
         require_path(source)
         return tidy(_file(Path(source), layout), layout)
@@ -65,11 +114,7 @@ def read_source(source: Any, layout: Layout) -> Table:
 
 
 def require_path(source: str | Path) -> None:
-    """Refuse text that cannot be the path of a file.
-
-    Raises:
-        InputError: Several lines, or a name that is too long.
-    """
+    """Refuse text that cannot be the path of a file: several lines, or a name that is too long."""
     text = str(source)
     try:
         Path(source).exists()
@@ -181,6 +226,46 @@ def _only_column(book: pd.ExcelFile, sheet: Any, frame: pd.DataFrame, skipped: S
     places = places[len(places) - len(frame) :]
     inside = np.array(places) - places[0]
     return frame.set_axis(inside, axis=0).reindex(range(inside[-1] + 1))
+
+
+def read_netcdf(path: Path, layout: Layout) -> Table:
+    """Read a netCDF file, but for a saved fit; its stamps stay numbers."""
+    import h5py
+    import xarray as xr
+
+    if h5py.is_hdf5(path):
+        with h5py.File(path, "r") as file:
+            if "posterior" in file:
+                raise InputError(f'"{path}" is a saved fit, not a table; open it with bg.load.')
+    with xr.open_dataset(path, engine="h5netcdf", decode_times=False) as dataset:
+        return dataset_table(dataset, f'"{path}"')
+
+
+def dataset_table(dataset: Any, where: str) -> Table:
+    """Return the variables of an xarray Dataset that share most of its values.
+
+    Variables over one dimension are columns. Where the longest have two, such as run and time, the dimensions are
+    columns too, one row for each pair, so that one of them can tell the runs apart.
+    """
+    variables = {**dict(dataset.coords), **dict(dataset.data_vars)}
+    usable = {name: array for name, array in variables.items() if 1 <= array.ndim <= 2}
+    if not usable:
+        raise InputError(f"{where} has no variable over one or two dimensions; select such with Dataset.sel.")
+    data = {name: array for name, array in dataset.data_vars.items() if name in usable} or usable
+    lengths = {frozenset(array.dims): array.size for array in data.values()}
+    counts = {dims: sum(dims == frozenset(array.dims) for array in data.values()) for dims in lengths}
+    shared = max(counts, key=lambda dims: (counts[dims], lengths[dims]))
+    names = [name for name, array in usable.items() if set(array.dims) <= shared]
+    # Rows of one run together, whatever the order in which a variable has its dimensions.
+    order = sorted(shared, key=lambda dim: dataset.sizes[dim])
+    frame = dataset[names].reset_coords().to_dataframe(dim_order=order).reset_index()
+    dimensions = tuple(str(dim) for dim in order if dataset.sizes[dim] > 1) if len(shared) > 1 else ()
+    # A single dimension without stamps is only a count.
+    kept = [name for name in frame.columns if name in variables or (name in shared and len(shared) > 1)]
+    units = {str(name): str(array.attrs["units"]) for name, array in variables.items() if "units" in array.attrs}
+    others = [str(name) for name in dataset.data_vars if name not in names]
+    remarks = (f"left out of {where}, being over other dimensions: {', '.join(others)}",) if others else ()
+    return Table(frame[kept].rename(columns=str), where, units, remarks=remarks, dimensions=dimensions)
 
 
 TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {

@@ -32,12 +32,9 @@ class Table:
     """Named columns of one source.
 
     Attributes:
-        frame: Columns; their names are text.
         where: Description of the source, within a sentence, such as '"run.csv"'.
         units: Units that the source states, by column, in its own spelling until `tidy` has checked them.
         aliases: Column by the name that the source had for it with its unit, such as "pos [mm]".
-        remarks: Changes that the source does not state itself.
-        hint: Advice if a column is not there.
         run: Column that tells runs apart, where the source has one by itself.
         groups: Columns that belong together, by their name in the source, such as those of a matrix.
         spaced: If true, rows without any value may only separate others, as in text and in sheets.
@@ -68,19 +65,11 @@ class Table:
         return self.aliases.get(name, name) in self.frame.columns or name in self.groups
 
     def column(self, name: str) -> Any:
-        """Return one column.
-
-        Raises:
-            InputError: There is none of that name.
-        """
+        """Return one column; see `own_name`."""
         return self.frame[self.own_name(name)]
 
     def own_name(self, name: str) -> str:
-        """Return this table's own name of a column.
-
-        Raises:
-            InputError: There is none.
-        """
+        """Return this table's own name of a column, and refuse a name that it does not have, with the nearest ones."""
         # Columns of a frame may be numbers.
         name = self.aliases.get(str(name), str(name))
         if name in self.frame.columns:
@@ -113,11 +102,7 @@ def first_row_measured(where: str) -> str:
 
 
 def tidy(table: Table, layout: Layout) -> Table:
-    """Free names of units, check the units, and take a row of units from the measurements.
-
-    Raises:
-        InputError: Two columns of one name, no row.
-    """
+    """Free names of units, check the units, and take a row of units from the measurements."""
     frame = table.frame
     names = [str(name).strip() for name in frame.columns]
     if layout.columns is not None:
@@ -141,20 +126,16 @@ def tidy(table: Table, layout: Layout) -> Table:
         stated |= {name: unit for name, unit in zip(names, units, strict=True) if unit}
     if not len(frame):
         raise InputError(f"{capital(table.where)} has no rows.")
-    known, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
+    checked, unknown = checked_units(((name, unit) for name, unit in stated.items() if name in names), table.where)
     if units is not None:
-        read = ", ".join(f"{name} in {unit}" for name, unit in known.items())
+        read = ", ".join(f"{name} in {unit}" for name, unit in checked.items())
         remarks = (*remarks, f"the first row of {table.where} was read as units: {read or 'none that is known'}")
     others = tuple(tidy(other, layout) for other in table.others) if layout.columns is None else ()
-    return replace(table, frame=frame, units=known, aliases=aliases, remarks=(*remarks, *unknown), others=others)
+    return replace(table, frame=frame, units=checked, aliases=aliases, remarks=(*remarks, *unknown), others=others)
 
 
 def require_distinct(names: Sequence[str], where: str) -> None:
-    """Refuse two columns of one name; "" is no name.
-
-    Raises:
-        InputError: A name stands there twice.
-    """
+    """Refuse two columns of one name; "" is no name."""
     twice = next((name for name in names if name and list(names).count(name) > 1), None)
     if twice is not None:
         raise InputError(

@@ -9,11 +9,7 @@ from bayes_greybox.running.errors import InputError
 
 
 def read_toml(path: str | os.PathLike[str], what: str) -> tuple[dict[str, Any], str]:
-    """Read a TOML file and return its content and its text; messages call it a `what` file.
-
-    Raises:
-        InputError: No such file, one that cannot be read, or one that is not TOML.
-    """
+    """Read a TOML file and return its content and its text; messages call it a `what` file."""
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
         return tomllib.loads(text), text

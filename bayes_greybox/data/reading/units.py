@@ -2,8 +2,17 @@
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cache
+from typing import Any
 
-from .unit_registry import registry
+
+@cache
+def registry() -> Any:
+    """Return pint's table of units, built on first use (it takes a noticeable part of a second)."""
+    import pint
+
+    return pint.UnitRegistry()
+
 
 # Spellings of instruments that pint does not read, or reads as something else ("Nm" as number times metre).
 _SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}

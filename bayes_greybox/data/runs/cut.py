@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from bayes_greybox.data.columns import split_cuts
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import is_finite
 
@@ -25,11 +25,7 @@ class CutRuns(Runs):
     """Runs of which parts can be taken; each part records in `remarks` what was done."""
 
     def take(self: AnyRuns, run: int | str) -> AnyRuns:
-        """Return one run, by number or name.
-
-        Raises:
-            InputError: if there is no such run.
-        """
+        """Return one run, by number or name; a run that there is not is refused."""
         if isinstance(run, str) and run in self.run_names:
             index = self.run_names.index(run)
         elif isinstance(run, int | np.integer) and -self.n_run <= run < self.n_run:
@@ -123,21 +119,14 @@ class CutRuns(Runs):
                 f"No row lies between {start} and {end}: the times of the data run from {self.time.min():.12g} to "
                 f"{self.time.max():.12g}."
             )
-        parts = [np.flatnonzero(inside[self.run == i]) for i in range(self.n_run)]
+        parts = [np.flatnonzero(inside[rows]) for rows in self.run_rows]
         bounds = [(int(part[0]), int(part[-1]) + 1) if len(part) else (0, 0) for part in parts]
         where = " ".join(f"{word} {at:.12g}" for word, at in (("from", start), ("to", end)) if at is not None)
         kept = self._restrict(bounds)
         return kept.remarked(f"trimmed to times {where}: {self.n_obs} rows to {kept.n_obs}")
 
     def drop(self: AnyRuns, rows: Any) -> AnyRuns:
-        """Leave out some rows; see `keep`.
-
-        Args:
-            rows: Numbers of rows from 0, a slice, or True for each row that is left out.
-
-        Raises:
-            InputError: Rows that there are not; all of them; rows of a filter, whose noise depends on their neighbours.
-        """
+        """Leave out some rows, named as in `keep` and under the same conditions."""
         named = rows_named(rows, self.n_obs)
         kept = self.keep(~named)
         return kept.remarked(f"{int(np.sum(named))} of {self.n_obs} rows dropped on request") if np.any(named) else kept
@@ -177,7 +166,7 @@ class CutRuns(Runs):
         """Return name and rows of each run, if the data are still as they were measured."""
         if self._computed:
             raise InputError(f"Rates of these data were computed from neighbouring rows: {what} before differentiate.")
-        return [(name, np.flatnonzero(self.run == i)) for i, name in enumerate(self.run_names)]
+        return list(zip(self.run_names, self.run_rows, strict=True))
 
     def _at_times(
         self: AnyRuns,
@@ -189,22 +178,14 @@ class CutRuns(Runs):
 
         The new values of a column are a function of a run's number, its stamps and its values.
         """
-        blocks = [np.flatnonzero(self.run == i) for i in range(self.n_run)]
+        blocks = self.run_rows
 
-        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-            return {
-                name: np.concatenate([column(i, self.time[rows], values[rows]) for i, rows in enumerate(blocks)])
-                for name, values in columns.items()
-            }
+        def moved(values: np.ndarray) -> np.ndarray:
+            return np.concatenate([column(i, self.time[rows], values[rows]) for i, rows in enumerate(blocks)])
 
-        return replace(
-            self,
-            time=np.concatenate(times),
-            run=np.repeat(np.arange(self.n_run), [len(each) for each in times]),
-            states=part(self.states),
-            inputs=part(self.inputs),
-            derivatives=part(self.derivatives),
-        ).remarked(f"{remark}{sum(map(len, times))}")
+        run = np.repeat(np.arange(self.n_run), [len(each) for each in times])
+        data = replace(self, time=np.concatenate(times), run=run, **self.each_column(moved))
+        return data.remarked(f"{remark}{data.n_obs}")
 
     def _restrict(self: AnyRuns, bounds: Sequence[tuple[int, int]]) -> AnyRuns:
         """Return contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
@@ -215,17 +196,6 @@ class CutRuns(Runs):
     def _at(self: AnyRuns, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> AnyRuns:
         """Return some rows, in order, with the noise of their rates; a run that has none of them is left out."""
         run, number = np.unique(self.run[rows], return_inverse=True)
-
-        def part(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-            return {name: values[rows] for name, values in columns.items()}
-
-        return replace(
-            self,
-            time=self.time[rows],
-            run=number,
-            states=part(self.states),
-            inputs=part(self.inputs),
-            derivatives=part(self.derivatives),
-            noise=noise,
-            run_names=tuple(self.run_names[i] for i in run),
-        )
+        columns = self.each_column(lambda values: values[rows])
+        names = tuple(self.run_names[i] for i in run)
+        return replace(self, time=self.time[rows], run=number, noise=noise, run_names=names, **columns)

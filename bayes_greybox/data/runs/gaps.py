@@ -32,14 +32,11 @@ def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL_STEPS_SHARE) 
 def parted(
     time: Float[np.ndarray, " n"], run: Int[np.ndarray, " n"], names: tuple[str, ...]
 ) -> tuple[Int[np.ndarray, " n"], tuple[str, ...], tuple[str, ...]]:
-    """Part runs at gaps.
+    """Part runs at gaps, and return the number of each row's part, names of the parts, and remarks.
 
     A line or a held value from one end of a gap to the other is no measurement of an input, and a path that it drives
     comes out elsewhere: the rows after the gap have a start of their own. Where the spacing of the stamps changes for
     good, there is no gap.
-
-    Returns:
-        Number of each row's part, names of the parts, and remarks.
     """
     number, parts, remarks = np.zeros_like(run), [], []
     for r, name in enumerate(names):

@@ -24,9 +24,7 @@ HALF_WINDOW = 10
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:
     """Return times, evenly spaced by `step`, from the first sample of a run up to the last.
 
-    Raises:
-        InputError: Fewer than four samples; a gap of more than `GAP_STEPS` usual steps; a step so large that it would
-            alias, or longer than the run.
+    Gaps of more than `GAP_STEPS` usual steps, and steps so large that they would alias, are refused.
     """
     if len(time) < 4:
         raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
@@ -65,16 +63,17 @@ def interpolated(
     return values[np.searchsorted(time, at + slack, side="right") - 1]
 
 
+def running_integral(time: Float[np.ndarray, " n"], rate: Float[np.ndarray, "n ..."]) -> Float[np.ndarray, "n ..."]:
+    """Integrate a rate from the first sample up to each, by the cubic spline through the samples."""
+    return CubicSpline(time, rate).antiderivative()(time)
+
+
 def decimated(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], factor: int, name: str
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Keep one of so many samples of a run behind a symmetric low pass (SciPy's, zero phase), its edges left out.
+    """Return times and values of one of so many samples of a run behind a symmetric low pass, its edges left out.
 
-    Returns:
-        Times and values.
-
-    Raises:
-        InputError: A run too short for the filter; uneven stamps.
+    The filter is SciPy's, zero phase; runs too short for it and uneven stamps are refused.
     """
     # The filter of the last row must not reach beyond the run.
     last = (len(time) - 1 - HALF_WINDOW * factor) // factor
@@ -89,11 +88,7 @@ def decimated(
 
 
 def rows_named(rows: object, n_obs: int) -> Bool[np.ndarray, " n_obs"]:
-    """Mark the rows that are named by number, a slice, or one truth value each.
-
-    Raises:
-        InputError: Numbers of rows that there are not; truth values of another length.
-    """
+    """Mark the rows that are named by number, a slice, or one truth value each."""
     index: Any = rows
     if not isinstance(rows, slice):
         index = np.asarray(rows)

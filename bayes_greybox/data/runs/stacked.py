@@ -1,15 +1,15 @@
 """Runs as they lie in memory: columns stacked row by row, with their names, units and noise."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.columns import derivative_label, rate_unit, summary_table
+from bayes_greybox.data.columns import derivative_label, rate_unit
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.data.rates.rate_filter import RateFilter
 from bayes_greybox.running.errors import InputError
 
@@ -37,11 +37,7 @@ class Runs:
         return len(self.time)
 
     def rate(self, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Return the measured derivative of a state, or an output as it was measured.
-
-        Raises:
-            InputError: if the data have none.
-        """
+        """Return the measured derivative of a state, or an output as it was measured; refuse if the data have none."""
         if state not in self.derivatives:
             raise InputError(
                 f"The data have no derivative of {state!r}: give it with derivatives={{{state!r}: ...}}, "
@@ -97,6 +93,16 @@ class Runs:
         return tuple(int(n) for n in np.bincount(self.run, minlength=self.n_run))
 
     @property
+    def run_rows(self) -> list[Int[np.ndarray, " _"]]:
+        """Numbers of the rows of each run."""
+        return [np.flatnonzero(self.run == i) for i in range(self.n_run)]
+
+    @property
+    def usual_step(self) -> float:
+        """Median time between two rows of a run."""
+        return float(np.median(np.diff(self.time)[np.diff(self.run) == 0]))
+
+    @property
     def row_steps(self) -> Float[np.ndarray, " n_obs"]:
         """Mean time between two rows of the run of each row; 0 where that has one row."""
         ends = np.cumsum(self.run_lengths)
@@ -109,12 +115,13 @@ class Runs:
         """All states, then all inputs, by name."""
         return {**self.states, **self.inputs}
 
-    def column(self, name: str) -> Float[np.ndarray, " n_obs"]:
-        """Return one state or input.
+    def each_column(self, work: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+        """Return states, inputs and derivatives with some work done on each column, as arguments of the class."""
+        kinds = {"states": self.states, "inputs": self.inputs, "derivatives": self.derivatives}
+        return {kind: {name: work(column) for name, column in columns.items()} for kind, columns in kinds.items()}
 
-        Raises:
-            InputError: if there is no such column.
-        """
+    def column(self, name: str) -> Float[np.ndarray, " n_obs"]:
+        """Return one state or input; a column that there is not is refused."""
         columns = self.columns
         if name not in columns:
             raise InputError(f'There is no state or input "{name}"; there are {", ".join(columns)}.')
@@ -132,8 +139,8 @@ class Runs:
 
     def derivative_unit(self, name: str) -> str | None:
         """Return the unit of the derivative of a state: as given, else state over time, None if unknown."""
-        given = self.units.get(derivative_label(name, "t"))
-        return given if given is not None else rate_unit(self.units.get(name), self.units.get("t"))
+        stated = self.units.get(derivative_label(name, "t"))
+        return stated if stated is not None else rate_unit(self.units.get(name), self.units.get("t"))
 
     def summary(self) -> pd.DataFrame:
         """Tabulate kind, unit, min, max, mean and number of rows of every column."""
@@ -145,4 +152,8 @@ class Runs:
             for k in self.derivative_names
         ]
         rows += [(k, "output", self.unit(k), self.derivatives[k]) for k in self.output_names]
-        return summary_table(rows)
+        table = [
+            (name, kind, unit or "", float(np.min(values)), float(np.max(values)), float(np.mean(values)), len(values))
+            for name, kind, unit, values in rows
+        ]
+        return pd.DataFrame(table, columns=["column", "kind", "unit", "min", "max", "mean", "n"]).set_index("column")

@@ -48,7 +48,7 @@ def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
     most = data.n_obs // ENOUGH
     if most < 2 or not all(_able(each) for each in (data, test) if each is not None):
         return 1
-    if test is not None and not 1 / UNEVEN < _step(test) / _step(data) < UNEVEN:
+    if test is not None and not 1 / UNEVEN < test.usual_step / data.usual_step < UNEVEN:
         return 1
     longest, m = 1, 2
     while m <= SAFE * most and not any(_spoiled(each, m) for each in (data, test) if each is not None):
@@ -63,10 +63,6 @@ def _able(data: Trajectories) -> bool:
         return False
     steps = np.diff(data.time)[np.diff(data.run) == 0]
     return bool(len(steps) and np.max(steps) < UNEVEN * np.median(steps)) and not clipped_states(data)
-
-
-def _step(data: Trajectories) -> float:
-    return float(np.median(np.diff(data.time)[np.diff(data.run) == 0]))
 
 
 def _spoiled(data: Trajectories, m: int) -> bool:
@@ -91,13 +87,9 @@ def averaged(data: Trajectories, m: int) -> Trajectories:
         means = values[blocks].mean(axis=1)
         return means - 0.5 * spread * _bends(time, means, run)
 
-    states = {name: average(values) for name, values in data.states.items()}
-    inputs = {name: average(values) for name, values in data.inputs.items()}
-    remark = f"neighbouring samples are averaged, {m} at a time"
-    return replace(
-        data, time=time, run=run, states=states, inputs=inputs, dropped=data.dropped + data.n_obs - blocks.size,
-        remarks=(*data.remarks, remark),
-    )  # fmt: skip
+    dropped = data.dropped + data.n_obs - blocks.size
+    means = replace(data, time=time, run=run, dropped=dropped, **data.each_column(average))
+    return means.remarked(f"neighbouring samples are averaged, {m} at a time")
 
 
 def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.ndarray, " n"]:

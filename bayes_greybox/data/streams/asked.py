@@ -25,7 +25,6 @@ class Asked:
     Attributes:
         columns: Columns by the names that users gave, and once a source was opened by its own.
         time: Column of time stamps; rows are numbered without.
-        missing: "error" to refuse rows with missing values, "drop" to leave them out.
         settings: Further arguments of `read`.
         stamps: Column of time stamps, as a source names it.
         labels: Column that tells runs apart, as a source names it.
@@ -44,11 +43,7 @@ class Asked:
         return self.settings.get("restart") == "run"
 
     def among(self, kinds: Mapping[str, str], where: str) -> "Asked":
-        """Return the same request with columns as a source names them, whose kinds of NumPy's data types are given.
-
-        Raises:
-            InputError: A column that the source lacks, or that holds no numbers.
-        """
+        """Return the same request with columns as a source names them, whose kinds of NumPy's data types are given."""
         # Two rows of any numbers, as only the names matter: "pos [mm]" is a column pos.
         table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
         in_source = dict(zip(table.frame.columns, kinds, strict=True))
@@ -96,10 +91,7 @@ class Asked:
     def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
         """Build data from a DataFrame or Dataset, whose first row has the number `first` in the source.
 
-        Rows beside them may have been dropped; `whole` is True if they are whole runs.
-
-        Raises:
-            InputError: Rows that `read` refuses; stamps of too many digits, unless runs are whole.
+        Rows beside them may have been dropped. Unless they are `whole` runs, stamps of too many digits are refused.
         """
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(

@@ -104,20 +104,12 @@ class RowStream:
         return cls(_FunctionRows(chunk, n_chunk), sample, workers, scheduler)
 
     def whole_runs(self) -> "RowStream":
-        """Return the same rows in chunks of whole runs, of which a sample is made too.
-
-        Raises:
-            InputError: Rows without stamps.
-        """
+        """Return the same rows in chunks of whole runs, of which a sample is made too."""
         return replace(self, source=self.source.whole_runs(), by_run=True)
 
     @cached_property
     def sample(self) -> Trajectories:
-        """Stretches of rows that follow each other, or whole runs, evenly spaced over the parts.
-
-        Raises:
-            InputError: No rows, or rows that cannot be used.
-        """
+        """Stretches of rows that follow each other, or whole runs, evenly spaced over the parts."""
         pieces: list[tuple[int, Trajectories]] = []
         if self.by_run:
             pieces = some_runs(self.source, self.sample_size, STRETCHES)

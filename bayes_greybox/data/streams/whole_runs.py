@@ -24,13 +24,7 @@ REMEMBERED_RUNS = 100_000
 
 
 class Piece(NamedTuple):
-    """Rows of a file.
-
-    Attributes:
-        first: Number of the first row in the file.
-        frame: Rows, by columns as the file has them.
-        attributes: Attributes of each column, where the file states any.
-    """
+    """Rows of a file: number of the first one, rows as they lie there, and attributes of columns, if it states any."""
 
     first: int
     frame: pd.DataFrame
@@ -49,12 +43,7 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True)
 class FileRows(ABC):
-    """Rows of files that are read in pieces; a part lies in one file.
-
-    Attributes:
-        pieces: File of each part, and the place of the part in it.
-        asked: Columns and settings to read.
-    """
+    """Rows of files that are read in pieces; a part lies in one file, whose name comes first in its piece."""
 
     pieces: tuple[tuple[Any, ...], ...]
     asked: Asked
@@ -98,9 +87,6 @@ class WholeRuns:
 
     A run begins where the column that tells runs apart changes or, without one, where the time goes back if that begins
     another run; else a file is one run. Memory is that of the longest run, and of a few chunks.
-
-    Attributes:
-        rows: Files in pieces.
     """
 
     rows: FileRows
@@ -234,8 +220,7 @@ class WholeRuns:
 def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectories]]:
     """Choose whole runs of about `size` rows, at places spread over the parts; all if there are no more rows.
 
-    Returns:
-        Runs with the number of their part, in order.
+    Returns the runs with the number of their part, in order.
     """
     n_part, chosen, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
     rows = 0
@@ -272,13 +257,15 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
     def unseen(piece: Trajectories) -> np.ndarray:
         return np.zeros(piece.n_obs, bool) if piece.unseen is None else piece.unseen
 
+    columns = {
+        kind: {name: of(lambda piece, k=kind, n=name: getattr(piece, k)[n]) for name in getattr(first, kind)}
+        for kind in ("states", "inputs", "derivatives")
+    }
     return replace(
         first,
         time=of(lambda piece: piece.time),
         run=np.concatenate([piece.run + start for (_, piece), start in zip(pieces, starts[:-1], strict=True)]),
-        states={name: of(lambda piece: piece.states[name]) for name in first.states},  # noqa: B023
-        inputs={name: of(lambda piece: piece.inputs[name]) for name in first.inputs},  # noqa: B023
-        derivatives={name: of(lambda piece: piece.derivatives[name]) for name in first.derivatives},  # noqa: B023
+        **columns,
         run_names=tuple(name if alone else f"{name} of part {part}" for part, name in names),
         dropped=0,
         remarks=(),

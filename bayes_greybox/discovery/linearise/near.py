@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.noise.weighted import correlation_and_sd
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise, correlation_and_sd
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import LatentForce
 from bayes_greybox.discovery.grid.sets import Window

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
-from bayes_greybox.data.rates.integral import running_integral
+from bayes_greybox.data.runs.resampling import running_integral
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 

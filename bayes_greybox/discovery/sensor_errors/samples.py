@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import make_smoothing_spline
 
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
-from bayes_greybox.data.rates.integral import running_integral
+from bayes_greybox.data.runs.resampling import running_integral
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import MEDIAN_ABSOLUTE_NORMAL

@@ -11,9 +11,8 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
-from bayes_greybox.model.algebra.collapsed import ridge, spike_and_slab
+from bayes_greybox.model.algebra.collapsed import patterns, ridge, spike_and_slab
 from bayes_greybox.model.algebra.linalg import solve_lower_transposed
-from bayes_greybox.model.algebra.subsets import patterns
 from bayes_greybox.model.design import Design
 from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites

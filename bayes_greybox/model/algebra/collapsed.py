@@ -4,16 +4,66 @@ Everything is Gaussian given η = (length scales, amplitude, σ) and the prior s
 out, which leaves an ordinary linear regression for θ (a `Regression`); then θ is.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from .linalg import inverse_lower, jittered_cholesky, solve_lower, solve_lower_transposed
-from .subsets import log_pattern_weights
+
+
+def patterns(n_term: int, certain: tuple[int, ...] = ()) -> np.ndarray:
+    """Return all inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`.
+
+    Terms that are `certain` are in, in every pattern.
+    """
+    choices = [(1.0,) if j in certain else (1.0, 0.0) for j in range(n_term)]
+    return np.array(list(itertools.product(*choices))).reshape(-1, n_term)
+
+
+def log_pattern_weights(
+    mean: Float[Array, " n_term"],
+    covariance: Float[Array, "n_term n_term"],
+    log_odds: Float[Array, " n_term"],
+    certain: tuple[int, ...] = (),
+) -> Float[Array, " n_pattern"]:
+    """Return log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
+
+    Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and
+    conditions the other coefficients on u_j = 0. Doing this term by term, keeping both branches,
+
+        excluded:  log w −= ½ log V_jj + ½ m_j²/V_jj,   m ← m − V_·j m_j/V_jj,   V ← V − V_·j V_j·/V_jj
+        included:  m, V lose row and column j
+
+    visits all 2^K subsets in Σ_i 2^i (K − i)² operations, about six a subset, where a factorisation for each
+    would take K³/3 (the idea of Furnival & Wilson 1974 for all-subsets regression). Every increment has one
+    sign, so nothing cancels when σ is small.
+
+    Mean m and covariance V are those of u = θ/τ given that all terms are in; a priori u ~ N(0, I). The factors π of the
+    prior odds are normalised, and terms that are `certain` are in whatever their odds.
+    """
+    # log π and log(1 − π) from the log odds, without overflow
+    log_in, log_out = -jnp.logaddexp(0.0, -log_odds), -jnp.logaddexp(0.0, log_odds)
+    weight, m, V = jnp.zeros(1), mean[None], covariance[None]
+    for j in range(mean.shape[0]):
+        if j in certain:
+            m, V = m[:, 1:], V[:, 1:, 1:]
+            continue
+        v, first = V[:, 0, 0], V[:, 1:, 0]
+        gain = first / v[:, None]
+        # A power would take far longer to trace than a square.
+        excluded = weight + log_out[j] - 0.5 * jnp.log(v) - 0.5 * jnp.square(m[:, 0]) / v
+        # Stacked on axis 1: pattern bits run like itertools.product, first term slowest.
+        weight = jnp.stack([weight + log_in[j], excluded], axis=1).reshape(-1)
+        m = jnp.stack([m[:, 1:], m[:, 1:] - gain * m[:, :1]], axis=1).reshape(weight.size, -1)
+        V = jnp.stack([V[:, 1:, 1:], V[:, 1:, 1:] - gain[:, :, None] * first[:, None, :]], axis=1)
+        V = V.reshape(weight.size, *V.shape[2:])
+    return weight
 
 
 class Regression(NamedTuple):
@@ -66,18 +116,11 @@ def remove_features(
 
     L Lᵀ = I + BᵀB,  Z = (L Lᵀ)⁻¹ Bᵀ [Φ y]/σ,  [T q] = [[Φ y]/σ − B Z; Z].
 
-    Args:
-        Phi: Dictionary rows, whitened and compressed.
-        Psi: Orthogonal features on the same rows.
-        gram: ΨᵀΨ, computed once.
-        y: Target rows.
-        log_root: ½ log S, the log prior standard deviation of the features' weights.
-        sigma: Noise standard deviation, scaled units.
-        U: Orthonormal constraint directions of the conditioned kernel.
+    The rows are whitened and compressed; `gram` is ΨᵀΨ, `log_root` ½ log S, and U the orthonormal constraint directions
+    of the conditioned kernel.
 
     Returns:
-        The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights'
-        posterior.
+        The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights' posterior.
     """
     rows = jnp.column_stack([Phi, y]) / sigma
     if Psi.shape[1] == 0:

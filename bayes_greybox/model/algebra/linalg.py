@@ -21,12 +21,10 @@ RANK_TOLERANCE = 1e-7
 
 
 def jittered_cholesky(matrix: Float[Array, "n n"], scale: Float[Array, ""] | float) -> Float[Array, "n n"]:
-    """Return the lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`.
+    """Return the lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`; the matrix may vanish.
 
-    Args:
-        matrix: Positive semi-definite; it may vanish.
-        scale: Size that its entries are compared with. Their own mean would do harm here: where a discrepancy is
-            orthogonal to the dictionary anyway, they are rounding errors, and must count as zero.
+    The entries' own mean would do harm as a scale: where a discrepancy is orthogonal to the dictionary anyway, they are
+    rounding errors, and must count as zero.
     """
     return jnp.linalg.cholesky(matrix + RELATIVE_JITTER * scale * jnp.eye(matrix.shape[-1]))
 
@@ -64,14 +62,11 @@ def singular_root(covariance: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple[str, ...], equation: str) -> None:
-    """Refuse a dictionary whose terms are linearly dependent on the data, and name the terms.
+    """Refuse a dictionary with terms that are zero or linearly dependent (to RANK_TOLERANCE) on the data.
 
     A QR factorisation with column pivoting of the unit-norm columns reveals the rank; the coefficients of a
     dependent column on the independent ones tell which terms it is a combination of. Any matrix with the Gram matrix
     of the dictionary will do.
-
-    Raises:
-        InputError: If a column is zero or (to RANK_TOLERANCE) a combination of the others.
     """
     norms = np.linalg.norm(columns, axis=0)
     if np.any(norms == 0):

@@ -19,7 +19,7 @@ import numpy as np
 from jax.scipy.special import log_ndtr, ndtri
 from jaxtyping import Array, Float
 
-from .subsets import patterns
+from .collapsed import patterns
 
 LEAST_LOG_PROBABILITY = -600.0
 """Least logarithm of a probability that is still a number; below it a quantile is found by Newton steps."""
@@ -65,13 +65,8 @@ def bounded_patterns(
 
         included:  log w += log[Φ(b) − Φ(a)] − log P(lower ≤ u_j ≤ upper),   m ← m + V_·j (z_j − m_j)/V_jj.
 
-    Args:
-        mean: Posterior mean of u = (θ − mean)/sd given that all terms are in, without bounds; a priori u ~ N(0, I).
-        covariance: Its covariance.
-        log_odds: Log odds of inclusion a priori; None: all terms are in.
-        bounds: Bounds of the bounded terms.
-        bounded: Numbers of these terms.
-        certain: Terms that are in whatever their odds.
+    Mean and covariance are those of u = (θ − mean)/sd given that all terms are in, without bounds; a priori u ~ N(0,
+    I).
     """
     n_term = mean.shape[0]
     always = tuple(range(n_term)) if log_odds is None else certain

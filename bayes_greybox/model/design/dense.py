@@ -1,6 +1,5 @@
 """The exact path: f is in the model by its covariance matrix at the rows."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -13,13 +12,12 @@ from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remo
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.gp.kernels import KERNELS
-from bayes_greybox.model.gp.orthogonal import Points, Variant, orthogonal_gram
+from bayes_greybox.model.gp.kernels import KERNELS, Points, Variant, orthogonal_gram
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
+from bayes_greybox.model.rows.equation_rows import Columns, EquationRows, Removal, Table
 from bayes_greybox.running.errors import InputError
 
-from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Numbers, PickRows, Root, Theta, WeightedRows, Weights
 
 MOST_WORTHWHILE = 100
 """Most posterior draws that are worth their cost, a dense factorisation each."""
@@ -31,7 +29,6 @@ class DenseDesign(DesignRows):
     """Rows of one equation on the exact path: f is in the model by its covariance matrix at the rows.
 
     Attributes:
-        expands: See `DesignRows`: f has values where it was drawn only.
         points: Variables of f and Φₒ at the samples of the data.
         nodes: Nodes of the measure, and w Φₒ there.
         whitening: W, or None where the rows are independent.
@@ -64,10 +61,6 @@ class DenseDesign(DesignRows):
         """Return k⊥ between other points and the samples of the data."""
         return self._gram(left, self.points, hyper)
 
-    def covariance_at(self, left: Points, hyper: Hyperparameters) -> Float[Array, "n_left n_left"]:
-        """Return k⊥ among other points."""
-        return self._gram(left, left, hyper)
-
     def remove_discrepancy(
         self, y: Float[Array, " n_row"], hyper: Hyperparameters
     ) -> tuple[Regression, Float[Array, "n_row n_row"]]:
@@ -79,17 +72,11 @@ class DenseDesign(DesignRows):
         """Draw f on the rows from its prior."""
         return singular_root(self.covariance(hyper)) @ jax.random.normal(key, self.y.shape)
 
-    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
-        """Refuse: f has no weights.
-
-        Raises:
-            InputError: Always.
-        """
+    def sampled_weights(self, hyper: Hyperparameters) -> Weights:
+        """Refuse: f has no weights."""
         raise InputError("f has no weights to sample: use OrthogonalGP(path='hsgp').")
 
-    def standardised(
-        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
-    ) -> Float[Array, " n_basis"]:
+    def standardised(self, weight: Weights, hyper: Hyperparameters, fresh: Weights) -> Weights:
         """Refuse: f has no weights."""
         return self.sampled_weights(hyper)
 
@@ -98,23 +85,19 @@ class DenseDesign(DesignRows):
         covariance = self.cross_covariance(self.points, hyper)
         return {"f": singular_root(covariance) @ jax.random.normal(key, covariance.shape[:1])}
 
-    def draw_discrepancy(
-        self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
-    ) -> dict[str, Array]:
+    def draw_discrepancy(self, key: Array, hyper: Hyperparameters, theta: Theta, solve: Any) -> dict[str, Array]:
         """Draw f at the samples of the data from its posterior."""
         prior = self.cross_covariance(self.points, hyper)
         return {"f": self._drawn(key, hyper, theta, self.points, prior)}
 
-    def at(
-        self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
-    ) -> Float[np.ndarray, "n_draw n_row"]:
+    def at(self, frame: Frame, columns: Columns, draws: EquationDraws) -> Float[np.ndarray, "n_draw n_row"]:
         """Draw f at other points given θ and η, not given its values at the data."""
         left = (jnp.asarray(frame.position(columns)), jnp.asarray(frame.dictionary_rows(columns) @ frame.orthonormal))
         keys = jax.random.split(jax.random.PRNGKey(0), len(draws.theta))
 
         def one(item: tuple[Array, Hyperparameters, Array]) -> Array:
             key, hyper, theta = item
-            return self._drawn(key, hyper, theta, left, self.covariance_at(left, hyper))
+            return self._drawn(key, hyper, theta, left, self._gram(left, left, hyper))
 
         hyper = Hyperparameters(*map(jnp.asarray, draws.hyper))
         return np.asarray(jax.lax.map(one, (keys, hyper, jnp.asarray(draws.theta))))
@@ -135,11 +118,9 @@ class DenseDesign(DesignRows):
         """Return the rows with the base kernel."""
         return replace(self, variant="none")
 
-    def weighted(
-        self, frame: Frame, rows: EquationRows, table: Table
-    ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+    def weighted(self, rows: EquationRows, table: Table) -> PickRows:
         """Return the numbers of the observations alone: everything else is in C."""
-        nothing = (jnp.zeros((0, len(frame.dictionary))), jnp.zeros((0, 0)), jnp.zeros(0), jnp.zeros(0))
+        nothing = (jnp.zeros((0, self.Phi.shape[1])), jnp.zeros((0, 0)), jnp.zeros(0), jnp.zeros(0))
         return lambda index: WeightedRows(jnp.asarray(index), *nothing)
 
     def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
@@ -165,9 +146,7 @@ class DenseDesign(DesignRows):
         """Return False: C is factorised anyway."""
         return False
 
-    def without(
-        self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
-    ) -> "DenseDesign":
+    def without(self, rows: EquationRows, table: Table, out: Numbers, removal: Removal) -> "DenseDesign":
         """Rotate the rows into an orthonormal basis of what is left: of unit vectors, if nothing is correlated."""
         remain = np.eye(rows.n_white)[removal.kept]
         if removal.directions is not None:
@@ -187,10 +166,7 @@ class DenseDesign(DesignRows):
         return self
 
     def first_densities(
-        self,
-        order: Int[np.ndarray, " n_obs"],
-        counts: Int[np.ndarray, " n_count"],
-        parameters: tuple[Hyperparameters, Scales],
+        self, order: Numbers, counts: Int[np.ndarray, " n_count"], parameters: tuple[Hyperparameters, Scales]
     ) -> Float[np.ndarray, "n_draw n_count"]:
         """Return log p(y_A | η) of the first rows A in an order, for increasing numbers of them, without log|R_AA|.
 
@@ -228,12 +204,7 @@ class DenseDesign(DesignRows):
         return at_rows
 
     def _drawn(
-        self,
-        key: Array,
-        hyper: Hyperparameters,
-        theta: Float[Array, " n_term"],
-        left: Points,
-        prior: Float[Array, "n_left n_left"],
+        self, key: Array, hyper: Hyperparameters, theta: Theta, left: Points, prior: Float[Array, "n_left n_left"]
     ) -> Float[Array, " n_left"]:
         """Draw f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
         _, L = self.remove_discrepancy(self.y, hyper)

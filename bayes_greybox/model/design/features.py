@@ -1,7 +1,6 @@
 """The feature path: rows [Φ Ψ̃ y] compressed to a triangular factor, whatever their number."""
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,11 +19,11 @@ from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.priors import Scales
-from bayes_greybox.model.rows.equation_rows import EquationRows, Removal, Table
+from bayes_greybox.model.rows.equation_rows import Columns, EquationRows, Removal, Table
 from bayes_greybox.model.sites import site
 from bayes_greybox.running.arrays import on_device
 
-from .protocol import Compress, DesignRows, EquationDraws, Root, WeightedRows
+from .protocol import Compress, DesignRows, EquationDraws, Numbers, PickRows, Root, Theta, WeightedRows, Weights
 
 LEAST_WEIGHT_SD = 1e-100
 """Prior standard deviation below which nothing is left of a weight that could be standardised."""
@@ -44,12 +43,9 @@ class FeatureDesign(DesignRows):
     at the data, without columns where f has the other.
 
     Attributes:
-        expands: See `DesignRows`: f is a sum of features.
-        Psi: Orthogonal features Ψ̃.
         gram: Ψ̃ᵀΨ̃.
         frequency: √λ of each feature in every direction.
         constraints: ⟨Φₒ, ψᵀ⟩ of the conditioned kernel; None for the others.
-        kernel: Name of the base kernel.
     """
 
     expands = True
@@ -79,16 +75,14 @@ class FeatureDesign(DesignRows):
             return 0.5 * log_S, None
         return 0.5 * log_S, constraint_directions(jnp.exp(0.5 * log_S), self.constraints)
 
-    def weights(self, z: Float[Array, " n_basis"], hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+    def weights(self, z: Weights, hyper: Hyperparameters) -> Weights:
         """Return the feature weights w of standardised ones z."""
         if z.size == 0:
             return z
         log_root, U = self.weight_prior(hyper)
         return jnp.exp(log_root) * (z if U is None else z - U @ (U.T @ z))
 
-    def standardised(
-        self, weight: Float[Array, " n_basis"], hyper: Hyperparameters, fresh: Float[Array, " n_basis"]
-    ) -> Float[Array, " n_basis"]:
+    def standardised(self, weight: Weights, hyper: Hyperparameters, fresh: Weights) -> Weights:
         """Return z of weights: `fresh` where they do not determine it, zero where a weight has next to no variance."""
         log_root, U = self.weight_prior(hyper)
         usable = log_root > math.log(LEAST_WEIGHT_SD)
@@ -106,7 +100,7 @@ class FeatureDesign(DesignRows):
         """Draw f on the compressed rows from its prior."""
         return self.Psi @ self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper)
 
-    def sampled_weights(self, hyper: Hyperparameters) -> Float[Array, " n_basis"]:
+    def sampled_weights(self, hyper: Hyperparameters) -> Weights:
         """Sample standardised weights as the site `z`, and return the feature weights; neither where there is no f."""
         if not self.Psi.shape[1]:
             return jnp.zeros(0)
@@ -117,17 +111,13 @@ class FeatureDesign(DesignRows):
         """Draw the weights from their prior."""
         return self._named(self.weights(jax.random.normal(key, self.Psi.shape[1:]), hyper))
 
-    def draw_discrepancy(
-        self, key: Array, hyper: Hyperparameters, theta: Float[Array, " n_term"], solve: Any
-    ) -> dict[str, Array]:
+    def draw_discrepancy(self, key: Array, hyper: Hyperparameters, theta: Theta, solve: Any) -> dict[str, Array]:
         """Draw the weights from their posterior: z | θ, η, y ~ N(Z_y − Z_Φ θ, (L Lᵀ)⁻¹), with L and Z in `solve`."""
         L, Z = solve
         z = Z[:, -1] - Z[:, :-1] @ theta + solve_lower_transposed(L, jax.random.normal(key, L.shape[:1]))
         return self._named(self.weights(z, hyper))
 
-    def at(
-        self, frame: Frame, columns: Mapping[str, np.ndarray], draws: EquationDraws
-    ) -> Float[np.ndarray, "n_draw n_row"]:
+    def at(self, frame: Frame, columns: Columns, draws: EquationDraws) -> Float[np.ndarray, "n_draw n_row"]:
         """Return Ψ̃ w at any rows."""
         return draws.weight @ np.asarray(frame.rows(columns)[1]).T
 
@@ -150,14 +140,12 @@ class FeatureDesign(DesignRows):
             Psi = Psi + np.asarray(self.Phi) @ frame.orthonormal @ frame.moments
         return replace(self, Psi=on_device(Psi), gram=on_device(Psi.T @ Psi), constraints=None)
 
-    def weighted(
-        self, frame: Frame, rows: EquationRows, table: Table
-    ) -> Callable[[Int[np.ndarray, " n"]], WeightedRows]:
+    def weighted(self, rows: EquationRows, table: Table) -> PickRows:
         """Return a function from numbers of observations to R⁻¹[Φ Ψ̃ y] and diag R⁻¹ there."""
         values, precision = rows.weighted(table)
-        n_term = len(frame.dictionary)
+        n_term = self.Phi.shape[1]
 
-        def pick(index: Int[np.ndarray, " n"]) -> WeightedRows:
+        def pick(index: Numbers) -> WeightedRows:
             part = values(index)
             columns = (part[:, :n_term], part[:, n_term:-1], part[:, -1], precision(index)[:, 0])
             return WeightedRows(*on_device((index, *columns)))
@@ -181,9 +169,8 @@ class FeatureDesign(DesignRows):
         # The compressed rows have the Gram matrix of the whitened ones.
         B = scaled(self.Phi, self.Psi)
         n_column = B.shape[1]
-        penalised = jnp.concatenate(
-            [jnp.column_stack([B, self.y / hyper.sigma]), jnp.eye(n_column, n_column + 1)], axis=0
-        )
+        with_target = jnp.column_stack([B, self.y / hyper.sigma])
+        penalised = jnp.concatenate([with_target, jnp.eye(n_column, n_column + 1)], axis=0)
         triangle = jnp.linalg.qr(penalised, mode="r")
         T, right = triangle[:n_column, :n_column], triangle[:n_column, n_column]
         weighted = scaled(rows.Phi, rows.Psi)
@@ -205,9 +192,7 @@ class FeatureDesign(DesignRows):
         """Return whether leaving out so many observations is cheaper by a new factor than by a block of C⁻¹."""
         return size > self.Phi.shape[1] + self.Psi.shape[1]
 
-    def without(
-        self, frame: Frame, rows: EquationRows, table: Table, out: Int[np.ndarray, " n_out"], removal: Removal
-    ) -> "FeatureDesign":
+    def without(self, rows: EquationRows, table: Table, out: Numbers, removal: Removal) -> "FeatureDesign":
         """Return the factor of the whitened rows without the observations `out`; `removal` is `rows.without(out)`."""
         kept, directions = removal.kept, removal.directions
         white = rows.whitened(table)
@@ -217,7 +202,7 @@ class FeatureDesign(DesignRows):
             whole = white(np.arange(rows.n_white))
             left = whole - directions @ (directions.T @ whole)
             factor = triangular_factor(lambda index: left[index], len(left))
-        n_term = len(frame.dictionary)
+        n_term = self.Phi.shape[1]
         Psi = factor[:, n_term:-1]
         return replace(
             self,
@@ -236,9 +221,8 @@ class FeatureDesign(DesignRows):
         return replace(self, Phi=jnp.asarray(Phi), Psi=jnp.asarray(Psi), y=jnp.asarray(y))
 
     def first_densities(
-        self, order: Int[np.ndarray, " n_obs"], counts: Int[np.ndarray, " n_count"],
-        parameters: tuple[Hyperparameters, Scales],
-    ) -> Float[np.ndarray, "n_draw n_count"] | None:  # fmt: skip
+        self, order: Numbers, counts: Int[np.ndarray, " n_count"], parameters: tuple[Hyperparameters, Scales]
+    ) -> Float[np.ndarray, "n_draw n_count"] | None:
         """Return None: each number of first rows has a factor of its own; see `DenseDesign.first_densities`."""
         return None
 
@@ -268,11 +252,7 @@ class FeatureDesign(DesignRows):
     def simulate(
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
-        """Draw w ~ N(0, S), or given C w = 0, in plain NumPy, for simulation-based calibration of the likelihood.
-
-        Returns:
-            The weights by quantity (empty without a discrepancy), and f at the whitened rows.
-        """
+        """Draw w ~ N(0, S), or given C w = 0, in plain NumPy; return it, if there is f, and f at the whitened rows."""
         n = len(hyper.sigma)
         if Psi.shape[1] == 0:
             return {}, np.zeros((n, len(Psi)))

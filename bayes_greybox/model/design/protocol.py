@@ -7,11 +7,20 @@ from typing import ClassVar, NamedTuple, TypeVar
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.coefficient_priors import CoefficientPriors
+from bayes_greybox.model.coefficient import CoefficientPriors
 from bayes_greybox.model.gp.hyper import Hyperparameters
 
 Compress = Callable[[Float[np.ndarray, "n_replicate n_white"]], Float[np.ndarray, "n_replicate n_row"]]
 """Function from whitened targets to those of a design."""
+
+Weights = Float[Array, " n_basis"]
+"""Weights of the features of f, or standardised ones."""
+
+Theta = Float[Array, " n_term"]
+"""Coefficients, scaled units."""
+
+Numbers = Int[np.ndarray, " n"]
+"""Observations by number."""
 
 
 class EquationDraws(NamedTuple):
@@ -19,7 +28,6 @@ class EquationDraws(NamedTuple):
 
     Attributes:
         hyper: Noise SD [n_draw], amplitude [n_draw] and length scales [n_draw, n_var].
-        theta: Coefficients.
         prior_sd: Prior standard deviation of each coefficient, zero where it is out.
         weight: Feature weights; no columns where f is not made of features.
         f: Values of f at the rows of the data; no columns where weights determine it.
@@ -50,9 +58,13 @@ class WeightedRows(NamedTuple):
     y: Float[Array, " n_some"]
     precision: Float[Array, " n_some"]
 
-    def beside(self, theta: Float[Array, " n_term"]) -> "WeightedRows":
+    def beside(self, theta: Theta) -> "WeightedRows":
         """Return the same with Φθ taken off the target."""
         return self._replace(y=self.y - self.Phi @ theta)
+
+
+PickRows = Callable[[Numbers], WeightedRows]
+"""Function from numbers of observations to their weighted rows."""
 
 
 class Root(NamedTuple):
@@ -68,13 +80,9 @@ class DesignRows:
     """Rows of one equation as the likelihood sees them, whitened and in scaled units; a pytree of arrays.
 
     Attributes:
-        Phi: Dictionary.
-        y: Target.
         n_obs: Number of measurements behind the rows.
         n_prior: Number of rows for a prior that asks for it: leaving rows out must not change the prior.
-        log_det_R: log|R|.
         noise_floor: Least σ.
-        coefficients: Priors of single terms.
         expands: If true, f is a finite sum of features, so that it has a value at every state an integrator visits.
     """
 
@@ -92,7 +100,7 @@ class DesignRows:
         """Return the same rows with another target."""
         return replace(self, y=y)
 
-    def beside(self: "AnyRows", theta: Float[Array, " n_term"]) -> "AnyRows":
+    def beside(self: "AnyRows", theta: Theta) -> "AnyRows":
         """Return the same rows with Φθ taken off the target."""
         return self.with_target(self.y - self.Phi @ theta)
 

@@ -46,24 +46,21 @@ class Standing(NamedTuple):
 def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
     """Return the estimate on paths of the model alone, from one near it; None where it does not settle.
 
-    Args:
-        model: The model, with rows near where the descent begins.
-        data: Samples.
-        most: Most steps, twice where fewer segments do at its end than on its way.
+    It takes `most` steps, twice where fewer segments do at its end than on its way.
     """
     start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
-    found = _settled(start, data, most)
-    if found is not None and (bare := _cut(found, data, asked)) is not None and bare.segments < found.segments:
-        return _settled(bare, data, most) or found
-    return found
+    estimate = _settled(start, data, most)
+    if estimate is not None and (bare := _cut(estimate, data, asked)) is not None and bare.segments < estimate.segments:
+        return _settled(bare, data, most) or estimate
+    return estimate
 
 
-def likeliest_of(found: Sequence[Standing], data: Trajectories) -> Standing:
+def likeliest_of(estimates: Sequence[Standing], data: Trajectories) -> Standing:
     """Return the likeliest of several estimates, at least one, judged on paths of as many segments."""
-    most = max(each.segments for each in found)
-    alike = [_cut(each, data, most) for each in found]
+    most = max(each.segments for each in estimates)
+    alike = [_cut(each, data, most) for each in estimates]
     densities = [-math.inf if each is None else each.density for each in alike]
-    return found[int(np.argmax(densities))]
+    return estimates[int(np.argmax(densities))]
 
 
 def frozen(model: Any, equation: Equation) -> list[tuple[Any, float]]:

@@ -31,7 +31,6 @@ class Spectrum:
         loading: b = Uᵀ D^½ᵀ XᵀR⁻¹y [..., n_column].
         back: D^½ U, which maps eigen-coefficients to β [..., n_column, n_column].
         square: yᵀR⁻¹y; of a batch, one for all or one each.
-        n_obs: Number of observations.
     """
 
     eigenvalues: Float[np.ndarray, "*batch n_column"]

@@ -105,13 +105,13 @@ class _Search:
         """Return the likeliest set that the search finds."""
         path = self._from_all()
         starts = dict.fromkeys((path[int(np.argmax(self._weigh(path)))], ()))
-        found = max((self._climbed(start) for start in starts), key=lambda one: self._known[one])
+        best_set = max((self._climbed(start) for start in starts), key=lambda one: self._known[one])
         while thorough:
-            merged = self._merged(found)
-            if self._known[merged] <= self._known[found] + BETTER:
+            merged = self._merged(best_set)
+            if self._known[merged] <= self._known[best_set] + BETTER:
                 break
-            found = self._climbed(merged)
-        return found
+            best_set = self._climbed(merged)
+        return best_set
 
     def near(self, best: Set) -> dict[Set, float]:
         """Return the probabilities of the sets near the best one, the likeliest first."""
@@ -157,7 +157,7 @@ class _Search:
         """Return the best set with one more term, less all that are better left out beside it."""
         if len(one) > MOST_EXCHANGED:
             return one
-        found = []
+        reduced = []
         for j in range(self.n_term):
             if j in one:
                 continue
@@ -171,8 +171,8 @@ class _Search:
                 if logs[best] < self._known[grown] - LEFT_OUT_NATS:
                     break
                 grown = fewer[best]
-                found.append(grown)
-        return self._best_of(one, found)
+                reduced.append(grown)
+        return self._best_of(one, reduced)
 
     def _from_all(self) -> list[Set]:
         """Return sets on the way from all terms to none, the least certain ones left out first."""

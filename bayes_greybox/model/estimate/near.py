@@ -78,34 +78,30 @@ def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = Fal
     """
     if model.rows.follows_path:
         off = equation.moved(frozen(model, equation))
-        at = equation.ridge() if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
-        return None if at is None else replace(model, rows=model.rows.around(at, equation.frame.dictionary.acts_on))
-    found = likeliest(equation)
-    if _stays(model, found, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
+        return _near(model, equation) if off > (UNSETTLED_BEYOND if last else STAYING_WITHIN) else None
+    best = likeliest(equation)
+    if _stays(model, best, UNSETTLED_BEYOND if last else TERMS_STAY_WITHIN):
         return None
-    near = replace(model, rows=model.rows.around(found.terms, found.acts_on))
+    near = replace(model, rows=model.rows.around(best.terms, best.acts_on))
     changed = added_terms(model).keys() ^ added_terms(near).keys()
-    if len(changed) == 1 and earlier is not None and _stays(earlier, found, UNSETTLED_BEYOND):
+    if len(changed) == 1 and earlier is not None and _stays(earlier, best, UNSETTLED_BEYOND):
         return None
     return near
 
 
-def _stays(model: Any, found: Likeliest, within: float) -> bool:
+def _stays(model: Any, best: Likeliest, within: float) -> bool:
     """Return whether a frozen model has the terms of a set, with coefficients within so many standard deviations."""
     before = added_terms(model)
-    acts_on = found.acts_on or model.equations[:1] * len(found.terms)
-    names = [(name, term.text) for (term, _), name in zip(found.terms, acts_on, strict=True)]
-    off = [abs(value - before.get(name, np.inf)) for (_, value), name in zip(found.terms, names, strict=True)]
-    return before.keys() == set(names) and bool(np.all(np.array(off) <= within * found.sd))
+    acts_on = best.acts_on or model.equations[:1] * len(best.terms)
+    names = [(name, term.text) for (term, _), name in zip(best.terms, acts_on, strict=True)]
+    off = [abs(value - before.get(name, np.inf)) for (_, value), name in zip(best.terms, names, strict=True)]
+    return before.keys() == set(names) and bool(np.all(np.array(off) <= within * best.sd))
 
 
 def _alternated(model: Any, data: Trajectories) -> Any:
     """Take rows that hold to the samples by themselves near the likeliest of the model's terms, until these stay.
 
     Where two sets that differ by one term lead to each other alternately, either will do: the data hardly tell.
-
-    Raises:
-        InputError: Sets of terms that do not settle.
     """
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None)
@@ -115,10 +111,10 @@ def _alternated(model: Any, data: Trajectories) -> Any:
         rows = lean.rows.from_afar(iteration)
         close = rows == lean.rows
         (equation,) = replace(lean, rows=rows).assemble(data).values()
-        found = likeliest(equation, thorough=close)
-        lean = replace(lean, rows=lean.rows.around(found.terms, found.acts_on))
+        best = likeliest(equation, thorough=close)
+        lean = replace(lean, rows=lean.rows.around(best.terms, best.acts_on))
         if before is not None:
-            if _stays(before, found, TERMS_STAY_WITHIN):
+            if _stays(before, best, TERMS_STAY_WITHIN):
                 break
             changed = added_terms(lean).keys() ^ added_terms(before).keys()
         before = lean if close else None
@@ -184,12 +180,12 @@ def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
     start = descended(model, data, ITERATIONS_FROM_SIMULATION)
-    found = [start] if start is not None and _close(start.equation) else []
+    estimates = [start] if start is not None and _close(start.equation) else []
     for tried in TRIES:
         try:
             forced, moved = _turned(forced, data, tried - done, SETTLED_WITHIN)
         except (InputError, np.linalg.LinAlgError):
-            if not found:
+            if not estimates:
                 raise
             break
         done = tried
@@ -197,14 +193,14 @@ def _settled(model: Any, data: Trajectories) -> Any:
         if unforced is not None:
             # One estimate may be of a minimum of its own; what two paths lead to stands where a force betters nothing,
             # and what three do in any case: the noise is then none that these equations explain.
-            again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING_WITHIN for other in found)
-            found.append(unforced)
+            again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING_WITHIN for other in estimates)
+            estimates.append(unforced)
             if again + 1 >= ENOUGH_ALIKE or (again and _follows(_near(forced, unforced.equation), data)):
                 break
         if moved < SETTLED_WITHIN:
             break
-    if found:
-        return likeliest_of(found, data).model
+    if estimates:
+        return likeliest_of(estimates, data).model
     if moved > UNSETTLED_BEYOND:
         raise _unsettled(model, done, moved)
     # Where no path of the model can be followed to its end, there is the one that a force keeps to the samples.

@@ -7,8 +7,7 @@ from typing import Annotated, Any, Literal
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, OneOf, Positive, Rule, Seed, require_limits
 
-from .kernels import KERNELS
-from .orthogonal import Measure, Variant
+from .kernels import KERNELS, Measure, Variant
 
 Path = Literal["hsgp", "exact"]
 
@@ -16,26 +15,20 @@ EXACT_LIMIT = 1500
 """Most rows that the dense path is offered for."""
 
 
-def _counts(features: Any) -> bool:
-    counts = features if isinstance(features, list | tuple) else [features]
-    return all(type(count) is int and 0 < count <= MOST_FEATURES for count in counts)
-
-
 MOST_FEATURES = 10_000
 """Most features along a variable: no data tell that many apart, and a number without end asks for all memory."""
 
 FEATURE_COUNTS = Rule(
-    _counts, "should be a positive whole number, or a list with one for each variable, of at most 10,000"
+    lambda features: all(type(count) is int and 0 < count <= MOST_FEATURES for count in _each(features)),
+    "should be a positive whole number, or a list with one for each variable, of at most 10,000",
 )
 """Limits of the numbers of features."""
 
 
-def _contains_data(boundary: Any) -> bool:
-    each = boundary if isinstance(boundary, list | tuple) else [boundary]
-    return all(isinstance(one, int | float) and one > 1 for one in each)
-
-
-OUTSIDE_DATA = Rule(_contains_data, "must exceed 1, the edge of the data")
+OUTSIDE_DATA = Rule(
+    lambda boundary: all(isinstance(one, int | float) and one > 1 for one in _each(boundary)),
+    "must exceed 1, the edge of the data",
+)
 """Limits of the end of the features' domain, in half-widths of the data's box."""
 
 
@@ -88,10 +81,9 @@ class OrthogonalGP:
                 f"OrthogonalGP(variables={self.variables!r}) must name one variable or more, such as "
                 "variables=('y', 'ydot'); leave it out for all states and inputs."
             )
-        if isinstance(self.variables, list):
-            object.__setattr__(self, "variables", tuple(self.variables))
-        if isinstance(self.boundary, list):
-            object.__setattr__(self, "boundary", tuple(self.boundary))
+        for name in ("variables", "boundary"):
+            if isinstance(getattr(self, name), list):
+                object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.features is not None:
             object.__setattr__(self, "features", _whole(self.features))
         require_limits(self)
@@ -100,6 +92,10 @@ class OrthogonalGP:
                 "OrthogonalGP(variant='printed') has no feature expansion, because it is not a covariance: "
                 "give path='exact' to build it anyway, or use variant='projected'."
             )
+
+
+def _each(value: Any) -> Any:
+    return value if isinstance(value, list | tuple) else [value]
 
 
 def _whole(features: Any) -> int | tuple[int, ...]:

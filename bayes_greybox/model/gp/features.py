@@ -95,11 +95,11 @@ class HilbertBasis:
 
     def directions(self, x: Float[Array | np.ndarray, "*n n_var"]) -> list[Float[Array | np.ndarray, "*n m"]]:
         """Return the factors of ψ(x) in each direction, whose products are the features."""
-        xp, found = namespace([x]), []
+        xp, factors = namespace([x]), []
         for d, (m, L) in enumerate(zip(self.per_variable, self.half_widths, strict=True)):
             along = xp.cos(np.arange(m) * np.pi / (2 * L) * (x[..., d : d + 1] + L))
-            found.append(along * np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / L))
-        return found
+            factors.append(along * np.sqrt(np.where(np.arange(m) == 0, 0.5, 1.0) / L))
+        return factors
 
     @cached_property
     def _growth(self) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:

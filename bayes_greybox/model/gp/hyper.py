@@ -62,9 +62,8 @@ class HyperPrior:
     def sample(self, sigma: Float[Array, ""] | None = None) -> Hyperparameters:
         """Sample η inside a NumPyro model: sites `noise` (s), `amplitude` and `length_scale`, and `sigma` from s.
 
-        Without f there is neither amplitude nor length scale; the placeholders multiply no features.
-
-        σ is given where it has another prior.
+        Without f there is neither amplitude nor length scale; the placeholders multiply no features. σ is given where
+        it has another prior.
         """
         if sigma is None:
             noise = site("noise", dist.HalfNormal(self.noise.scale))

@@ -9,7 +9,7 @@ discrepancy, few features of it, and is repeated under the noise that it found:
 Correlated noise looks like what β explains, and residuals have lost that part: a correlation is held at the mode of
 p(y | R), β integrated out (restricted likelihood; Patterson & Thompson 1971, Biometrika 58:545).
 
-Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `unknown_force`).
+Samples of a path may have, beside the sensor's noise, an unknown force that moves the path (see `suspicions.force`).
 """
 
 import math
@@ -35,8 +35,7 @@ from bayes_greybox.running.errors import InputError
 
 from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion
-from .suspicions import LEAST_ROWS, below_floor, heavy, varying
-from .unknown_force import force
+from .suspicions import LEAST_ROWS, below_floor, force, heavy, varying
 
 FIT = "fit"
 """Value of an option whose parameter is found from the data."""
@@ -110,13 +109,7 @@ class Noise:
 def find_noise(
     noise: Noise, rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, floor: float
 ) -> NoiseModel:
-    """Find R at the mode on the residuals of a ridge fit.
-
-    `floor` is the least σ over the RMS of the target.
-
-    Raises:
-        InputError: Too few rows; a column that the data do not have; noise whose correlation is known already.
-    """
+    """Find R at the mode on the residuals of a ridge fit; `floor` is the least σ over the RMS of the target."""
     model = plain = NoiseModel(rows.noise)
     if noise.white:
         return plain
@@ -132,7 +125,7 @@ def find_noise(
 
     def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
         residual = y - both @ ridge(noise_so_far)[1]
-        return _found(noise, residual, plain, rows, quantities, prior, evidence)
+        return _held_at_mode(noise, residual, plain, rows, quantities, prior, evidence)
 
     for _ in range(MOST_ALTERNATIONS):
         before, model = model, found_under(model.noise)
@@ -148,11 +141,7 @@ def varies_with(rows: EquationRows) -> dict[str, Float[np.ndarray, " n_row"]]:
 
 
 def check_asked(noise: Noise, rows: EquationRows) -> None:
-    """Refuse noise that cannot be found on these rows, before there is any work to lose.
-
-    Raises:
-        InputError: As for `find_noise`.
-    """
+    """Refuse noise that cannot be found on these rows, before there is any work to lose."""
     if noise.white:
         return
     if rows.noise.derived:
@@ -191,7 +180,7 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
         )
 
 
-def _found(
+def _held_at_mode(
     noise: Noise, residual: Float[np.ndarray, " n_row"], plain: NoiseModel, rows: EquationRows,
     quantities: Mapping[str, Float[np.ndarray, " n_row"]], prior: NoisePrior,
     evidence: Callable[[RowNoise], float] | None,
@@ -209,8 +198,8 @@ def _found(
         model = _taken(model, varying(residual, model, quantities, prior), noise.depends_on)
     if noise.correlation is not None:
         tau = None if noise.correlation == FIT else float(noise.correlation)
-        found = in_time(residual, model, Stamps(rows.time, rows.run), prior, CORRELATED, tau, evidence)
-        model = _taken(model, found, noise.correlation)
+        suspicion = in_time(residual, model, Stamps(rows.time, rows.run), prior, CORRELATED, tau, evidence)
+        model = _taken(model, suspicion, noise.correlation)
     if noise.tails is not None:
         asked = {} if noise.tails == FIT else {"degrees": (float(noise.tails),)}
         model = _taken(model, heavy(residual, model, prior, **asked), noise.tails)
@@ -313,20 +302,24 @@ def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray,
 def noise_record(model: NoiseModel) -> dict[str, Any]:
     """Return the parameters that were found, as plain values for the columns of `Fit.noise`."""
     about, record = model.about, {}
-    if found := about.get(CORRELATED):
-        record |= {"correlation_time": found["time_scale"], "white_share": found["white"]}
-    if found := about.get(VARYING):
-        record |= {"depends_on": found["variable"], "exponent": found["exponent"], "level": found["level"]}
-    if found := about.get(PROCESS):
-        record |= {"force": math.sqrt(found["intensity"]), "force_share": found["share"]}
-    if found := about.get(HEAVY):
-        record |= {"degrees": float(found["degrees"])}
+    if parameters := about.get(CORRELATED):
+        record |= {"correlation_time": parameters["time_scale"], "white_share": parameters["white"]}
+    if parameters := about.get(VARYING):
+        record |= {
+            "depends_on": parameters["variable"],
+            "exponent": parameters["exponent"],
+            "level": parameters["level"],
+        }
+    if parameters := about.get(PROCESS):
+        record |= {"force": math.sqrt(parameters["intensity"]), "force_share": parameters["share"]}
+    if parameters := about.get(HEAVY):
+        record |= {"degrees": float(parameters["degrees"])}
     return record
 
 
-def with_found(noise: Noise, found: Mapping[str, NoiseModel]) -> Noise:
+def with_found(noise: Noise, models: Mapping[str, NoiseModel]) -> Noise:
     """Return the noise with the parameters that were found for each equation."""
-    return replace(noise, found={name: noise_record(model) for name, model in found.items()})
+    return replace(noise, found={name: noise_record(model) for name, model in models.items()})
 
 
 def is_number(value: Any) -> bool:

@@ -48,20 +48,11 @@ def in_time(
     residual: Float[np.ndarray, " n_obs"], current: NoiseModel, stamps: Stamps, prior: NoisePrior, name: str,
     time_scale: float | None = None, evidence: Callable[[RowNoise], float] | None = None,
 ) -> Suspicion | None:  # fmt: skip
-    """Weigh a process in time, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
+    """Weigh a process in time, `CORRELATED` or `PROCESS`, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
-    Args:
-        residual: Measured less explained rate, scaled units.
-        current: Noise as it is, without a process in time.
-        stamps: Times and runs of the rows.
-        prior: Prior of σ.
-        name: `CORRELATED` or `PROCESS`.
-        time_scale: τ in units of time, if it is known.
-        evidence: Log p of the measurements under some noise, the explanation integrated out, whose mode is taken; by
-            default that of the residuals.
-
-    Returns:
-        The suspicion; None where each run has one row.
+    τ may be known, in units of time. `evidence` is log p of the measurements under some noise, the explanation
+    integrated out, whose mode is taken; by default that of the residuals. Where each run has one row, there is no
+    suspicion.
     """
     process = "exponential" if name == CORRELATED else "matern32"
     sd = correlation_and_sd(current.noise)[1]
@@ -104,9 +95,9 @@ def in_time(
     neighbours = 1.0 if process == "exponential" else 1 + math.sqrt(3) * typical / tau
     neighbours *= math.exp(-typical / tau * (1.0 if process == "exponential" else math.sqrt(3)))
     about = {"time_scale": tau, "white": white, "share": 1 - white, "correlation": (1 - white) * neighbours}
-    found = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
+    suspicion = weighed_on_grid(name, logs, log_prior, before, noise_of(k, m), current, about)
     lift = float(np.max(logs)) - float(fine[k, m])
-    return replace(found, model=replace(found.model, constant=found.model.constant + lift))
+    return replace(suspicion, model=replace(suspicion.model, constant=suspicion.model.constant + lift))
 
 
 class _Stretches(NamedTuple):

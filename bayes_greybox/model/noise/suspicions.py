@@ -1,7 +1,9 @@
 """Noise that is not white: its correlation, its size along the path, and its tails, found on residuals.
 
 Each suspect is weighed against noise as it is, on residuals of a hypothesis, all parameters summed over a grid with σ
-integrated out, and then held at its mode; see `noise_model`.
+integrated out, and then held at its mode; see `noise_model`. Sensor noise and an unknown force along the path that
+samples are taken of are told apart by the spectrum of the residual: what enters as a force rings as the system does. It
+is something that the model lacks, or surroundings that shake it.
 """
 
 import math
@@ -18,7 +20,9 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .in_time import Stamps, in_time
 from .noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel, Suspicion, weighed_on_grid
-from .unknown_force import force
+
+PerRow = Float[np.ndarray, " n_obs"]
+"""One number for each row."""
 
 LEAST_ROWS = 20
 """Fewer residuals say nothing about their noise."""
@@ -34,47 +38,36 @@ DEGREES = (1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
 
 
 def suspicions(
-    residual: Float[np.ndarray, " n_obs"],
-    current: NoiseModel,
-    time: Float[np.ndarray, " n_obs"],
-    run: Int[np.ndarray, " n_obs"],
-    quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
-    prior: NoisePrior,
-) -> list[Suspicion]:
+    residual: PerRow, current: NoiseModel, time: PerRow, run: Int[np.ndarray, " n_obs"],
+    quantities: Mapping[str, PerRow], prior: NoisePrior,
+) -> list[Suspicion]:  # fmt: skip
     """Weigh every kind of noise that is not yet in the noise model."""
     if len(residual) < LEAST_ROWS or below_floor(residual, current, prior):
         return []
-    found, whole = [], residual
+    weighed, whole = [], residual
     residual = current.noise.without_starts(residual[:, None])[:, 0]
     if not {CORRELATED, PROCESS} & set(current.names):
         stamps = Stamps(time, run)
-        found.append(in_time(residual, current, stamps, prior, CORRELATED))
+        weighed.append(in_time(residual, current, stamps, prior, CORRELATED))
         # Where rows are samples of a path, a process of the system moves that.
         moved = len(current.noise.intensities) > 0
-        found.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
+        weighed.append(force(whole, current, prior) if moved else in_time(residual, current, stamps, prior, PROCESS))
     if VARYING not in current.names:
-        found.append(varying(residual, current, quantities, prior))
+        weighed.append(varying(residual, current, quantities, prior))
     if HEAVY not in current.names:
-        found.append(heavy(residual, current, prior))
-    return [s for s in found if s is not None and np.isfinite(s.log_bayes_factor)]
+        weighed.append(heavy(residual, current, prior))
+    return [s for s in weighed if s is not None and np.isfinite(s.log_bayes_factor)]
 
 
-def below_floor(residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior) -> bool:
+def below_floor(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> bool:
     """Return whether residuals are below the noise floor of the prior, where nothing can be said of their noise."""
     return bool(np.mean(current.noise.whiten(residual[:, None]) ** 2) < prior.floor**2)
 
 
 def varying(
-    residual: Float[np.ndarray, " n_obs"],
-    current: NoiseModel,
-    quantities: Mapping[str, Float[np.ndarray, " n_obs"]],
-    prior: NoisePrior,
+    residual: PerRow, current: NoiseModel, quantities: Mapping[str, PerRow], prior: NoisePrior
 ) -> Suspicion | None:
-    """Weigh noise that depends on the state, sd ∝ (δ² + (x/RMS)²)^(a/2); x, δ and a on a grid.
-
-    Returns:
-        The suspicion; None where nothing varies.
-    """
+    """Weigh noise that depends on the state, sd ∝ (δ² + (x/RMS)²)^(a/2); x, δ and a on a grid."""
     inner, sd = correlation_and_sd(current.noise)
     e = inner.whiten((residual / sd)[:, None])[:, 0]
     if not inner.square:
@@ -102,14 +95,12 @@ def varying(
 
 
 def heavy(
-    residual: Float[np.ndarray, " n_obs"], current: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
+    residual: PerRow, current: NoiseModel, prior: NoisePrior, degrees: Sequence[float] = DEGREES
 ) -> Suspicion | None:
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
     The noise model holds the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
-
-    Returns:
-        The suspicion; None for whitened coefficients that are no rows.
+    Whitened coefficients that are no rows have no tails.
     """
     inner, sd = correlation_and_sd(current.noise)
     if not inner.square:
@@ -149,3 +140,55 @@ def heavy(
         constant=current.constant + total - at_mode, about={**current.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)
+
+
+REFINED_INTERVALS = 8
+"""Intervals that the neighbourhood of the best intensity is split into."""
+
+FINE_NATS, MOST_REFINEMENTS = 1.0, 4
+"""Nats between the best intensity and its neighbours up to which the grid is fine, and its most refinements."""
+
+
+def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion:
+    """Weigh an unknown force, white in time, its intensity λ on a grid.
+
+        p(e | λ) = ∫ N(e | 0, σ² R(λ)) p(σ) dσ
+
+    Unknown starts of the path are in the residual.
+    """
+
+    def logs(intensities: np.ndarray) -> np.ndarray:
+        noises = [current.noise.forced(float(each)) for each in intensities]
+        squares = np.array([np.sum(noise.whiten(residual[:, None]) ** 2) for noise in noises])
+        return log_white_each(squares, len(residual), prior) - 0.5 * np.array([noise.log_det for noise in noises])
+
+    grid = np.asarray(current.noise.intensities, float)
+    log_p = logs(grid)
+    # In long records an intensity between two nodes is many nats likelier than either.
+    for _ in range(MOST_REFINEMENTS):
+        best = int(np.argmax(log_p))
+        beside = [k for k in (best - 1, best + 1) if 0 <= k < len(grid)]
+        if all(log_p[best] - log_p[k] < FINE_NATS for k in beside):
+            break
+        low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+        nearby = np.setdiff1d(np.geomspace(low, high, REFINED_INTERVALS + 1)[1:-1], grid)
+        order = np.argsort(np.concatenate([grid, nearby]))
+        grid, log_p = (np.concatenate(pair)[order] for pair in ((grid, nearby), (log_p, logs(nearby))))
+    intensity = float(grid[int(np.argmax(log_p))])
+    noise = current.noise.forced(intensity)
+    square = float(np.sum(current.noise.whiten(residual[:, None]) ** 2))
+    before = float(log_white_each(np.array([square]), len(residual), prior)[0]) - 0.5 * current.noise.log_det
+    about = {"intensity": intensity, "share": _share(residual, current, intensity)}
+    # Uniform in log λ over the grid's range, by the trapezoidal rule.
+    place = np.log(grid)
+    width = (np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])) / 2
+    return weighed_on_grid(PROCESS, log_p, np.log(width / (place[-1] - place[0])), before, noise, current, about)
+
+
+def _share(residual: np.ndarray, current: NoiseModel, intensity: float) -> float:
+    """Return the share of the residuals' variance that the force makes."""
+    noise = current.noise.forced(intensity)
+    sigma2 = float(np.mean(noise.whiten(residual[:, None]) ** 2))
+    left = noise.without_starts(residual[:, None])[:, 0]
+    sensor = sigma2 * float(np.mean(1 / current.noise.error.precision_diagonal()))
+    return float(np.clip(1 - sensor / max(float(np.mean(left**2)), 1e-300), 0.0, 1.0))

@@ -43,9 +43,7 @@ class Operator(Protocol):
         """Return V table."""
         ...
 
-    def of(
-        self, evaluate: Callable[[Columns], Float[np.ndarray, "n k"]], columns: Columns
-    ) -> Float[np.ndarray, "n_row k"]:
+    def of(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n_row k"]:
         """Return V F, with F evaluated on columns [n] a stretch of samples at a time."""
         ...
 
@@ -126,12 +124,8 @@ class EquationRows:
 
     Attributes:
         equation: The learned state, or all together by `block_name`.
-        columns: States and inputs at the samples, which Φ and f are evaluated on.
-        measured: Measurements.
         simulated: V g, the measurements according to the simulation.
         noise: R, and W with W R Wᵀ = I.
-        time: Time stamps of the rows.
-        run: Number of the run of each row.
         operator: V, from values at the samples to values of the rows; None where each sample is a row.
         gain: Divisor that took a sensor's unit to the unit of the rate; 1 where rows are rates.
         unfollowed: Force that the model lacks along the path that the rows are taken at.
@@ -199,11 +193,7 @@ class EquationRows:
 
     @cached_property
     def scale(self) -> float:
-        """RMS of the target, which the equation is scaled by.
-
-        Raises:
-            InputError: Nothing but rounding errors.
-        """
+        """RMS of the target, which the equation is scaled by; nothing but rounding errors is refused."""
         if self.nothing_left:
             raise self.nothing_to_learn()
         return float(np.sqrt(np.mean(self.target**2)))
@@ -243,12 +233,10 @@ class EquationRows:
         return values
 
     def table(self, evaluate: Evaluate, acts_on: Sequence[str] = (), jumps: "Jumps | None" = None) -> Table:
-        """Return V F by index of the rows, F evaluated on columns; where V mixes samples, evaluated here in stretches.
+        """Return V F by index of the rows, F [n, k] evaluated on columns; where V mixes samples, it is evaluated here.
 
-        Args:
-            evaluate: Function from columns [n] to F [n, k].
-            acts_on: Learned state that each of the k acts on, where several share the rows.
-            jumps: Those of the k that may jump: they are averaged over what a sample stands for.
+        Where several learned states share the rows, each of the k `acts_on` one of them. Those of the k that may jump
+        are averaged over what a sample stands for.
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
@@ -307,17 +295,11 @@ class EquationRows:
         return blocks
 
     def without(self, out: Int[np.ndarray, " n_out"]) -> Removal:
-        """Leave observations out: rows, or whitened coefficients where R is singular.
+        """Leave observations out, in increasing order: rows, or whitened coefficients where R is singular.
 
         Where the noise is correlated, y₋ᵢ has noise covariance σ² R₋ᵢ₋ᵢ. Its whitening is that of all rows followed by
         the removal of the directions a = W eᵢ, with log|R₋ᵢ₋ᵢ| = log|R| + log aᵀa, so R₋ᵢ₋ᵢ is never formed. Where the
         start of each run stays (whole runs, or the past), W is triangular, so it is enough to leave rows of W out.
-
-        Args:
-            out: Observations, in increasing order.
-
-        Raises:
-            InputError: A design with more rows than these, of which none can be taken out again.
         """
         if self.n_all is not None:
             raise InputError(

@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeVar
+from dataclasses import replace
+from typing import Any, TypeVar, cast
 from weakref import WeakKeyDictionary
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -44,6 +45,8 @@ of runs that come one after another are together the rows of all runs at once.""
 class RowKind(ABC):
     """A kind of rows: by default measured rates beside all states, linear in whatever is added to them.
 
+    A kind has a method `rows`, or `shared_rows` where all equations share them.
+
     Arguments of the methods have the same meaning throughout: `data` are measurements, `equation` or `equations` the
     learned states that the rows tell of, and `simulation` the known rates.
 
@@ -54,7 +57,8 @@ class RowKind(ABC):
         shared: If true, all learned equations have the same rows, so that one likelihood tells of all.
         follows_path: If true, the rows follow a path that a model integrates, to which only an unknown force holds it
             while it is off. Such a kind has the methods `unforced`, `segments` and `in_segments` of `TrajectoryRows`
-            too. A kind that is neither linear nor follows a path has `from_afar`, as `WeakRows`.
+            too. A kind that is neither linear nor follows a path has `from_afar`, as `WeakRows`. Both have the fields
+            `added` and `added_to`.
         studied: If true, hypotheses and sensor errors can be weighed on the rows.
     """
 
@@ -66,11 +70,7 @@ class RowKind(ABC):
 
     @abstractmethod
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows of one equation.
-
-        Raises:
-            InputError: The data cannot give such rows.
-        """
+        """Return the rows of one equation; data that cannot give such rows are refused."""
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows of equations that share them; see `rows`."""
@@ -96,8 +96,7 @@ class RowKind(ABC):
     def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
         """Return the states of a simulation, as the user gave it, that the data lack; none where rows need every state.
 
-        Raises:
-            InputError: Outputs beside samples of states.
+        Outputs beside samples of states are refused.
         """
         if self.linear:
             return ()
@@ -129,11 +128,7 @@ class RowKind(ABC):
         return data
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
-        """Return the path that the rows are linear along.
-
-        Raises:
-            InputError: The rows follow none; no path was found.
-        """
+        """Return the path that the rows are linear along, or refuse where they follow none or none is found."""
         raise InputError(
             "Rows of rates are linear in what is learned, so that their posterior is exact already, and follow no "
             "path: for samples use GreyBox(rows=bg.TrajectoryRows())."
@@ -142,18 +137,18 @@ class RowKind(ABC):
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "RowKind":
         """Return the rows near the model with these terms; rows that are linear anyway stay as they are.
 
-        Args:
-            added: Terms with coefficients that are added to the rates of learned states, user's units.
-            to: Learned state of each term, where several share the rows.
+        The terms, with coefficients in user's units, are added to the rates of learned states, `to` those of each.
         """
-        return self
+        if self.linear:
+            return self
+        texts = tuple((term.text, float(value)) for term, value in added)
+        return replace(cast(Any, self), added=texts, added_to=tuple(to))
 
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "RowKind":
         """Return the rows with hidden states that are at rest where a run starts.
 
-        Args:
-            states: These states, each with the column that it is about as large as.
-            starts: Those of them that move along with a column where a run starts, with that column.
+        Each state has the column that it is about as large as; those that start as a column does have that column in
+        `starts`.
         """
         return self
 

@@ -34,23 +34,20 @@ def row_warnings(kind: RowKind, data: Trajectories, equation: str, simulation: S
     since E[e | x] = s² ∇ log p(x) is a force that more rows make surer; s and σ from third differences of the samples.
     Truncation: what the filter takes from the simulation's rate when the states pass through it once more, against the
     gap. Sampling: samples per period of the frequency below which 99 % of the rate's power lies.
-
-    Returns:
-        At most one sentence on each state's noise, one on truncation and one on sampling.
     """
     rows = kind.rows(data, equation, simulation)
-    found = [*_noisy(data, equation, simulation), *_coarse(data, equation)]
+    sentences = [*_noisy(data, equation, simulation), *_coarse(data, equation)]
     size, gap = _truncation(data, equation, simulation), float(np.sqrt(np.mean(rows.target**2)))
     if size > TRUNCATION_SHARE * gap:
-        found.append(
+        sentences.append(
             f"The filter takes {size:.2g} from the simulation's {_called(data, equation)}, where {gap:.2g} is left to "
             "explain: coefficients of fast terms are off. Halve its window, and see whether they stay."
         )
-    return found
+    return sentences
 
 
 def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[str]:
-    filtered, found = data.filter, []
+    filtered, sentences = data.filter, []
     if filtered is not None and not filtered.finite:
         return []
     columns = np.column_stack([data.matrix(data.state_names), data.rate(equation)])
@@ -65,12 +62,12 @@ def _noisy(data: Trajectories, equation: str, simulation: Simulation) -> list[st
         moved = replace(data, states={**data.states, name: data.states[name] + s})
         reached = float(np.sqrt(np.mean((simulation.on(moved, equation) - here) ** 2)))
         if s > 0 and reached**2 > NOISE_SHARE * sigma**2:
-            found.append(
+            sentences.append(
                 f"Noise of {s:.2g} in {name} reaches the simulation's {_called(data, equation)} with {reached:.2g}, "
                 f"beside noise of {sigma:.2g} in the measured {data.target_in_words(equation)}: coefficients are "
                 "biased, and more rows do not help."
             )
-    return found
+    return sentences
 
 
 def _truncation(data: Trajectories, equation: str, simulation: Simulation) -> float:

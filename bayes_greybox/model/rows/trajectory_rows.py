@@ -13,7 +13,7 @@ path that the model allows. States that no sensor measures are part of x all the
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
@@ -21,8 +21,7 @@ import numpy as np
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.starts_noise import StartsNoise
-from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integration.adaptive_steps import INTERPOLATIONS
@@ -122,10 +121,6 @@ class TrajectoryRows(RowKind):
             samples=None,
         )
 
-    def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "TrajectoryRows":
-        """Return rows linear near the model with these terms."""
-        return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
-
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "TrajectoryRows":
         """Return rows with more hidden states that are at rest where a run starts, or move along with a column."""
         at_rest, moving = {**dict(self.at_rest), **states}, {**dict(self.moving), **starts}
@@ -195,11 +190,7 @@ class TrajectoryRows(RowKind):
         return _rows_of(path, data, equations, simulation, None, self.force)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
-        """Return the reference path through samples, or through those of completed data.
-
-        Raises:
-            InputError: A state without an equation; too few samples; no path near them.
-        """
+        """Return the reference path through samples, or through those of completed data."""
         samples = data.samples or data
         # The force in the noise changes no path.
         key = (replace(self, force=0.0), equations, simulation.key)
@@ -247,7 +238,7 @@ def _rows_of(
         gain=path.gain,
         unfollowed=path.unfollowed,
         learned=path.acting(),
-        segments=path.pieces,
+        segments=path.common.pieces,
         exact=lambda added, starts: (
             exact_samples(path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical)
             / path.gain

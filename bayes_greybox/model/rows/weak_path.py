@@ -16,7 +16,7 @@ That is Gauss and Newton's step to the likeliest states under the model (Britt &
 Where the model does not explain the rows, σ̂² is large and ê takes no more than its share.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import LinAlgError, cholesky_banded
 from scipy.sparse import csr_matrix, diags, hstack, vstack
 
-from bayes_greybox.data.noise.overlapping import (
+from bayes_greybox.data.noise.banded import (
     LEAST_PIVOT_SHARE,
     OverlappingNoise,
     independent_rows,
@@ -34,10 +34,19 @@ from bayes_greybox.data.noise.overlapping import (
 )
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.data.weak.local_fits import LocalFits, Stretch, chosen_half_widths, stretches
-from bayes_greybox.data.weak.weak_form import CENTRES_PER_RADIUS, FEWEST_RADIUS_STEPS, Bumps
+from bayes_greybox.data.weak.weak_form import (
+    CENTRES_PER_RADIUS,
+    FEWEST_RADIUS_STEPS,
+    Bumps,
+    LocalFits,
+    Stretch,
+    chosen_half_widths,
+    stretches,
+)
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.running.errors import InputError
+
+from .equation_rows import Acting, Columns, EquationRows, Evaluate, block_name
 
 LEAST_STATE_NOISE = 1e-5
 """Least noise of a state over the spread of its samples: rounding, and what sums for integrals leave."""
@@ -68,9 +77,6 @@ class Common:
     """Findings that all runs share, whichever of them are looked at together.
 
     Attributes:
-        sd: Noise of each state.
-        half_widths: Number of neighbours on either side in the cubics of each state.
-        radius: Half the support of the test functions.
         levels: Level of each pass.
         sizes: RMS of the measured rows of each equation.
     """
@@ -89,8 +95,6 @@ class Reading:
     Attributes:
         sd: Noise of each state.
         half_widths: Number of neighbours on either side in the cubics of each state.
-        fits: These cubics.
-        bumps: Test functions.
     """
 
     samples: Trajectories
@@ -146,11 +150,7 @@ class Weighing:
         """Return V table."""
         return np.asarray(self.table @ table)
 
-    def of(
-        self,
-        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n_sample k"]],
-        columns: Mapping[str, Float[np.ndarray, " n_sample"]],
-    ) -> Float[np.ndarray, "n_row k"]:
+    def of(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n_row k"]:
         """Return V F, F evaluated on columns."""
         return self(np.asarray(evaluate(columns)))
 
@@ -160,50 +160,31 @@ class WeakPath:
     """States near those that were sampled, and rows of some equations there, in order of time, then of equation.
 
     Attributes:
-        reading: Reading of the samples.
         states: X.
         rates: Slopes of X.
-        weighing: V of each equation that has rows.
-        measured: −V̇ Y − V J (Y − X).
-        simulated: V g(X), g without the frozen model's own terms.
-        noise: R, whose `scale` is that of the rows.
-        time: Centres of the rows.
-        run: Their runs.
-        common: Findings that further runs share with these.
+        rows: Rows: −V̇ Y − V J (Y − X) measured, V g(X) simulated without the frozen model's own terms; forces on each
+            state have the RMS of its equation's rows.
     """
 
     reading: Reading
     states: Float[np.ndarray, "n_sample n_state"]
     rates: Float[np.ndarray, "n_sample n_state"]
-    weighing: Mapping[str, Weighing]
-    measured: Float[np.ndarray, " n_row"]
-    simulated: Float[np.ndarray, " n_row"]
-    noise: OverlappingNoise
-    time: Float[np.ndarray, " n_row"]
-    run: Int[np.ndarray, " n_row"]
+    rows: EquationRows
     common: Common
 
 
 def weak_path(
     reading: Reading,
     equations: tuple[str, ...],
-    known: Simulation,
+    simulation: Simulation,
     whole: Simulation,
     white_share: float,
     levels: Sequence[Level] = (),
 ) -> WeakPath:
     """Return states and rows near a frozen model.
 
-    Args:
-        reading: Reading of the samples.
-        equations: Equations that have rows.
-        known: The known rates.
-        whole: The same with the terms of the frozen model.
-        white_share: δ.
-        levels: Levels of each pass that these rows share with others; found from these if left out.
-
-    Raises:
-        InputError: Rates of the frozen model are not finite near the samples.
+    `simulation` are the known rates, `whole` those with the terms of the frozen model. `levels` of each pass are found
+    from these rows, unless they share them with others.
     """
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
@@ -211,34 +192,33 @@ def weak_path(
     X = reading.smooth(Y)
     first, *others = [*levels] or [None] * (STATE_PASSES + 1)
     near = _linear(reading, states, X, whole, white_share, first)
-    found = [near.level]
+    levels_found = [near.level]
     for level in others:
         X = reading.smooth(Y - near.error(reading))
         near = _linear(reading, states, X, whole, white_share, level)
-        found.append(near.level)
-    g, rows = known.rates(samples.time, X, U), near.rows
+        levels_found.append(near.level)
+    g, rows = simulation.rates(samples.time, X, U), near.rows
     measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in states])[rows]
-    weighing = {}
+    learned, equation_of = {}, rows // max(len(bumps), 1)
     for i, name in enumerate(equations):
         parts = [bumps.values if k == i else csr_matrix(bumps.values.shape) for k in range(len(states))]
-        weighing[name] = Weighing(_lines(parts, rows), np.tile(bumps.sample, len(states))[rows])
-    of = rows // max(len(bumps), 1)
-    sizes = {
-        name: float(np.sqrt(np.mean(measured[of == i] ** 2))) if np.any(of == i) else 0.0
-        for i, name in enumerate(equations)
-    }
-    return WeakPath(
-        reading=reading,
-        states=X,
-        rates=np.column_stack([fits.rate(x) for fits, x in zip(reading.fits, X.T, strict=True)]),
-        weighing=weighing,
+        inside = equation_of == i
+        size = float(np.sqrt(np.mean(measured[inside] ** 2))) if np.any(inside) else 0.0
+        learned[name] = Acting(Weighing(_lines(parts, rows), np.tile(bumps.sample, len(states))[rows]), size)
+    path_rows = EquationRows(
+        equation=block_name(equations),
+        columns={**dict(zip(samples.state_names, X.T, strict=True)), **samples.inputs},
         measured=measured,
         simulated=np.concatenate([bumps.values @ g[:, k] for k in states])[rows],
         noise=near.noise,
         time=np.tile(bumps.centre, len(states))[rows],
         run=np.tile(bumps.run, len(states))[rows],
-        common=Common(tuple(reading.sd.tolist()), reading.half_widths, bumps.radius, tuple(found), sizes),
+        learned=learned,
     )
+    rates = np.column_stack([fits.rate(x) for fits, x in zip(reading.fits, X.T, strict=True)])
+    sizes = {name: acting.size for name, acting in learned.items()}
+    common = Common(tuple(reading.sd.tolist()), reading.half_widths, bumps.radius, tuple(levels_found), sizes)
+    return WeakPath(reading, X, rates, path_rows, common)
 
 
 class _Linear(NamedTuple):
@@ -246,11 +226,9 @@ class _Linear(NamedTuple):
 
     Attributes:
         L: L S^½.
-        noise: R.
         rows: Numbers of the rows among all, equation by equation, in order of time.
         left: ρ, the residual of each under the frozen model.
         back: J (Y − X).
-        level: Scales of the rows.
     """
 
     L: csr_matrix
@@ -287,7 +265,10 @@ def _linear(
         blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
         lines.append(csr_matrix(hstack(blocks)))
     L = _lines(lines, order)
-    size = level.size if level is not None else _rms(L)
+    if level is not None:
+        size = level.size
+    else:
+        size = float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
     bands, kept = _bands(L, np.tile(bumps.run, len(states))[order], size, share)
     variance = level.variance if level is not None else mean_diagonal(bands)
     noise = overlapping(bands, size, variance)
@@ -298,11 +279,6 @@ def _linear(
         square = float(np.mean(noise.whiten(left[:, None] / noise.scale) ** 2)) if len(rows) else 1.0
         level = Level(size, variance, 1.0 / max(1.0, square))
     return _Linear(_lines([L], kept), noise, rows, left, back, level)
-
-
-def _rms(L: csr_matrix) -> float:
-    """Return the RMS of the norms of the rows."""
-    return float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
 
 
 def _lines(parts: Sequence[csr_matrix], rows: np.ndarray) -> csr_matrix:

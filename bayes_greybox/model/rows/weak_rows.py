@@ -7,7 +7,7 @@ equations share the noise of their rows, R = L S Lᵀ, and one likelihood tells 
 is taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -73,10 +73,6 @@ class WeakRows(RowKind):
         object.__setattr__(self, "added_to", tuple(self.added_to))
         require_limits(self)
 
-    def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "WeakRows":
-        """Return rows near the model with these terms."""
-        return replace(self, added=tuple((term.text, float(value)) for term, value in added), added_to=tuple(to))
-
     def from_afar(self, iteration: int) -> "WeakRows":
         """Return the rows of an outer iteration in which the frozen model is found: at first more of R is diagonal."""
         if iteration >= len(FIRST_WHITE_SHARES):
@@ -114,13 +110,13 @@ class WeakRows(RowKind):
         )
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows that tell of one equation; see `RowKind.rows`."""
+        """Return the rows of one equation; see `RowKind.rows`."""
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
         path = self._near(data, equations, simulation)
-        if not len(path.measured):
+        if not path.rows.n_row:
             raise InputError(
                 f"No run is as long as a test function, {2 * path.reading.bumps.radius:.3g} in time and "
                 f"{2 * FEWEST_RADIUS_STEPS + 1} samples without a gap: give longer runs or a smaller "
@@ -172,21 +168,14 @@ class WeakRows(RowKind):
 
 
 def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, float]) -> EquationRows:
-    """Return the rows of a path; forces on each state are over their sizes."""
+    """Return the rows of a path for learned equations; forces on each state are over their sizes."""
     largest = max(sizes[name] for name in equations)
-    learned = {name: Acting(path.weighing[name], sizes[name] / largest if largest > 0 else 1.0) for name in equations}
-    samples = path.reading.samples
-    return EquationRows(
-        equation=block_name(equations),
-        columns={**dict(zip(samples.state_names, path.states.T, strict=True)), **samples.inputs},
-        measured=path.measured,
-        simulated=path.simulated,
-        noise=path.noise,
-        time=path.time,
-        run=path.run,
-        operator=path.weighing[equations[0]],
-        learned=learned,
-    )
+    learned = {
+        name: Acting(path.rows.learned[name].operator, sizes[name] / largest if largest > 0 else 1.0)
+        for name in equations
+    }
+    operator = learned[equations[0]].operator
+    return replace(path.rows, equation=block_name(equations), operator=operator, learned=learned)
 
 
 def _read(samples: Trajectories, radius: float | None) -> Reading:

@@ -15,21 +15,20 @@ from threadpoolctl import threadpool_limits
 
 from bayes_greybox.data.streams.row_stream import RowStream, Source
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.model.algebra.compression import CACHED_ROWS, stacked
+from bayes_greybox.model.coefficient import by_block
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
-from ..algebra.stacking import CACHED_ROWS, stacked
 from ..assemble import require_rows, scaled_table, with_steps
-from ..blocks import by_block
 from ..frame import Frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
 from ..rows.row_kind import RowsOfRuns
 from ..scaling import scaled_frame
-from .extent import Extent, Factors, Sizes, ends_of, together
-from .statistics import RowStatistics
+from .statistics import Extent, Factors, RowStatistics, Sizes, ends_of, together
 
 READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
 """Labels of the progress bars of the passes: the first, and a further one."""
@@ -132,12 +131,12 @@ class Whole:
             factors = {block: self._first_factors(block, frame) for block, frame in frames.items()}
         else:
             factors = self._factors(model, frames)
-        found = {}
+        statistics = {}
         for block, frame in frames.items():
             size, floor = sizes[block], model.noise_floor
             if size.levels is not None:
                 floor = with_steps(size.levels / frame.target_scale, size.n_white, floor)
-            found[block] = RowStatistics(
+            statistics[block] = RowStatistics(
                 n_row=self.extent.n_row,
                 ends=size.ends,
                 term_scale=frame.term_scale,
@@ -148,10 +147,10 @@ class Whole:
                 log_det=size.log_det,
                 plain=factors[block].plain if self.first else None,
             )
-        return found
+        return statistics
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
-        rows = Rows(self.stream.source, model, measured_of(self.sample), self.runs)
+        rows = Rows(self.stream.source, model, self.sample.samples or self.sample, self.runs)
         parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
         factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
         for part in parts:
@@ -188,13 +187,9 @@ class Whole:
 
 
 def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
-    """Make the first pass.
-
-    Raises:
-        InputError: Chunks that cannot be read; a column that is the same everywhere; a term that is not finite, or
-            zero, on paths of the sample.
-    """
-    simulation = model.simulator(sample)
+    """Make the first pass."""
+    # Rows as they were measured, if they were completed.
+    simulation, measured = model.simulator(sample), sample.samples or sample
     runs = {block: model.rows.of_runs(sample, of, simulation) for block, of in model.blocks.items()}
     frames = {}
     if not model.rows.linear:
@@ -202,17 +197,10 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
         for block, dictionary in _terms(model, sample).items():
             rows = model.equation_rows(sample, block)
             scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
-            with of_the_sample(measured_of(sample), stream):
+            with of_the_sample(measured, stream):
                 frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
-    rows = Rows(stream.source, model, measured_of(sample), runs)
-    return Whole(
-        stream, sample, together(_over_parts(stream, _extent_of_part, READING_RANGES, rows, frames)), runs, frames
-    )
-
-
-def measured_of(sample: Trajectories) -> Trajectories:
-    """Return rows as they were measured, if they were completed."""
-    return sample.samples or sample
+    parts = _over_parts(stream, _extent_of_part, READING_RANGES, Rows(stream.source, model, measured, runs), frames)
+    return Whole(stream, sample, together(parts), runs, frames)
 
 
 def _terms(model: Program, sample: Trajectories) -> dict[str, Dictionary]:

@@ -10,9 +10,8 @@ from bayes_greybox.running.errors import InputError
 from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
-from .extent import Extent
 from .passes import Whole, of_the_sample, whole_of
-from .statistics import equations_of
+from .statistics import Extent, equations_of
 
 MOST_PASSES = 5
 """Most times that rows of paths are taken anew near the estimate on all runs: each is a pass over them."""
@@ -30,12 +29,7 @@ class Taken(NamedTuple):
 
 
 def taken(model: Program, data: Trajectories | RowStream) -> Taken:
-    """Return model and training data as a fit takes them.
-
-    Raises:
-        InputError: See `Program.near` and `Program.with_noise_found`; with a stream, noise that is to be found, the
-            exact path, and coefficients of paths that do not settle.
-    """
+    """Return model and training data as a fit takes them."""
     if not isinstance(data, RowStream):
         return Taken(*Program.with_noise_found(*Program.near(model, data)))
     sample = data.sample
@@ -62,11 +56,11 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
         whole = whole_of(data, model, sample)
         lean = replace(model, discrepancy=None)
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
-        found = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
-        if found is None:
+        moved = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
+        if moved is None:
             silent = _silent(model, whole.extent)
             return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
-        earlier, model = model, found
+        earlier, model = model, moved
         with of_the_sample(measured, data):
             sample = model.complete(measured)
     raise InputError(

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.formula.grammar import check_name, symbol
 from bayes_greybox.physics.units import parse_unit, term_unit

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.noise.files import noise_from_dict
-from bayes_greybox.data.noise.forced_noise import ForcedNoise, Motion
-from bayes_greybox.data.noise.starts_noise import StartsNoise
-from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.starts_noise import ForcedNoise, Motion, StartsNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.running.errors import InputError
 
 

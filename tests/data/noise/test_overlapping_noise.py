@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from bayes_greybox.data.noise.banded import LEAST_PIVOT_SHARE, OverlappingNoise, independent_rows, overlapping
 from bayes_greybox.data.noise.files import noise_from_dict
-from bayes_greybox.data.noise.overlapping import LEAST_PIVOT_SHARE, OverlappingNoise, independent_rows, overlapping
 
 
 def banded(n, width, seed):

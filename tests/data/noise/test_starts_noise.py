@@ -7,8 +7,7 @@ import pytest
 
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.starts_noise import StartsNoise
-from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 
 
 @pytest.fixture

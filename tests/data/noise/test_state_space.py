@@ -9,8 +9,7 @@ from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.noise.files import noise_from_dict
 from bayes_greybox.data.noise.spectral import SpectralNoise
 from bayes_greybox.data.noise.state_space import StateSpaceNoise, transition
-from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError

@@ -7,7 +7,7 @@ import pytest
 import scipy.io
 import xarray as xr
 
-from bayes_greybox.data.reading.read_table import read_table
+from bayes_greybox.data.reading.door import read_table
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 

@@ -5,7 +5,7 @@ import pytest
 from streamed import NAMES, chunk, chunks, frame, written
 
 import bayes_greybox as bg
-from bayes_greybox.data.streams import labelled, parquet
+from bayes_greybox.data.streams import door
 from bayes_greybox.data.streams.row_stream import RowStream, Source
 from bayes_greybox.running.errors import InputError
 
@@ -13,9 +13,8 @@ from bayes_greybox.running.errors import InputError
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
     """Chunks of 200 rows, parts of 700."""
-    for module in (labelled, parquet):
-        monkeypatch.setattr(module, "CHUNK_ROWS", 200)
-        monkeypatch.setattr(module, "PART_ROWS", 700)
+    monkeypatch.setattr(door, "CHUNK_ROWS", 200)
+    monkeypatch.setattr(door, "PART_ROWS", 700)
 
 
 def _file(folder, kind, table):

@@ -8,7 +8,7 @@ import pytest
 from streamed import written
 
 import bayes_greybox as bg
-from bayes_greybox.data.streams import labelled, parquet, whole_runs
+from bayes_greybox.data.streams import door, whole_runs
 from bayes_greybox.data.streams.row_stream import RowStream, Source
 from bayes_greybox.running.errors import InputError
 
@@ -19,9 +19,8 @@ LENGTHS = (90, 333, 120, 50, 260, 75, 30, 99)
 @pytest.fixture(autouse=True)
 def small_pieces(monkeypatch):
     """Pieces of 100 rows, runs of 150 rows together."""
-    for module in (labelled, parquet):
-        monkeypatch.setattr(module, "CHUNK_ROWS", 100)
-        monkeypatch.setattr(module, "PART_ROWS", 400)
+    monkeypatch.setattr(door, "CHUNK_ROWS", 100)
+    monkeypatch.setattr(door, "PART_ROWS", 400)
     monkeypatch.setattr(whole_runs, "ROWS_HELD_TOGETHER", 150)
 
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.data.weak.local_fits import HALF_WIDTHS, LocalFits, chosen_half_widths, stretches
-from bayes_greybox.data.weak.weak_form import Bumps, bump
+from bayes_greybox.data.weak.weak_form import HALF_WIDTHS, Bumps, LocalFits, bump, chosen_half_widths, stretches
 
 
 def times(kind, n=401):

@@ -5,7 +5,7 @@ import pytest
 
 from bayes_greybox.data.noise.banded import BandedNoise
 from bayes_greybox.data.noise.spectral import SpectralNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.linearise.source import LAW_FEATURES, regressors_of
 from bayes_greybox.discovery.regressors.columns import Values

@@ -9,8 +9,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.hyper import Hyperparameters
-from bayes_greybox.model.gp.kernels import KERNELS, gram
-from bayes_greybox.model.gp.orthogonal import box_nodes, orthogonal_gram, orthonormalise
+from bayes_greybox.model.gp.kernels import KERNELS, box_nodes, gram, orthogonal_gram, orthonormalise
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.experiments.systems import oscillator
 from bayes_greybox.running.errors import InputError

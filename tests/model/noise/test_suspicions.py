@@ -5,8 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal, t
 
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
-from bayes_greybox.data.noise.weighted import WeightedNoise
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.in_time import PROCESS_WHITE_SHARES as SHARES
 from bayes_greybox.model.noise.in_time import SHORTEST_TIME, TIME_SPREAD, TIME_STEPS, Stamps, in_time

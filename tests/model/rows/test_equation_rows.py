@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from bayes_greybox.data.noise.white import WhiteNoise
+from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
 from bayes_greybox.inference.settings import Sampling

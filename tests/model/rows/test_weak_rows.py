@@ -62,14 +62,14 @@ def test_the_covariance_is_that_of_the_residual():
     whole = simulation.beside({"x": RIGHT[:2], "y": RIGHT[2:]})
     rng, left = np.random.default_rng(1), []
     reading = replace(Reading.of(exact, radius), sd=sd)
-    noise = weak_path(reading, ("x", "y"), simulation, whole, 0.0).noise
+    noise = weak_path(reading, ("x", "y"), simulation, whole, 0.0).rows.noise
     for _ in range(n_draw):
         noisy = truth + sd * rng.standard_normal(truth.shape)
         data = replace(exact, states=dict(zip("xy", noisy.T, strict=True)))
         path = weak_path(replace(reading, samples=data), ("x", "y"), simulation, whole, 0.0)
         rate = whole.rates(exact.time, path.states, np.empty((len(truth), 0)))
-        said = sum(path.weighing[name].table @ rate[:, k] for k, name in enumerate("xy"))
-        left.append(path.measured - said)
+        said = sum(path.rows.learned[name].operator.table @ rate[:, k] for k, name in enumerate("xy"))
+        left.append(path.rows.measured - said)
     left = np.array(left)
     R = noise.scale**2 * noise.covariance()
     S = left.T @ left / n_draw
@@ -79,7 +79,7 @@ def test_the_covariance_is_that_of_the_residual():
     assert np.sqrt(np.mean(z**2)) == pytest.approx(1.0, abs=0.15)
     assert np.max(np.abs(z)) < 5.0
     # Without the noise of the other state, and of the terms, it is another covariance.
-    bare = weak_path(reading, ("x", "y"), simulation, simulation, 0.0).noise
+    bare = weak_path(reading, ("x", "y"), simulation, simulation, 0.0).rows.noise
     assert not np.allclose(bare.scale**2 * bare.covariance(), R, rtol=0.1, atol=0.1 * np.max(R))
 
 

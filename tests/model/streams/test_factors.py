@@ -13,9 +13,8 @@ from streamed import chunk, chunks, deadly_chunk, model, together
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
-from bayes_greybox.model.algebra.stacking import CACHED_ROWS, empty_factor, joined, stacked
-from bayes_greybox.model.streams.extent import MOST_LEVELS, Sizes
-from bayes_greybox.model.streams.statistics import equations_of
+from bayes_greybox.model.algebra.compression import CACHED_ROWS, empty_factor, joined, stacked
+from bayes_greybox.model.streams.statistics import MOST_LEVELS, Sizes, equations_of
 from bayes_greybox.model.streams.taken import taken
 from bayes_greybox.running.errors import InputError
 

@@ -29,9 +29,6 @@ def read_lvm(path: Path, layout: Layout) -> Table:
 
     Several segments are several runs, told apart by the column `segment`. Without a column of stamps these are
     X0 + i Delta_X of the segment's header.
-
-    Raises:
-        InputError: No such file's header, a separator that is not known, no samples.
     """
     lines = path.read_text(encoding=layout.encoding).splitlines()
     if not lines or not lines[0].startswith("LabVIEW Measurement"):

@@ -18,14 +18,11 @@ MATLAB_REMEDY = (
 
 
 def read_mat(path: Path, layout: Layout) -> Table:
-    """Read a MATLAB file of any version; `layout` is not used.
+    """Read a MATLAB file of any version, unless it has nothing but objects (tables, timetables) or text.
 
     Variables of one length are a table: vectors under their names, columns of a matrix X as X_1, X_2, …, fields of a
     structure S as S.name. It is that of the longest ones of which there are two columns or more, as a time and a
     measurement; those of other lengths, such as settings, are tables beside it (see `Table.holding`).
-
-    Raises:
-        InputError: Nothing but objects (tables, timetables) or text in it.
     """
     import h5py
     import scipy.io

@@ -45,11 +45,7 @@ class _Head:
 
 
 def read_text(path: Path, layout: Layout) -> Table:
-    """Read a file of delimited text; its separator is found from the text if `layout` has none.
-
-    Raises:
-        InputError: Names that do not fit the rows; text that is no table.
-    """
+    """Read a file of delimited text; its separator is found from the text if `layout` has none."""
     try:
         with path.open(encoding=layout.encoding) as file:
             lines = list(islice(file, LOOKED_AT))

@@ -38,15 +38,12 @@ class Common:
 
     Attributes:
         clipped: Values at which the sensor of a state was at its end; looked for where there are further runs.
-        sizes: Typical size of each state.
         slow: Time in which the slowest sensor's signal changes by half its spread.
         first_sd: Noise of each sensor before there is a path.
         sd: The same along the path.
         steps: Number of steps between two samples.
         step: Usual time between two samples.
         ratio: Intensity of the unknown force, λ = q²/σ².
-        passes: Number of passes of the smoother.
-        pieces: Number of segments of each run.
         gain: RMS response of an output to a force of unit RMS.
     """
 
@@ -76,11 +73,6 @@ def ends_of_sensors(samples: Trajectories) -> dict[str, tuple[float, ...]]:
     return {name: tuple(np.unique(samples.states[name][rows]).tolist()) for name, rows in clipped.items()}
 
 
-def usual_step(samples: Trajectories) -> float:
-    """Return the median time between two samples of a run."""
-    return float(np.median(np.diff(samples.time)[np.diff(samples.run) == 0]))
-
-
 def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
     """Return the typical size of each state, and the time in which the slowest signal changes by half its spread.
 
@@ -93,7 +85,7 @@ def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str
             inside = samples.run[lag:] == samples.run[:-lag]
             if np.sqrt(np.mean((x[lag:] - x[:-lag])[inside] ** 2)) >= 0.5 * spread:
                 break
-        times.append(lag * usual_step(samples))
+        times.append(lag * samples.usual_step)
     slow = min(times)
     size = {name: float(np.sqrt(np.mean(x**2))) for name, x in samples.states.items()}
     largest = max(size.values())
@@ -125,7 +117,7 @@ def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: n
         return 1
     values = np.linalg.eigvals(A)
     fastest = float(np.quantile(np.abs(values).max(axis=-1), 0.99))
-    step = usual_step(samples)
+    step = samples.usual_step
     spread = np.std(samples.matrix(samples.state_names), axis=0)
     # A sensor that shows no motion tells nothing of a phase.
     seen = spread > 0

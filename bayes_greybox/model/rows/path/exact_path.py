@@ -8,8 +8,7 @@ from jaxtyping import Float
 from bayes_greybox.physics.integration.sensitivity import carried, hermite
 
 from .forced_rate import ForcedRate
-from .path_grid import points_at_ends, points_at_nodes
-from .path_segments import departures
+from .path_segments import departures, points_at_ends, points_at_nodes
 from .reference_path import ReferencePath
 
 MOST_CORRECTIONS = 12
@@ -33,13 +32,7 @@ def exact_samples(
 
     Newton's method with the linear equation of the reference path: each correction answers what the path before still
     departs from the equations by, x ← x + δ with δ̇ = A δ + g(x) + e_k (Φ(x)θ + f(x)) − ẋ. The first gives what linear
-    rows say.
-
-    Args:
-        path: The reference.
-        rate: The known rates.
-        added: Rates that draws add to them.
-        starts: Starts of the segments, in prior standard deviations from the reference.
+    rows say. Starts of the segments are in prior standard deviations from the reference.
 
     Returns:
         Samples without noise, user's units; NaN where a path leaves the domain of its equations, or is not within

@@ -26,21 +26,16 @@ class ForcedRate:
     """Rate of all states with terms added to some: equal to any other with the same formulas, so compiled once.
 
     Numbers within a formula, such as the width of a dead zone or how fast a hidden state follows, are arguments of the
-    rate and none of the formula's.
-
-    Args:
-        simulation: Known rates.
-        driven: Indices of the learned states.
-        added: Terms added to their rates.
+    rate and none of the formula's. `driven` are the indices of the learned states.
     """
 
     def __init__(self, simulation: Simulation, driven: tuple[int, ...], added: Sequence[Force]) -> None:
         self.simulation, self.driven, self.added = simulation, driven, tuple(added)
         by_state = {simulation.states[k]: [(f.term, f.coefficient) for f in added if f.state == k] for k in driven}
         self.whole = simulation.beside(by_state)
-        self.bare, known = simulation.without_numbers()
+        self.bare, of_simulation = simulation.without_numbers()
         formulas: list[sympy.Expr] = []
-        numbers: list[Sequence[float]] = [known]
+        numbers: list[Sequence[float]] = [of_simulation]
         for term, coefficient, _ in added:
             (formula,), within = without_numbers([term.expr])
             formulas.append(formula)
@@ -57,8 +52,8 @@ class ForcedRate:
 
     def __call__(self, t: Array, x: Array, u: Array, args: tuple[Array, ...]) -> Array:
         """Return the rates at a point; `args` are numbers of the simulation, then coefficient and numbers by term."""
-        known, *added = args
-        rate = jnp.asarray(self.bare.rate(t, x, jnp.concatenate([u, known])), float)
+        of_simulation, *added = args
+        rate = jnp.asarray(self.bare.rate(t, x, jnp.concatenate([u, of_simulation])), float)
         columns = dict(zip(self.names, (*x, *u), strict=True))
         forces = dict.fromkeys(self.driven, 0.0 * t)
         for (*_, state), formula, (coefficient, *numbers) in zip(self.added, self.formulas, added, strict=True):

@@ -1,7 +1,7 @@
 """The path that samples are linearised along, and the operator from forces on it to samples."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,27 +9,29 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.interpolate import CubicSpline, make_smoothing_spline
 
-from bayes_greybox.data.noise.forced_noise import Motion
+from bayes_greybox.data.noise.starts_noise import Motion
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.model.rows.equation_rows import Acting, Unfollowed
+from bayes_greybox.model.rows.equation_rows import Acting, Columns, Evaluate, Unfollowed
 from bayes_greybox.physics.integration.sensitivity import Grid, carried
 from bayes_greybox.physics.integration.smoothing import Observed
 from bayes_greybox.running.errors import InputError
 
-from .common import Common, sizes_of, steps_needed, usual_step
+from .common import Common, sizes_of, steps_needed
 from .forced_rate import ForcedRate
-from .path_grid import grid_of, runs_of, split
 from .path_segments import (
     START_WIDTH,
+    AtEnds,
     Segments,
     gain_of,
+    grid_of,
     motion_of,
     pieces_of,
     responses_to_starts,
     responses_to_unit_starts,
     segments_of,
+    split,
 )
 from .smoothed_path import FORCE_INTENSITIES, NO_PATH, PathSmoother
 
@@ -45,22 +47,16 @@ class ReferencePath:
     segments one after the other, in `columns`.
 
     Attributes:
-        columns: States and inputs at the nodes.
-        at_samples: States at the samples.
         ends: Segment and end of a step that each sample is at.
         learned: Size of the forces on each learned state, over the largest.
         rates: Rates of the learned states at the samples.
         sensor_sd: Noise of each output, user's units, as the smoother found it.
-        simulated: Samples without any force, user's units.
         starts: Change of the rows by one prior standard deviation of each start.
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         seen: Samples that are rows; where a sensor was at its end there is none.
-        sample: Sample of each row.
         place: Node of each row.
-        own: Intensity of a force as large as the path's own.
+        full_intensity: Intensity of a force as large as the path's own.
         start_sd: Prior standard deviation of each state at the start of a segment.
-        unfollowed: Force that the model lacks.
-        segments: Segments with the linear equation along them.
         common: Findings that further runs share with these.
         acting_on: Number of the learned state that the forces of the operator act on.
     """
@@ -77,17 +73,12 @@ class ReferencePath:
     seen: Bool[np.ndarray, " n_sample"]
     sample: Int[np.ndarray, " n_row"]
     place: Int[np.ndarray, " n_row"]
-    own: float
+    full_intensity: float
     start_sd: Float[np.ndarray, " n_state"]
     unfollowed: Unfollowed
     segments: Segments = field(repr=False)
     common: Common
     acting_on: int = 0
-
-    @property
-    def pieces(self) -> int:
-        """Number of segments of each run."""
-        return self.common.pieces
 
     @property
     def n_segment(self) -> int:
@@ -97,17 +88,15 @@ class ReferencePath:
     def motion(self, unit: float) -> Motion:
         """Return the changes of the path from sample to sample, with variances over the square of `unit`."""
         M, G, fresh = motion_of(self.segments, list(self.learned.values()))
-        return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.own * FORCE_INTENSITIES)
+        return Motion(
+            M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.full_intensity * FORCE_INTENSITIES
+        )
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Return the response of the rows to forces."""
         return self.segments.respond_to(table, self.acting_on) / self.gain
 
-    def of(
-        self,
-        evaluate: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "n k"]],
-        columns: Mapping[str, Float[np.ndarray, " n_node"]],
-    ) -> Float[np.ndarray, "n_row k"]:
+    def of(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n_row k"]:
         """Return the response to forces that are evaluated a stretch of the path at a time."""
         return self.segments.respond(evaluate, columns, self.acting_on) / self.gain
 
@@ -118,25 +107,15 @@ class ReferencePath:
 
 @dataclass(frozen=True)
 class PathSettings:
-    """Settings of a path through samples.
+    """Settings of a path through samples, as in `TrajectoryRows`, and the least number of segments of each run."""
 
-    Attributes:
-        substeps: Number of steps between two samples; None: as many as the equations need.
-        interpolation: Interpolation of the inputs between samples; None: each input's own.
-        process_noise: If true, an unknown force may act, as strong as the samples say.
-        same_noise: If true, the noise of all sensors is the same.
-        at_rest: Hidden states that are at rest where a run starts, each with the column that it is as large as.
-        moving: Those of them that start where a sampled column does, with that column.
-        fewest: Least number of segments that each run is cut into.
-    """
-
-    substeps: int | None = None
-    interpolation: str | None = None
-    process_noise: bool = True
-    same_noise: bool = False
-    at_rest: Mapping[str, str] = field(default_factory=dict)
-    moving: Mapping[str, str] = field(default_factory=dict)
-    fewest: int = 1
+    substeps: int | None
+    interpolation: str | None
+    process_noise: bool
+    same_noise: bool
+    at_rest: Mapping[str, str]
+    moving: Mapping[str, str]
+    fewest: int
 
 
 def follow_samples(
@@ -145,9 +124,6 @@ def follow_samples(
     """Smooth the samples, and take everything along the smoothed path.
 
     Findings in `shared` are those of other runs; left out, they are found from these.
-
-    Raises:
-        InputError: See `TrajectoryRows.path`.
     """
     sensors = _Sensors(samples, rate, settings, seen_samples(samples) if shared is None else shared.seen(samples))
     sensors.require_path(moving=shared is None)
@@ -155,7 +131,7 @@ def follow_samples(
     first = sensors.first_path(common)
     if shared is None:
         steps = settings.substeps or steps_needed(rate, samples, first, np.array(common.first_sd))
-        common = replace(common, steps=steps, step=usual_step(samples))
+        common = replace(common, steps=steps, step=samples.usual_step)
     grid, end = grid_of(samples, sensors.runs, common.steps, settings.interpolation, common.step)
     outputs, sizes, seen = sensors.outputs, np.array(common.sizes), sensors.seen
     largest = max(sizes[k] for k in rate.driven)
@@ -178,7 +154,7 @@ def follow_samples(
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
         common = replace(common, ratio=smoothed.ratio, passes=smoothed.passes, pieces=pieces)
-        return _assembled(sensors, segments, end, learned, smoother.own, smoothed.gained, common)
+        return _assembled(sensors, segments, end, learned, smoother.full_intensity, smoothed.gained, common)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +176,7 @@ class _Sensors:
 
     @cached_property
     def runs(self) -> list[np.ndarray]:
-        return runs_of(self.samples)
+        return self.samples.run_rows
 
     def require_path(self, moving: bool) -> None:
         """Refuse samples that no path can be followed through; if `moving`, those without any motion too."""
@@ -215,9 +191,8 @@ class _Sensors:
         fewest = int(np.min(np.bincount(samples.run[self.seen], minlength=samples.n_run)))
         if fewest < 2 * len(simulation.states) + 2:
             clipped = "" if np.all(self.seen) else " that no sensor clipped"
-            raise InputError(
-                f"A run has {fewest} samples{clipped}, too few for a path of {len(simulation.states)} states."
-            )
+            n_state = len(simulation.states)
+            raise InputError(f"A run has {fewest} samples{clipped}, too few for a path of {n_state} states.")
         if moving and not np.any(self.measured):
             names, verb = " and ".join(samples.state_names), "is" if len(self.outputs) == 1 else "are"
             raise InputError(
@@ -254,14 +229,11 @@ class _Sensors:
                     path[rows, simulation.states.index(rate)] = spline.derivative()(samples.time[rows])
         return path
 
-    def at_ends(
-        self, grid: Grid, path: Float[np.ndarray, "n_sample n_state"]
-    ) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    def at_ends(self, grid: Grid, path: Float[np.ndarray, "n_sample n_state"]) -> AtEnds:
         """Return a path at the samples, at the ends of all steps."""
-        time, samples = grid.time[:, ::2], self.samples.time
-        return np.array(
-            [[np.interp(time[r], samples[rows], x) for x in path[rows].T] for r, rows in enumerate(self.runs)]
-        ).transpose(0, 2, 1)
+        time, at = grid.time[:, ::2], self.samples.time
+        states = [[np.interp(time[r], at[rows], x) for x in path[rows].T] for r, rows in enumerate(self.runs)]
+        return np.array(states).transpose(0, 2, 1)
 
     def observed(self, grid: Grid, end: Int[np.ndarray, "n_sample 2"], common: Common) -> Observed:
         """Return the samples at the ends of steps, with what is expected of each start."""
@@ -305,8 +277,8 @@ class _Sensors:
 
 
 def _assembled(
-    sensors: _Sensors, segments: Segments, every: np.ndarray, learned: Mapping[str, float], own: float, gained: float,
-    common: Common,
+    sensors: _Sensors, segments: Segments, every: np.ndarray, learned: Mapping[str, float], full_intensity: float,
+    gained: float, common: Common,
 ) -> ReferencePath:  # fmt: skip
     """Return the path at `every` sample, and the rows that are seen."""
     rate, seen, outputs = sensors.rate, sensors.seen, segments.outputs
@@ -341,7 +313,7 @@ def _assembled(
         seen=seen,
         sample=np.tile(np.flatnonzero(seen), len(outputs)),
         place=np.tile(end[:, 0] * segments.grid.time.shape[1] + 2 * end[:, 1], len(outputs)),
-        own=own,
+        full_intensity=full_intensity,
         start_sd=START_WIDTH * sizes,
         unfollowed=Unfollowed(gained, common.ratio, float(np.max(s / spread.clip(1e-300)))),
         segments=segments,

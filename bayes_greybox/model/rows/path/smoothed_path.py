@@ -20,8 +20,7 @@ from bayes_greybox.physics.integration.smoothing import (
 from bayes_greybox.running.errors import InputError
 
 from .forced_rate import ForcedRate
-from .path_grid import points_at_ends, points_at_nodes
-from .path_segments import segments_of
+from .path_segments import AtEnds, points_at_ends, points_at_nodes, segments_of
 
 FORCE_INTENSITIES = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
@@ -50,7 +49,7 @@ class Smoothed(NamedTuple):
     The unknown force has the intensity `ratio` and gains `gained` nats over the least one.
     """
 
-    ends: Float[np.ndarray, "n_segment n_end n_state"]
+    ends: AtEnds
     ratio: float
     gained: float
     passes: int
@@ -61,7 +60,7 @@ class PathSmoother:
     """Smoother of samples along the equations.
 
     Attributes:
-        own: Intensity of a force as large as the path's own.
+        full_intensity: Intensity of a force as large as the path's own.
         E: Rates of the states by each unknown force.
     """
 
@@ -69,42 +68,40 @@ class PathSmoother:
     grid: Grid
     observed: Observed
     outputs: tuple[int, ...]
-    own: float
+    full_intensity: float
     E: Float[np.ndarray, "n_state n_learned"]
 
-    def smoothest(
-        self, first: Float[np.ndarray, "n_segment n_end n_state"], process_noise: bool,
-        shared: tuple[float, int] | None = None,
-    ) -> Smoothed:  # fmt: skip
+    def smoothest(self, first: AtEnds, process_noise: bool, shared: tuple[float, int] | None = None) -> Smoothed:
         """Return the smoothed path at the likeliest intensity of the unknown force.
 
         The path `first` to begin with is NaN where there is none. If `process_noise`, the intensity may be more than
         the least. Intensity and passes in `shared` are those of other runs.
-
-        Raises:
-            InputError: The path leaves the domain of the equations.
         """
-        grid, observed, outputs, own = self.grid, self.observed, self.outputs, self.own
+        grid, observed, outputs, full_intensity = self.grid, self.observed, self.outputs, self.full_intensity
         turn, fewest = 0, 0 if shared is None else shared[1]
         ends = first
         if not np.all(np.isfinite(first)):
-            ends = filtered(self.rate, grid, observed, outputs, self.E, own * FIRST_INTENSITY, self.rate.args)
-        ratio, gained = own * FIRST_INTENSITY, 0.0
+            ends = filtered(
+                self.rate, grid, observed, outputs, self.E, full_intensity * FIRST_INTENSITY, self.rate.args
+            )
+        ratio, gained = full_intensity * FIRST_INTENSITY, 0.0
         for turn in range((FORCED_PASSES if process_noise else UNFORCED_PASSES) + 1):
             near = segments_of(self.rate, grid, ends, outputs)
             steps = steps_along(grid.time, ends, near.response, near.departure(self.rate.rates), self.E)
             if turn == 1 and shared is not None:
                 ratio = shared[0]
             elif turn == 1 and not process_noise:
-                ratio = own * float(FORCE_INTENSITIES[0])
+                ratio = full_intensity * float(FORCE_INTENSITIES[0])
             elif turn == 1:
-                logs = log_likelihoods(steps, observed, outputs, own * FORCE_INTENSITIES)
+                logs = log_likelihoods(steps, observed, outputs, full_intensity * FORCE_INTENSITIES)
                 if np.any(np.isfinite(logs)):
-                    ratio = own * float(FORCE_INTENSITIES[int(np.nanargmax(logs))])
+                    ratio = full_intensity * float(FORCE_INTENSITIES[int(np.nanargmax(logs))])
                     gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf))
                     # The best of so many intensities was chosen.
                     gained -= math.log(len(FORCE_INTENSITIES))
-            stronger = own * FORCE_INTENSITIES[own * FORCE_INTENSITIES > ratio] if process_noise else ()
+            stronger = (
+                full_intensity * FORCE_INTENSITIES[full_intensity * FORCE_INTENSITIES > ratio] if process_noise else ()
+            )
             paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
             before, ends = ends, self._inside_domain(ends, paths)
             if not process_noise and turn > 1 and turn >= fewest and _arrived(before, ends):
@@ -113,9 +110,7 @@ class PathSmoother:
             raise InputError(NO_PATH)
         return Smoothed(ends, ratio, gained, turn)
 
-    def _inside_domain(
-        self, before: np.ndarray, paths: Iterable[np.ndarray]
-    ) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    def _inside_domain(self, before: np.ndarray, paths: Iterable[np.ndarray]) -> AtEnds:
         """Return the first of the paths after a pass that the equations are defined on.
 
         Where there is none, each segment goes as much of the way to the first one as they are defined on. A segment

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_greybox.data.reading.unit_registry import registry
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.physics.units import parse_unit
 from bayes_greybox.running.errors import InputError
 
