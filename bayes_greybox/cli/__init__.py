@@ -44,11 +44,7 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code.
-
-    Args:
-        arguments: Words after the program's name; those of the process by default.
-    """
+    """Run the command line and return the exit code."""
     return run_app(app, "bayes-greybox", arguments)
 
 

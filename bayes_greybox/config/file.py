@@ -213,11 +213,8 @@ class Config(Section):
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:
-        """Write a copy that can be run again where it lies.
-
-        Args:
-            folder: Final folder of the copy.
-            place: Folder in which it is written first; by default the same.
+        """Write a copy that can be run again where it lies, in `folder`; it is first written to `place`, where that
+        is another.
         """
         copy = folder / CONFIG
         if self.copied_from is None and copy.exists() and copy.samefile(self._path):

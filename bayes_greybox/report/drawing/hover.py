@@ -21,9 +21,6 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
     """Return for each axes with something to read its box in points, limits, labels, and its lines or its map.
 
     Lines are given an id, by which the drawing has them.
-
-    Args:
-        figure: The figure, as it will be saved.
     """
     width, height = (72.0 * size for size in figure.get_size_inches())
     axes_read = []

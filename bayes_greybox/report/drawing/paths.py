@@ -9,11 +9,7 @@ _SMALL_SHAPE = 12.0
 
 
 def short_path(commands: str) -> str:
-    """Return the same path in fewer characters.
-
-    Args:
-        commands: Attribute `d` of a path, in points.
-    """
+    """Return the attribute `d` of a path, in points, in fewer characters."""
     numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", commands)]
     small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL_SHAPE
     if small or re.search(r"[A-KN-Ya-kn-y]", commands.replace("e-", "")):
@@ -26,12 +22,8 @@ def short_path(commands: str) -> str:
 def dots(uses: Sequence[Element], shapes: Mapping[str, Element], link: str) -> tuple[str, str] | None:
     """Return many copies of one round marker as a single path, and its style; None for other copies.
 
-    A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy.
-
-    Args:
-        uses: The copies.
-        shapes: Copied shapes by id.
-        link: Name of the attribute that refers to the shape.
+    A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy. Copies name
+    their shape, one of `shapes` by id, in the attribute `link`.
     """
     names, styles = {one.get(link, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
     if len(names) != 1 or len(styles) != 1:

@@ -43,12 +43,7 @@ _DEFAULT = {("text-anchor", "start"), ("stroke-linecap", "butt"), ("fill-opacity
 
 
 def drawing(figure: Figure, alt: str) -> str:
-    """Return the figure as an `svg` element.
-
-    Args:
-        figure: The figure.
-        alt: Description for those who cannot see it.
-    """
+    """Return the figure as an `svg` element, with a description for those who cannot see it."""
     text = io.BytesIO()
     # A fixed salt and no date: the same results make the same file.
     with laid_out(figure), mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "none"}):

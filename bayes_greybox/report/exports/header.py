@@ -57,13 +57,7 @@ def _start(state: Quantity) -> str:
 
 
 def comment(text: str, mark: str, end: str = "") -> list[str]:
-    """Return text as lines of a comment, none of them longer than `COMMENT_WIDTH`.
-
-    Args:
-        text: Text on one line.
-        mark: Beginning of each line.
-        end: End of each line.
-    """
+    """Return text as lines of a comment between `mark` and `end`, none of them longer than `COMMENT_WIDTH`."""
     lines = textwrap.wrap(text, COMMENT_WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
     return [f"{mark}{line}{end}" for line in lines or [""]]
 

@@ -167,10 +167,6 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     A state that has no equation is something that drives the others, an input. Hidden states that belong to no term of
     the answer are left out.
 
-    Args:
-        system: The equations.
-        notes: Remarks that go with them.
-
     Raises:
         InputError: There is no equation; one uses something that is neither state nor input.
     """

@@ -12,11 +12,8 @@ _RAISED_DIGITS = {"⁻": "-", **{raised: str(k) for k, raised in enumerate("⁰�
 
 
 def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
-    """Return names that differ from each other and from those that are taken, by underscores at their ends.
-
-    Args:
-        wanted: In order.
-        taken: Names that nothing may have.
+    """Return names, in order, made to differ from each other and from those that are taken by underscores at their
+    ends.
     """
     used, names = set(taken), []
     for name in wanted:
@@ -30,9 +27,7 @@ def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
 def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, str]:
     """Return an identifier of ASCII letters, digits and underscores for each name; the name itself if it is one.
 
-    Args:
-        names: Names, each once.
-        reserved: Words of the language, and names that the program uses itself.
+    None is one of `reserved`: words of the language, and names that the program uses itself.
     """
     plain = {name: _plain(name) for name in names}
     # Those that stay as they are come first, so that no other takes their name.

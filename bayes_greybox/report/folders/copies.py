@@ -17,11 +17,7 @@ _ORIGIN = re.compile(
 def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) -> str:
     """Return a copy that can be run where it lies: its relative paths start where those of the original do.
 
-    Args:
-        text: The author's text, every character of which is kept.
-        origin: The file that it is from.
-        folder: Where the copy will lie.
-        asset: File that is read in place of the original's own data.
+    Every character of the author's text is kept. `asset` is a file that is read in place of the original's own data.
     """
     end = "\r\n" if "\r\n" in text else "\n"
     lines = [
@@ -38,11 +34,7 @@ def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) ->
 
 
 def author_text(text: str) -> str:
-    """Return the text of a copy without the lines that `copy_of` put above it.
-
-    Args:
-        text: Text of a copy.
-    """
+    """Return the text of a copy without the lines that `copy_of` put above it."""
     return _ORIGIN.sub("", text, count=1)
 
 

@@ -18,11 +18,7 @@ KEY_OF = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
 
 
 def command_of(folder: Path) -> str | None:
-    """Return the command whose results a folder holds; None where another command would overwrite nothing.
-
-    Args:
-        folder: A folder, which need not exist.
-    """
+    """Return the command whose results a folder, which need not exist, holds; None where another overwrites nothing."""
     try:
         record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -42,10 +38,6 @@ def command_of(folder: Path) -> str | None:
 def free_folder(folder: Path, command: str) -> Path:
     """Return the folder for the results of a command, or FOLDER-COMMAND if it holds those of another command.
 
-    Args:
-        folder: Where they are to go.
-        command: "fit", "discover", "compare" or "fleet".
-
     Raises:
         InputError: FOLDER-COMMAND holds another command's results, too.
     """
@@ -59,10 +51,6 @@ def free_folder(folder: Path, command: str) -> Path:
 
 def require_own(folder: Path, command: str) -> None:
     """Refuse a folder that holds the results of another command.
-
-    Args:
-        folder: Where results are to go.
-        command: Command that writes them.
 
     Raises:
         InputError: It holds those of another command.

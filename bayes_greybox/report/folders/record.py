@@ -58,15 +58,9 @@ def run_record(
 def comparison_record(
     fits: Mapping[str, Posterior], table: pd.DataFrame, sampling: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the results of a comparison.
+    """Return a comparison, models whose Pareto k is too large, the verdict of each fit, settings and versions.
 
-    Args:
-        fits: The fits by name.
-        table: Their comparison, best first.
-        sampling: Settings of the sampler; None for saved fits.
-
-    Returns:
-        Comparison, models whose Pareto k is too large, verdict of each fit, settings and versions.
+    `sampling` is None for saved fits.
     """
     record: dict[str, Any] = {
         "comparison": plain_rows(table),
@@ -80,11 +74,7 @@ def comparison_record(
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Return whether the sampler can be trusted, with the reasons why not.
-
-    Args:
-        verdict: On convergence.
-    """
+    """Return whether the sampler can be trusted, with the reasons why not."""
     return {"ok": bool(verdict.ok), "short": bool(verdict.short), "reasons": list(verdict.reasons)}
 
 

@@ -17,15 +17,8 @@ from .record import verdict_record
 
 
 def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the results of a missing-effect study, and the settings that it was made with.
-
-    Args:
-        study: The study.
-        sampling: Settings of the sampler.
-
-    Returns:
-        Verdict, its sentence, the amended equations, what speaks against it, convergence of the amended model's fit,
-        every table, data and settings.
+    """Return a study's verdict, sentence, equations, doubts, convergence, tables, data, and the settings that made
+    it.
     """
     fit, test = study.fit, study.test
     return plain_values(

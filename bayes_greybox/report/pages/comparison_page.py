@@ -44,13 +44,7 @@ from .shared import (
 def comparison_html(
     fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
 ) -> None:
-    """Write the report of a comparison as one HTML file that needs no network.
-
-    Args:
-        fits: The fits by name.
-        table: Result of `compare` for them, best first.
-        path: Destination.
-        config: Text of the configuration file that asked for it.
+    """Write the report of the result of `compare`, best first, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.

@@ -66,12 +66,7 @@ _TESTS = ("LOO-PIT", "whiteness")
 
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a fit as one HTML file that needs no network.
-
-    Args:
-        fit: The fit.
-        path: Destination.
-        config: Text of the configuration file that asked for it; by default the one that the fit holds.
+    """Write the report of a fit, with the text of its configuration file, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.

@@ -46,8 +46,7 @@ def free_run_section(
 def trial_sections(fit: Posterior) -> list[Section]:
     """Return the section of a fit's errors and free run on held-out data, or else on the training data.
 
-    Returns:
-        The section; none for outputs alone, of which none were held out.
+    There is none for outputs alone, of which none were held out.
     """
     tried = trial(fit)
     run = tried.run

@@ -206,10 +206,6 @@ def require_place(path: str | os.PathLike[str]) -> None:
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
     """Write a page beside its destination, then rename it, so that it is never half-written.
 
-    Args:
-        page: The page.
-        path: Destination, usually `*.html`.
-
     Raises:
         InputError: The destination cannot be written.
     """
@@ -228,10 +224,7 @@ def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
     """Return a wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
 
-    Args:
-        draw: Function that draws it at a width in inches.
-        alt: Description for those who cannot see it.
-        caption: Text below it.
+    `draw` draws it at a width in inches.
     """
     return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(PHONE_WIDTH), alt), wide=True)
 

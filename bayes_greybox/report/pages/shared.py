@@ -22,13 +22,7 @@ from .page import Code, Details, Equation, Equations, Items, Section, Words
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:
-    """Return the last section of a page: settings, and the configuration file if there was one.
-
-    Args:
-        title: Title of the section.
-        blocks: Settings.
-        config: Text of the configuration file.
-    """
+    """Return the last section of a page: settings, and the configuration file if there was one."""
     file = [Details("Configuration file", [Code(config)])] if config else []
     return Section("settings", title, "", [*blocks, *file])
 
@@ -72,13 +66,7 @@ class Folding(NamedTuple):
 def folded(
     records: tuple[Sequence[Any], Sequence[Any]], words: Folding, table: Callable[[Sequence[Any], str], Table]
 ) -> list[Any]:
-    """Return a table of the records that matter, and one of all others that a reader opens.
-
-    Args:
-        records: Records that matter, and all others.
-        words: Words of both tables.
-        table: Function that makes a table of records and a caption.
-    """
+    """Return a table of the records that matter, and one of all others that a reader opens."""
     shown, hidden = records
     blocks: list[Any] = [table(shown, words.shown)] if shown else [Words(words.nothing)] if words.nothing else []
     if hidden:

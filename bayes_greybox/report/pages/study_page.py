@@ -33,12 +33,7 @@ MOST_CARDS = 6
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a study as one HTML file that needs no network.
-
-    Args:
-        study: The study.
-        path: Destination.
-        config: Text of the configuration file that asked for it; that of the study by default.
+    """Write the report of a study, with the text of its configuration file, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.

@@ -32,14 +32,8 @@ from .tables import drawn, verdict_text
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Yield verdict, learned equations, coefficients, discrepancy and error on held-out data, to print.
-
-    Args:
-        fit: The fit.
-        held_out: Normalised mean squared error by equation, or None.
-
-    Yields:
-        What to print, in order.
+    """Yield verdict, learned equations, coefficients, discrepancy and error (NMSE by equation) on held-out data, to
+    print.
     """
     yield verdict_text(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")

@@ -23,23 +23,12 @@ def is_learned(prior: Coefficient | None) -> bool:
 
 
 def term_probability(row: Mapping[Any, Any], column: str) -> str:
-    """Return the probability of a term in a coefficient table; "given" where nothing was learned of it.
-
-    Args:
-        row: Row of the table.
-        column: Name of the probability: `probability_column` of the table.
-    """
+    """Return the probability of a term in a coefficient table; "given" where nothing was learned of it."""
     return "given" if row.get("given", False) else probability_text(row[column])
 
 
 def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = True) -> str:
-    """Return mean and standard deviation of a coefficient, or its value where it was fixed.
-
-    Args:
-        row: Row of the table.
-        prior: Statement about the coefficient, if there was one.
-        unit: If true, the unit is written.
-    """
+    """Return mean and standard deviation of a coefficient, or its value where it was fixed."""
     of = row["unit"] if unit else ""
     return estimate(row["mean"], row["sd"], of) if is_learned(prior) else exact_text(row["mean"], of)
 

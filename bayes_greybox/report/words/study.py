@@ -106,12 +106,7 @@ def name_of(study: StudyResult, name: str) -> str:
 
 
 def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
-    """Return the plain name of an effect, with its columns where another row of the table is the same on others.
-
-    Args:
-        study: The study.
-        row: Row of its table of effects.
-    """
+    """Return the plain name of an effect, with its columns where another row of the table is the same on others."""
     table = study.effects
     alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
     columns = row.get("quantity", "").split(", ")
@@ -127,11 +122,7 @@ def _catalogued(slug: str) -> str:
 
 
 def reversed_text(row: Mapping[str, Any]) -> str:
-    """Return that an effect has the opposite of its usual sign, and what it then does; "" where it has not.
-
-    Args:
-        row: Row of the table of effects; older files say nothing of signs.
-    """
+    """Return that an effect has the opposite of its usual sign, and what it then does; "" where it has not."""
     return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
@@ -141,12 +132,7 @@ def set_label(study: StudyResult, name: str) -> str:
 
 
 def remembered(study: StudyResult, equation: str) -> str:
-    """Return what something without a name likely does, "is a law of y (probability 0.97)"; "" if it is not known.
-
-    Args:
-        study: The study.
-        equation: Equation that lacks it.
-    """
+    """Return what something without a name likely does, "is a law of y (probability 0.97)"; "" if it is not known."""
     statements = remainders(study, equation)
     laws = [
         f"a law of {each.of.replace(', ', ' and ')} (probability {probability_text(each.probability)})"
@@ -200,11 +186,7 @@ def closed_share(closed: float) -> str:
 
 
 def risen(ratio: float) -> str:
-    """Return by how much something rose: in per cent below twice what it was, from there on as a multiple.
-
-    Args:
-        ratio: After over before, above one.
-    """
+    """Return by how much something rose: in per cent below twice what it was, from there on as a multiple."""
     return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_multiple(ratio)} what it was"
 
 

@@ -49,11 +49,7 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
 
 
 def packed(content: Mapping[str, bytes]) -> bytes:
-    """Return an FMU of its files by their names, without times, so that the same files give the same FMU.
-
-    Args:
-        content: Files.
-    """
+    """Return an FMU of its files by their names, without times, so that the same files give the same FMU."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as opened:
         for each, data in content.items():
@@ -62,12 +58,7 @@ def packed(content: Mapping[str, bytes]) -> bytes:
 
 
 def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
-    """Return the library that a C compiler makes of sources.
-
-    Args:
-        compiler: The compiler.
-        sources: Files by name, headers among them.
-        main: The one that is compiled.
+    """Return the library that a C compiler makes of the file `main` among sources and headers by name.
 
     Raises:
         InputError: It cannot compile them.
@@ -115,11 +106,7 @@ def installed_fmpy() -> Any:
 
 
 def standard_headers(fmpy: Any) -> dict[str, bytes]:
-    """Return the headers of the standard by name.
-
-    Args:
-        fmpy: Package that `installed_fmpy` returned.
-    """
+    """Return the headers of the standard by name, which are in the package `installed_fmpy`."""
     folder = Path(fmpy.__file__).parent / "c-code"
     return {each: (folder / each).read_bytes() for each in HEADERS}
 
