@@ -213,9 +213,7 @@ class Config(Section):
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:
-        """Write a copy that can be run again where it lies, in `folder`; it is first written to `place`, where that
-        is another.
-        """
+        """Write a copy that can be run again where it lies, in `folder`; first to `place`, if that is another."""
         copy = folder / CONFIG
         if self.copied_from is None and copy.exists() and copy.samefile(self._path):
             # The results lie beside the file itself, which stays as its author wrote it.

@@ -12,9 +12,7 @@ _RAISED_DIGITS = {"⁻": "-", **{raised: str(k) for k, raised in enumerate("⁰�
 
 
 def distinct(wanted: Sequence[str], taken: Iterable[str]) -> list[str]:
-    """Return names, in order, made to differ from each other and from those that are taken by underscores at their
-    ends.
-    """
+    """Return names that differ from each other and from those that are taken, by underscores at their ends."""
     used, names = set(taken), []
     for name in wanted:
         while name in used:

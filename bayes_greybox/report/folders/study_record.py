@@ -17,9 +17,7 @@ from .record import verdict_record
 
 
 def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a study's verdict, sentence, equations, doubts, convergence, tables, data, and the settings that made
-    it.
-    """
+    """Return the verdict, equations, doubts, convergence, tables and data of a study, and its settings."""
     fit, test = study.fit, study.test
     return plain_values(
         {

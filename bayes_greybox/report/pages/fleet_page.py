@@ -11,7 +11,7 @@ from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.fleet.shared import AssetStudy, Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
-from bayes_greybox.report.plots.fleet import plot_pooled
+from bayes_greybox.report.plots.studies import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
 from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of

@@ -32,9 +32,7 @@ from .tables import drawn, verdict_text
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Yield verdict, learned equations, coefficients, discrepancy and error (NMSE by equation) on held-out data, to
-    print.
-    """
+    """Yield verdict, learned equations, coefficients, discrepancy and NMSE on held-out data, by equation, to print."""
     yield verdict_text(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")

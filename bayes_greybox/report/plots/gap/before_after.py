@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.posterior.over_time import RECORD_BINS, name_run, rows_of_runs
+from bayes_greybox.report.plots.posterior.along_time import RECORD_BINS, name_run, rows_of_runs
 from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
 from .gap_map import SURE_GAP, draw_threshold

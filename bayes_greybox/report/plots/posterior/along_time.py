@@ -1,4 +1,4 @@
-"""Predicted against measured: along time, and one against the other."""
+"""Figures along time, one panel a run: the discrepancy, and predicted against measured."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,107 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.thinning import extreme_rows
+from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
+from bayes_greybox.report.words.formatting import level_text
 
-from .over_time import RECORD_BINS, draw_posterior, name_run, rows_of_runs
+MOST_PANELS = 6
+# Bins of a long record: about one a pixel column of a notebook figure.
+RECORD_BINS = 1200
+_LONGEST_NAME = 24
+
+
+@mpl.rc_context(style.STYLE)
+def plot_discrepancy_over_time(
+    time: Float[np.ndarray, " n_obs"],
+    mean: Float[np.ndarray, " n_obs"],
+    lower: Float[np.ndarray, " n_obs"],
+    upper: Float[np.ndarray, " n_obs"],
+    *,
+    equation: str,
+    run: Int[np.ndarray, " n_obs"] | None = None,
+    run_names: Sequence[str] | None = None,
+    sigma: float | np.floating | None = None,
+    level: float | np.floating = 0.9,
+    time_unit: str | None = None,
+    unit: str | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
+) -> Figure:
+    """Draw the posterior of the discrepancy f along time, against the noise standard deviation.
+
+    A long record is thinned for drawing to the extremes of neighbouring rows, so peaks stay.
+
+    Args:
+        time: time of each row, in `time_unit`.
+        mean: posterior mean of f at each row, in `unit`.
+        lower: lower end of the credible interval.
+        upper: upper end of the credible interval.
+        equation: name of the state whose derivative the equation gives.
+        run: run of each row, 0..n_run-1; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        sigma: noise standard deviation, in `unit`: drawn as a pair of reference lines.
+        level: probability that the credible interval holds.
+        time_unit: unit of time.
+        unit: unit of f.
+        axes: axes to draw into, one a drawn run.
+    """
+    rows, note = rows_of_runs(len(time), run)
+    height = 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows))
+    panels = style.panels_of(axes, len(rows), "one a run", (8.0, height), sharey=True)
+    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+        ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
+        draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
+        if sigma is not None:
+            ax.axhline(float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
+            ax.axhline(-float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)))
+        if len(rows) > 1:
+            name_run(ax, index, run_names)
+        ax.margins(x=0.01)
+    panels[0].set_title(f"Discrepancy f in the equation for {style.plain(equation)}{note}")
+    panels[-1].set_xlabel(style.with_unit("time", time_unit))
+    label = style.with_unit("discrepancy f", unit)
+    if axes is None and len(rows) > 1:
+        style.figure_of(panels[0]).supylabel(label, fontsize=10)
+    else:
+        panels[0].set_ylabel(label)
+    style.place_legend(panels[0], axes is None)
+    return style.figure_of(panels[0])
+
+
+def rows_of_runs(n_obs: int, run: Int[np.ndarray, " n_obs"] | None) -> tuple[list[np.ndarray], str]:
+    """Return the rows of each run that gets a panel, and a note for the title where some runs get none."""
+    if run is None:
+        return [np.arange(n_obs)], ""
+    runs = np.unique(run)
+    note = f" (first {MOST_PANELS} of {len(runs)} runs)" if len(runs) > MOST_PANELS else ""
+    return [np.flatnonzero(run == number) for number in runs[:MOST_PANELS]], note
+
+
+def draw_posterior(
+    ax: Axes,
+    time: Float[np.ndarray, " n_obs"],
+    mean: Float[np.ndarray, " n_obs"],
+    lower: Float[np.ndarray, " n_obs"],
+    upper: Float[np.ndarray, " n_obs"],
+    level: float | np.floating,
+    name: str = "mean",
+) -> None:
+    """Draw mean and band of a quantity along time, thinned where the record is long."""
+    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
+    ax.fill_between(
+        band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval"
+    )
+    kept = extreme_rows(mean, RECORD_BINS)
+    ax.plot(
+        time[kept], mean[kept], color=style.BLUE, linewidth=1.6 if len(kept) == len(mean) else 0.9, zorder=3, label=name
+    )
+
+
+def name_run(ax: Axes, index: int, run_names: Sequence[str] | None) -> None:
+    """Write the run's name above the panel, at the right, clear of the curves."""
+    name = f"run {index}" if run_names is None else str(run_names[index])
+    name = style.plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
+    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)
+
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
 _MOST_MARKERS = 2000
