@@ -12,7 +12,7 @@ from bayes_greybox.report.folders.comparison import save_comparison
 from bayes_greybox.report.folders.holding import require_own
 from bayes_greybox.report.folders.saved import load_fits
 from bayes_greybox.report.folders.writing import output_folder, staged
-from bayes_greybox.report.terminal.comparison import comparison_tables
+from bayes_greybox.report.terminal.fit import comparison_tables
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 

@@ -6,12 +6,10 @@ from pathlib import Path
 from bayes_greybox.config import Config
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.reporting import STUDY_PAGE
-from bayes_greybox.fleet.run import study_fleet
-from bayes_greybox.fleet.study import study_into
+from bayes_greybox.fleet.run import study_fleet, study_into
 from bayes_greybox.fleet.together import FLEET_PAGE
 from bayes_greybox.report.folders.holding import free_folder, require_own
-from bayes_greybox.report.terminal.fleet import fleet_tables
-from bayes_greybox.report.terminal.study import study_tables
+from bayes_greybox.report.terminal.study import fleet_tables, study_tables
 from bayes_greybox.running.errors import InputError
 
 from .ending import BAD_INPUT, DONE, NOT_CONVERGED, show

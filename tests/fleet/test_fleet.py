@@ -73,7 +73,7 @@ def test_one_after_another_gives_the_same(fleet, tmp_path):
 
 
 def test_what_was_studied_is_not_studied_again(fleet, monkeypatch, capsys):
-    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", lambda *_, **__: pytest.fail("studied again"))
+    monkeypatch.setattr("bayes_greybox.fleet.run.find_missing_effects", lambda *_, **__: pytest.fail("studied again"))
     before = (fleet / "out" / "summary.json").read_text(encoding="utf-8")
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(fleet / "out"),
                  "--workers", "1"]) == 0  # fmt: skip

@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_greybox.config.starting.plan import equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
-from .example import equation_of_motion
 from .layout import read_as_found
 from .plan import Plan
 from .roles import guessed

@@ -9,9 +9,9 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.equations.learned import INTERVAL_LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.report.equations.markup import left_latex, right_latex
 from bayes_greybox.running.plain_values import plain_values
 
-from .latex import left_latex, right_latex
 from .text import equation_text
 
 RECORD_FORMAT = 1

@@ -12,11 +12,11 @@ import pandas as pd
 
 from bayes_greybox.criticism.kept.file import load_checked
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.folders.holding import author_text, copy_of
 from bayes_greybox.report.pages.comparison_page import comparison_html
 from bayes_greybox.report.plots import plot_comparison, save_figures
 from bayes_greybox.running.errors import InputError
 
-from .copies import author_text, copy_of
 from .holding import CONFIG, RECORD_FILE
 from .record import comparison_record, write_json
 from .writing import staged

@@ -11,6 +11,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
 from bayes_greybox.inference.posterior import Posterior
+from bayes_greybox.report.folders.holding import author_text
 from bayes_greybox.report.pages.comparison_page import comparison_html
 from bayes_greybox.report.pages.fit_page import fit_html
 from bayes_greybox.report.pages.page import require_place
@@ -18,7 +19,6 @@ from bayes_greybox.report.pages.study_page import study_html
 from bayes_greybox.running.errors import InputError
 
 from .comparison import COMPARISON_PAGE, load_comparison
-from .copies import author_text
 from .holding import CONFIG, FILES_OF, command_of
 
 

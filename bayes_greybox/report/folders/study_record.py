@@ -9,7 +9,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.words.doubts import doubts
-from bayes_greybox.report.words.remarks import data_remarks
+from bayes_greybox.report.words.fit import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.running.plain_values import plain_values
 

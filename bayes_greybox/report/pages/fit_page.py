@@ -18,7 +18,8 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
 from bayes_greybox.report.words.fit import (
     LIKELY_TO_MATTER,
@@ -41,7 +42,6 @@ from bayes_greybox.report.words.formatting import (
     share_text,
 )
 
-from .free_run_section import trial_sections
 from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import (
     Folding,

@@ -1,24 +1,39 @@
-"""Parts that the pages of studies, fits and comparisons share: settings, convergence, equations, folded tables."""
+"""Parts that pages share: settings, convergence, equations, folded tables, free runs."""
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.bands import band_sources
 from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
+from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
+from bayes_greybox.criticism.trial import trial
 from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.equations.latex import equations_latex
-from bayes_greybox.report.equations.mathml import equation_mathml
+from bayes_greybox.report import plots as figures
+from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
+from bayes_greybox.report.pages.page import (
+    Code,
+    Details,
+    Equation,
+    Equations,
+    Items,
+    Pictures,
+    Section,
+    Words,
+    time_picture,
+)
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
-from bayes_greybox.report.words.formatting import count_text, number, unit_text
-
-from .page import Code, Details, Equation, Equations, Items, Section, Words
+from bayes_greybox.report.words.formatting import count_text, listed, number, percent_text, share_text, unit_text
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:
@@ -134,3 +149,79 @@ def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
         yield path, ", ".join(number(item, 6) for item in value) or "none"
     else:
         yield path, "none" if value is None else number(value, 6)
+
+
+ANCHOR = "free-run"
+
+
+def free_run_section(
+    title: str,
+    lead: str,
+    drawn: Mapping[str, Callable[[float], Figure]],
+    holds: Iterable[str],
+    further: Sequence[Any] = (),
+    shown: str = "against the measurements",
+) -> Section:
+    """Return free runs as a section.
+
+    Args:
+        title: Its title.
+        lead: Sentence on the data and the starts, which one on the bands follows.
+        drawn: Draws the figure of each state at a width in inches.
+        holds: Contents of the bands, as their legends have them.
+        further: Blocks above the figures.
+        shown: Contents of the figures beside the free run.
+    """
+    pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
+    bands = f" Bands hold 90 % of the posterior draws{_varied(holds)}; a cross marks where a run failed."
+    blocks = [*further, *([Pictures(pictures)] if pictures else [])]
+    return Section(ANCHOR, title, lead + (bands if pictures else ""), blocks)
+
+
+def trial_sections(fit: Posterior) -> list[Section]:
+    """Return the section of a fit's errors and free run on held-out data, or else on the training data.
+
+    There is none for outputs alone, of which none were held out.
+    """
+    tried = trial(fit)
+    run = tried.run
+    rows = []
+    for name, error in tried.nmse.items():
+        predicted = row_label(fit, name, "samples")
+        rows.append((f"mean square error of the predicted {predicted}, over its variance", share_text(error)))
+    for name, error in run.nrmse().items() if run else ():
+        rows.append((f"RMS error of the free run of {name}, over its standard deviation", percent_text(float(error))))
+    if run is None and not (rows or tried.why):
+        return []
+    blocks: list[Any] = [Table(("measure", "#value"), rows)] if rows else []
+    if tried.why and run is None:
+        blocks.append(Words(f"There is no free run. {tried.why}"))
+    size = f"{number(tried.n_obs)} rows{f' in {tried.n_run} runs' if tried.n_run > 1 else ''}"
+    if tried.held_out:
+        title, lead = "How does it do on held-out data?", f"{size} that the model did not learn from."
+    else:
+        title = "Does it follow the measurements by itself?"
+        lead = f"On the training data, {size}, as none were held out."
+    if run is None:
+        return [free_run_section(title, lead, {}, [], blocks)]
+    lead += " The model is started where the measurements start and then left alone."
+    drawn = {state: partial(figures.simulated, run, state) for state in run.states}
+    return [free_run_section(title, lead, drawn, [run.holds], [*blocks, *map(Words, _failures(run))])]
+
+
+def _failures(run: FreeRun) -> list[str]:
+    """Return the runs that blew up, and when, as a sentence."""
+    data, unit = run.data, run.data.unit("t") or ""
+    failed = [
+        f"{percent_text(float(share))} of the draws{f' in run {name}' if data.n_run > 1 else ''} after "
+        f"{number(float(at) - float(data.time[data.run == k][0]))} {unit}".strip()
+        for k, (name, share, at) in enumerate(zip(data.run_names, run.failed, run.failed_at, strict=True))
+        if share > 0
+    ]
+    return [f"The free run blows up: {listed(failed)}."] if failed else []
+
+
+def _varied(holds: Iterable[str]) -> str:
+    """Return the quantities that vary between the draws, as a clause."""
+    held = {band_sources(each) for each in holds} - {""}
+    return f", which vary in {held.pop()}" if held else ""

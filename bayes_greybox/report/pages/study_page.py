@@ -11,8 +11,8 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import is_denied, shown_part
 from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.fit import data_remarks
 from bayes_greybox.report.words.formatting import unbroken
-from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import METRICS, closed_text, metric_value, metric_words
 

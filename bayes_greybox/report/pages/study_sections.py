@@ -16,6 +16,7 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
+from bayes_greybox.report.pages.shared import free_run_section
 from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
@@ -46,7 +47,6 @@ from bayes_greybox.report.words.study import (
     whole_term,
 )
 
-from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Words, picture, time_picture
 
 MOST_TIED = 3

@@ -1,12 +1,12 @@
-"""Words for the terms and the rows of a fit, in tables."""
+"""Words for the data, the terms and the rows of a fit."""
 
 from collections.abc import Mapping
 from typing import Any
 
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
-
-from .formatting import estimate, exact_text, probability_text
+from bayes_greybox.report.words.formatting import estimate, exact_text, probability_text
 
 LIKELY_TO_MATTER = 0.5
 """Probability from which on a term is more likely to matter than not, and stands in the first table."""
@@ -36,3 +36,8 @@ def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = Tr
 def stated_text(prior: Coefficient | None) -> str:
     """Return the statement about a coefficient: "N(−40, 10²), ≤ 0", "= −2"."""
     return "" if prior is None else str(prior).replace("-", "−")
+
+
+def data_remarks(*parts: Trajectories | None) -> list[str]:
+    """Return what was done to training and held-out data and what of them is missing, each remark once."""
+    return list(dict.fromkeys(remark for part in parts if part is not None for remark in part.remarks))
