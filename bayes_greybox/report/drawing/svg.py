@@ -21,19 +21,9 @@ from bayes_greybox.report.drawing.hover import readings
 from bayes_greybox.report.plots.style import laid_out
 
 COLOURS = {
-    "#000000": "ink",
-    "#222222": "ink",
-    "#555555": "edge",
-    "#767676": "grey",
-    "#d9d9d9": "light",
-    "#f3f3f3": "faint",
-    "#ffffff": "paper",
-    "#0072b2": "blue",
-    "#d55e00": "orange",
-    "#56b4e9": "sky",
-    "#00441b": "most",
-    "#40004b": "least",
-}
+    "#000000": "ink", "#222222": "ink", "#555555": "edge", "#767676": "grey", "#d9d9d9": "light", "#f3f3f3": "faint",
+    "#ffffff": "paper", "#0072b2": "blue", "#d55e00": "orange", "#56b4e9": "sky", "#00441b": "most", "#40004b": "least",
+}  # fmt: skip
 """Colours of `plots.style`, and the ends of the colour map of signed numbers, by their names in the page's style."""
 
 _SPACE = "{http://www.w3.org/2000/svg}"

@@ -61,65 +61,19 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "Coefficient",
-    "added_coefficients",
-    "autocorrelation",
-    "calibration",
-    "coefficients",
-    "discrepancy_over_states",
-    "discrepancy_over_time",
-    "fit_figures",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "loo_pit",
-    "next_experiment",
-    "plot_autocorrelation",
-    "plot_calibration",
-    "plot_coefficients",
-    "plot_comparison",
-    "plot_confounding",
-    "plot_discrepancy_over_states",
-    "plot_discrepancy_over_time",
-    "plot_free_run",
-    "plot_gap_curve",
-    "plot_gap_map",
-    "plot_gap_over_time",
-    "plot_hypotheses",
-    "plot_loo_pit",
-    "plot_posteriors",
-    "plot_predicted",
-    "plot_predictive",
-    "plot_responses",
-    "plot_rounds",
-    "plot_sensitivity",
-    "plot_tradeoff",
-    "predicted",
-    "predictive",
-    "ranking",
-    "rounds",
-    "save_figures",
-    "sensitivity",
-    "simulated",
-    "study_figures",
-    "trade_off",
-]
-
-_OF_STUDIES = (
-    "added_coefficients",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "next_experiment",
-    "ranking",
-    "rounds",
-    "study_figures",
-)
+    "Coefficient", "added_coefficients", "autocorrelation", "calibration", "coefficients", "discrepancy_over_states",
+    "discrepancy_over_time", "fit_figures", "free_run", "gap_map", "gap_over_time", "loo_pit", "next_experiment",
+    "plot_autocorrelation", "plot_calibration", "plot_coefficients", "plot_comparison", "plot_confounding",
+    "plot_discrepancy_over_states", "plot_discrepancy_over_time", "plot_free_run", "plot_gap_curve", "plot_gap_map",
+    "plot_gap_over_time", "plot_hypotheses", "plot_loo_pit", "plot_posteriors", "plot_predicted", "plot_predictive",
+    "plot_responses", "plot_rounds", "plot_sensitivity", "plot_tradeoff", "predicted", "predictive", "ranking",
+    "rounds", "save_figures", "sensitivity", "simulated", "study_figures", "trade_off",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    # The figures of a fit do without all that a study imports.
-    if name in _OF_STUDIES:
+    # Those of studies: the figures of a fit do without all that a study imports.
+    if name in __all__:
         from . import studies
 
         return getattr(studies, name)

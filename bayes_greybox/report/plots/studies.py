@@ -55,9 +55,8 @@ LONGEST_ASSET_NAME = 28
 def study_figures(study: StudyResult) -> dict[str, Figure]:
     """Return every figure of a study by file name: gap, ranking, sets, coefficients, free runs."""
     figures: dict[str, Figure] = {}
-    several = len(study.maps) > 1
     for equation in study.maps:
-        suffix = f"_{equation}" if several else ""
+        suffix = f"_{equation}" if len(study.maps) > 1 else ""
         figures[f"gap_map{suffix}"] = gap_map(study, equation)
         if equation in study.traces:
             figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
@@ -96,14 +95,9 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
             variable=gap.variables[0], variable_unit=gap.units[0], title=f"Gap in the equation for {equation}",
             threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
         )  # fmt: skip
-    shown = {
-        "before": (
-            f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given",
-            gap.before,
-            gap.probability,
-        ),
-        "after": ("After: the amended model", gap.after, gap.after_probability),
-    }
+    title = f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given"
+    after = ("After: the amended model", gap.after, gap.after_probability)
+    shown = {"before": (title, gap.before, gap.probability), "after": after}
     looks = {"before": style.BEFORE, "after": style.AFTER}
     seen = inside if inside.any() else np.ones_like(inside)
     return plot_gap_map(
@@ -208,21 +202,9 @@ def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -
 def plot_pooled(
     names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
 ) -> Figure:
-    """Draw a forest of one coefficient: each asset's own estimate, its pooled one, and their mean.
-
-    Args:
-        names: Names of the assets.
-        mean: Posterior mean in each.
-        sd: Its standard deviation.
-        whole: Their pooling.
-        label: Label of the axis, with the unit.
-        width: Width in inches.
-    """
+    """Draw a forest of one coefficient: its mean and standard deviation in each asset, the pooled ones, their mean."""
     order = np.argsort(mean)
     order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
-    shown = [
-        name if len(name) <= LONGEST_ASSET_NAME else f"{name[: LONGEST_ASSET_NAME - 1]}…" for name in map(str, names)
-    ]
     figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
@@ -232,7 +214,7 @@ def plot_pooled(
     own_bars, pooled_bars = INTERVAL_REACH * sds, INTERVAL_REACH * pooled_sds
     ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
     ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
-    ax.set_yticks(place, [style.plain(shown[int(i)]) for i in order])
+    ax.set_yticks(place, [style.shortened(str(names[int(i)]), LONGEST_ASSET_NAME) for i in order])
     ax.set_ylim(-0.7, len(order) - 0.3)
     ax.set_xlabel(style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)

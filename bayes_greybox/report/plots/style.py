@@ -17,6 +17,9 @@ from matplotlib.mathtext import MathTextParser
 from bayes_greybox.report.words.formatting import unit_text
 from bayes_greybox.running.errors import InputError
 
+DASHED = (0, (4, 3))
+"""Line of what is no result, such as a threshold."""
+
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"
 ORANGE = "#D55E00"
@@ -33,22 +36,11 @@ SIGNED = "PRGn"
 """Map of signed numbers: safe for colour-blind readers, and of colours that stand for nothing else."""
 
 STYLE: dict[str, Any] = {
-    "font.size": 10,
-    "axes.titlesize": 10.5,
-    "axes.labelsize": 10,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555555",
-    "axes.titlelocation": "left",
-    "hatch.color": GREY,
-    "hatch.linewidth": 0.5,
-    "text.usetex": False,
-    "figure.facecolor": "white",
-}
+    "font.size": 10, "axes.titlesize": 10.5, "axes.labelsize": 10, "xtick.labelsize": 9, "ytick.labelsize": 9,
+    "legend.fontsize": 9, "legend.frameon": False, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": "#555555", "axes.titlelocation": "left", "hatch.color": GREY, "hatch.linewidth": 0.5,
+    "text.usetex": False, "figure.facecolor": "white",
+}  # fmt: skip
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -142,9 +134,29 @@ def panels_of(
     return list(np.ravel(new_figure(*size).subplots(**{"nrows": needed, "squeeze": False, **subplots})))
 
 
+def guide_rows(ax: Axes, n: int) -> np.ndarray:
+    """Draw thin lines along which n rows are read, the first on top, and return their places."""
+    rows = np.arange(n)
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
+    ax.set_ylim(n - 0.5, -0.5)
+    ax.tick_params(axis="y", length=0)
+    return rows
+
+
+def rug(ax: Axes, positions: np.ndarray, label: str | None = None) -> None:
+    """Mark positions of data rows by strokes along the lower edge."""
+    ax.plot(positions, np.full(len(positions), 0.02), "|", transform=ax.get_xaxis_transform(), color=DARK, alpha=0.45,
+            markersize=7, markeredgewidth=0.6, label=label)  # fmt: skip
+
+
 def plain(text: str) -> str:
     """Return text that is drawn as it stands: a dollar sign does not start a formula."""
     return text.replace("$", r"\$")
+
+
+def shortened(name: str, most: int) -> str:
+    """Return a name of at most so many letters as it is drawn."""
+    return plain(name if len(name) <= most else f"{name[: most - 1]}…")
 
 
 def formula_or_name(name: str, latex: str | None) -> str:

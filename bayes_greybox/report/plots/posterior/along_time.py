@@ -1,6 +1,6 @@
 """Figures along time, one panel a run: the discrepancy, and predicted against measured."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import matplotlib as mpl
 import numpy as np
@@ -56,22 +56,13 @@ def plot_discrepancy_over_time(
     rows, note = rows_of_runs(len(time), run)
     height = 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows))
     panels = style.panels_of(axes, len(rows), "one a run", (8.0, height), sharey=True)
-    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+    for ax, chosen in each_run(panels, rows, run_names):
         ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
         if sigma is not None:
-            ax.axhline(float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="± noise sd σ")
-            ax.axhline(-float(sigma), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)))
-        if len(rows) > 1:
-            name_run(ax, index, run_names)
-        ax.margins(x=0.01)
+            draw_threshold(ax, sigma, "± noise sd σ")
     panels[0].set_title(f"Discrepancy f in the equation for {style.plain(equation)}{note}")
-    panels[-1].set_xlabel(style.with_unit("time", time_unit))
-    label = style.with_unit("discrepancy f", unit)
-    if axes is None and len(rows) > 1:
-        style.figure_of(panels[0]).supylabel(label, fontsize=10)
-    else:
-        panels[0].set_ylabel(label)
+    label_axes(panels, style.with_unit("discrepancy f", unit), time_unit, axes is None)
     style.place_legend(panels[0], axes is None)
     return style.figure_of(panels[0])
 
@@ -96,20 +87,38 @@ def draw_posterior(
 ) -> None:
     """Draw mean and band of a quantity along time, thinned where the record is long."""
     band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
-    ax.fill_between(
-        band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=f"{level_text(level)} interval"
-    )
+    label = f"{level_text(level)} interval"
+    ax.fill_between(band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=label)
     kept = extreme_rows(mean, RECORD_BINS)
-    ax.plot(
-        time[kept], mean[kept], color=style.BLUE, linewidth=1.6 if len(kept) == len(mean) else 0.9, zorder=3, label=name
-    )
+    width = 1.6 if len(kept) == len(mean) else 0.9
+    ax.plot(time[kept], mean[kept], color=style.BLUE, linewidth=width, zorder=3, label=name)
 
 
-def name_run(ax: Axes, index: int, run_names: Sequence[str] | None) -> None:
-    """Write the run's name above the panel, at the right, clear of the curves."""
-    name = f"run {index}" if run_names is None else str(run_names[index])
-    name = style.plain(name if len(name) <= _LONGEST_NAME else f"{name[: _LONGEST_NAME - 1]}…")
-    ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)
+def each_run(
+    panels: Sequence[Axes], rows: Sequence[np.ndarray], run_names: Sequence[str] | None
+) -> Iterator[tuple[Axes, np.ndarray]]:
+    """Yield the panel and the rows of each run; where there are several, a run's name stands above its panel."""
+    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+        yield ax, chosen
+        if len(rows) > 1:
+            name = style.shortened(f"run {index}" if run_names is None else str(run_names[index]), _LONGEST_NAME)
+            ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)
+        ax.margins(x=0.01)
+
+
+def label_axes(panels: Sequence[Axes], quantity: str, time_unit: str | None, own: bool) -> None:
+    """Label time, and the quantity once for all panels of a figure of our own."""
+    panels[-1].set_xlabel(style.with_unit("time", time_unit))
+    if own and len(panels) > 1:
+        style.figure_of(panels[0]).supylabel(quantity, fontsize=10)
+    else:
+        panels[0].set_ylabel(quantity)
+
+
+def draw_threshold(ax: Axes, size: float | np.floating, label: str = "± threshold") -> None:
+    """Draw the pair of lines that a curve has to leave to count."""
+    for sign, name in ((1.0, label), (-1.0, "_")):
+        ax.axhline(sign * float(size), color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label=name)
 
 
 # Beyond these numbers of rows points merge into a blot: along time a line, across a density.
@@ -164,12 +173,9 @@ def plot_predicted(
     else:
         *panels, across = style.given_axes(axes, len(rows) + 1, "one a run, then the scatter")
     quantity = label or f"d({equation})/dt"
-    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+    for ax, chosen in each_run(panels, rows, run_names):
         _draw_measured(ax, time[chosen], measured[chosen])
         draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level, "predicted mean")
-        if len(rows) > 1:
-            name_run(ax, index, run_names)
-        ax.margins(x=0.01)
     panels[len(panels) // 2].set_ylabel(style.with_unit(quantity, unit))
     panels[0].set_title(f"Predicted and measured {style.plain(quantity)}{note}")
     panels[-1].set_xlabel(style.with_unit("time", time_unit))
@@ -190,7 +196,7 @@ def _draw_measured(ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[
 def _draw_across(
     ax: Axes, measured: Float[np.ndarray, " n_obs"], mean: Float[np.ndarray, " n_obs"], quantity: str, unit: str | None
 ) -> None:
-    low, high = (float(edge) for edge in (min(measured.min(), mean.min()), max(measured.max(), mean.max())))
+    low, high = float(min(measured.min(), mean.min())), float(max(measured.max(), mean.max()))
     pad = 0.05 * (high - low) or 1.0
     view = (low - pad, high + pad)
     if len(measured) <= _MOST_SCATTER:
@@ -201,14 +207,14 @@ def _draw_across(
             measured, mean, gridsize=60, bins="log", mincnt=1, cmap="cividis_r", extent=view + view, linewidths=0.2
         )
         style.figure_of(ax).colorbar(cells, ax=ax, label="rows in the cell", shrink=0.8)
-    ax.axline((low, low), slope=1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="1:1")
-    ax.set_xlim(*view)
-    ax.set_ylim(*view)
+    ax.axline((low, low), slope=1.0, color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="1:1")
     ax.set_aspect("equal", anchor="N")
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.yaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel(style.with_unit(f"measured {quantity}", unit))
-    ax.set_ylabel(style.with_unit(f"predicted {quantity}", unit))
+    measured_label, predicted_label = (
+        style.with_unit(f"{kind} {quantity}", unit) for kind in ("measured", "predicted")
+    )
+    ax.set(xlim=view, ylim=view, xlabel=measured_label, ylabel=predicted_label)
     ax.legend(loc="upper left", handletextpad=0.5)
 
 

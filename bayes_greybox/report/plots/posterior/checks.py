@@ -1,6 +1,7 @@
 """Figures of the checks: predictive distributions, LOO-PIT, residuals, prior sensitivity, calibration by simulation."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -150,31 +151,18 @@ def plot_sensitivity(
         axes: axes to draw into, one.
     """
     (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
-    rows = np.arange(len(table))
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
     labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
-    several = len(equations) > 1
-    names = [formula(str(quantity)) for _, quantity in table.index]
-    if several:
-        names = [f"{name} in {labels[equation]}" for name, (equation, _) in zip(names, table.index, strict=True)]
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
-    ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
+    where = {name: f" in {labels[name]}" if len(equations) > 1 else "" for name in equations}
+    names = [f"{formula(str(quantity))}{where[equation]}" for equation, quantity in table.index]
+    rows = style.guide_rows(ax, len(table))
+    ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)
-    ax.plot(
-        likelihood,
-        rows,
-        "o",
-        color=style.GREY,
-        markersize=5,
-        markerfacecolor="none",
-        clip_on=False,
-        label="to the likelihood",
-    )
+    hollow: dict[str, Any] = {"color": style.GREY, "markersize": 5, "markerfacecolor": "none"}
+    ax.plot(likelihood, rows, "o", clip_on=False, label="to the likelihood", **hollow)
     ax.plot(prior, rows, "o", color=style.BLUE, markersize=5.5, clip_on=False, label="to the prior")
     ax.set_yticks(rows, [style.plain(name) for name in names])
-    ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlim(left=0.0)
-    ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.set_xlabel("change for each doubling of its weight")
     ax.set_title("Power-scaling sensitivity")
@@ -226,13 +214,8 @@ def plot_calibration(
         passed, adjusted = bool(tests.loc[name, "passed"]), float(np.asarray(tests.loc[name, "adjusted"]))
         ax.fill_between(at, lower, upper, color=style.LIGHT, linewidth=0, label="band")
         ax.axhline(0.0, color=style.GREY, linewidth=0.6)
-        ax.plot(
-            at,
-            differences[name].to_numpy(float),
-            color=style.BLUE if passed else style.ORANGE,
-            linewidth=1.3,
-            label="ECDF",
-        )
+        colour = style.BLUE if passed else style.ORANGE
+        ax.plot(at, differences[name].to_numpy(float), color=colour, linewidth=1.3, label="ECDF")
         ax.set_ylim(-reach, reach)
         _finish(ax, str(name), f"adjusted p = {number(adjusted, 2)}")
     for ax, (name, table) in zip(panels[differences.shape[1] :], reliability.items(), strict=False):

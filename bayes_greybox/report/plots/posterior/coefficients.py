@@ -159,16 +159,8 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
     ax.hlines(rows, lower, upper, color=style.BLUE, linewidth=2.2, zorder=2)
     ax.plot(mean, rows, "o", color=style.BLUE, markersize=5.5, zorder=3, label="mean")
     if np.isfinite(true).any():
-        ax.plot(
-            true,
-            rows,
-            "D",
-            markersize=9,
-            markerfacecolor="none",
-            markeredgecolor=style.ORANGE,
-            zorder=4,
-            label="true value",
-        )
+        hollow: dict[str, Any] = {"markersize": 9, "markerfacecolor": "none", "markeredgecolor": style.ORANGE}
+        ax.plot(true, rows, "D", zorder=4, label="true value", **hollow)
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
         text = style.plain(estimate(value, sd, units.get(term) if several else ""))
         ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=style.DARK)

@@ -1,6 +1,7 @@
 """The discrepancy over one or two variables of the state space."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -18,7 +19,7 @@ from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
 from bayes_greybox.running.errors import InputError
 
-_MOST_DATA_POINTS = 2000
+MOST_DATA_POINTS = 2000
 
 
 @mpl.rc_context(style.STYLE)
@@ -75,18 +76,7 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
     band.set_label(f"{level_text(grid.level)} interval")
     ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=style.BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
-    shown = points[every_nth(len(points), _MOST_DATA_POINTS), 0]
-    ax.plot(
-        shown,
-        np.full(len(shown), 0.02),
-        "|",
-        transform=ax.get_xaxis_transform(),
-        color=style.DARK,
-        alpha=0.45,
-        markersize=7,
-        markeredgewidth=0.6,
-        label="data",
-    )
+    style.rug(ax, points[every_nth(len(points), MOST_DATA_POINTS), 0], "data")
     ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
     ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
@@ -109,17 +99,15 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
     beyond = np.maximum(grid.lower, -grid.upper)
     bold = outline(panels[0], x, y, beyond, 0.0, seen)
     for ax in panels:
-        shown = points[every_nth(len(points), _MOST_DATA_POINTS)]
-        ax.plot(
-            shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0, label="data"
-        )
-        ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
-        ax.set_ylabel(style.with_unit(grid.variables[1], grid.units[1]))
-        ax.set_xlim(x[0], x[-1])
-        ax.set_ylim(y[0], y[-1])
+        finish_map(ax, grid.axes, grid.variables, grid.units, points)
     panels[0].set_title(_title(grid, "Discrepancy f"))
     panels[1].set_title("Its uncertainty" + ("\n" if grid.fixed else ""))
-    _explain(panels[0], grid, bold, own)
+    handles = [legend_mark("data", "data")]
+    if bold:
+        handles.append(legend_mark("outline", f"edge of where the {level_text(grid.level)} interval excludes 0"))
+    if not grid.inside.all():
+        handles.append(legend_mark("outside", "no data: extrapolated"))
+    style.place_legend(panels[0], own, handles)
 
 
 def _first_positive(*candidates: np.ndarray) -> float:
@@ -141,6 +129,32 @@ def draw_map(
     above, below = values.max() > high, values.min() < low
     extend = "both" if above and below else "max" if above else "min" if below else "neither"
     style.figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
+
+
+def finish_map(
+    ax: Axes,
+    grid: Sequence[np.ndarray],
+    variables: Sequence[str],
+    units: Sequence[str],
+    points: Float[np.ndarray, "n_obs 2"] | None,
+) -> None:
+    """Mark the data rows on a map of two variables, name these, and end it where the grid does."""
+    if points is not None:
+        shown = points[every_nth(len(points), MOST_DATA_POINTS)]
+        ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
+    (x, y), (x_label, y_label) = grid, map(style.with_unit, variables, units)
+    ax.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=x_label, ylabel=y_label)
+
+
+def legend_mark(kind: str, label: str) -> Artist:
+    """Return a legend's entry for the outline of a map, its marked data rows, or where there are none ("outside")."""
+    if kind == "outside":
+        return Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label=label)
+    looks: dict[str, Any] = {
+        "outline": {"linewidth": 2.0},
+        "data": {"marker": "o", "linestyle": "none", "markersize": 2.5},
+    }
+    return Line2D([], [], color=style.DARK, label=label, **looks[kind])
 
 
 def outline(
@@ -187,17 +201,3 @@ def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
 def _pale_map() -> Colormap:
     """Return white to middle purple: points stay visible on it, and it is ordered in grayscale."""
     return LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
-
-
-def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
-    handles: list[Artist] = [
-        Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data")
-    ]
-    level = level_text(grid.level)
-    if bold:
-        handles.append(
-            Line2D([], [], color=style.DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
-        )
-    if not grid.inside.all():
-        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data: extrapolated"))
-    style.place_legend(ax, own, handles)

@@ -64,21 +64,17 @@ def plot_tradeoff(
     pairs.set_ylabel(style.with_unit(f"amount of {term} that f imitates", unit))
     _draw_marginal(above, theta, zero, x_view, "vertical")
     _draw_marginal(right, projection, zero, y_view, "horizontal")
-    above.set_title(f"θ–f trade-off in the equation for {style.plain(equation)}{_correlation_text(correlation)}")
+    title = f"θ–f trade-off in the equation for {style.plain(equation)}"
+    if correlation is not None:
+        undefined = "not defined: one of the two does not vary"
+        title += f"\ncorrelation {number(correlation, 2) if np.isfinite(correlation) else undefined}"
+    above.set_title(title)
     return style.figure_of(pairs)
 
 
 def _view(draws: Float[np.ndarray, " n_draw"], width: float | np.floating) -> tuple[float, float]:
     centre = 0.5 * (float(draws.min()) + float(draws.max()))
     return centre - 0.5 * float(width), centre + 0.5 * float(width)
-
-
-def _correlation_text(correlation: float | np.floating | None) -> str:
-    if correlation is None:
-        return ""
-    if not np.isfinite(correlation):
-        return "\ncorrelation not defined: one of the two does not vary"
-    return f"\ncorrelation {number(correlation, 2)}"
 
 
 def _draw_pairs(
@@ -90,7 +86,7 @@ def _draw_pairs(
 ) -> None:
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     on_line = (0.0, float(np.median(theta + projection)))
-    ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
+    ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="θ + f = constant")
     kept = every_nth(len(theta), _MOST_DRAWS)
     for chosen, colour, label in ((~zero, style.BLUE, "draws"), (zero, style.ORANGE, "draws with θ exactly 0")):
         if chosen.any():
