@@ -23,12 +23,7 @@ ASSETS, FLEET_PAGE = "assets", "fleet.html"
 
 @dataclass(frozen=True)
 class AssetResult:
-    """Result of an asset's study, as a worker sends it: plain values.
-
-    Attributes:
-        record: Record as in summary.json.
-        study_file: Content of the study's file; empty where it lies in a folder already.
-    """
+    """Result of an asset's study, as a worker sends it: its record, and its file where it lies in no folder already."""
 
     record: Mapping[str, Any]
     study_file: bytes = b""

@@ -36,12 +36,7 @@ _SET_BACK = [
 
 @dataclass(frozen=True)
 class Start:
-    """A first configuration.
-
-    Attributes:
-        text: The file.
-        summary: Lines about the roles of columns and the next steps.
-    """
+    """A first configuration: the text of the file, and lines about the roles of columns and the next steps."""
 
     text: str
     summary: tuple[str, ...]

@@ -30,10 +30,9 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
         if not (lines or shown) or ax.get_xscale() != "linear" or ax.get_yscale() != "linear":
             continue
         box = ax.get_position()
+        edges = (width * box.x0, height * (1 - box.y1), width * box.width, height * box.height)
         about: dict[str, Any] = {
-            "box": [
-                round(v, 1) for v in (width * box.x0, height * (1 - box.y1), width * box.width, height * box.height)
-            ],
+            "box": [round(edge, 1) for edge in edges],
             "x": _ends(ax.get_xlim()),
             "y": _ends(ax.get_ylim()),
             "names": [_label(figure, ax, "x"), _label(figure, ax, "y")],

@@ -59,12 +59,8 @@ class _Drawing:
 
     def renamed(self, read: list[dict]) -> list[dict]:
         """Return readings with the ids that their lines have in the page."""
-        return [
-            {**axes, "lines": {self._names[line]: label for line, label in axes["lines"].items()}}
-            if "lines" in axes
-            else axes
-            for axes in read
-        ]
+        lines = [{self._names[line]: label for line, label in axes.get("lines", {}).items()} for axes in read]
+        return [{**axes, "lines": own} if own else axes for axes, own in zip(read, lines, strict=True)]
 
     def written(self, one: Element) -> str:
         """Return an element with everything in it; nothing where nothing is left of it."""

@@ -27,15 +27,9 @@ LONGEST_FACTOR_NAME = 40
 
 @dataclass(frozen=True)
 class Quantity:
-    """A state, an input or an output.
+    """A state, an input or an output, as in the data; a state starts where the data do, or where `follows` does.
 
-    Attributes:
-        name: As in the data.
-        unit: "" where it is not known.
-        about: Description in a few words.
-        start: Value of a state where the data start.
-        start_sd: Standard deviation of the start if it was estimated, or None.
-        follows: State whose value it has there; "" for a value of its own.
+    A unit is "" where it is not known, `start_sd` None where the start was not estimated.
     """
 
     name: str
@@ -48,17 +42,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Factor:
-    """A coefficient.
+    """A coefficient, by its identifier in the program, with its term, its posterior in `unit` and its probability.
 
-    Attributes:
-        name: Identifier in the program.
-        equation: State or output whose equation has it.
-        formula: Its term.
-        value: Posterior, in `unit`.
-        unit: "1" for a plain number, "" where it is not known.
-        probability: Probability of its term; None where there is none.
-        about: Description in a few words.
-        correction: True if it corrects a coefficient of the simulation.
+    A unit is "1" for a plain number, "" where it is not known. `correction` says that it corrects one of the
+    simulation.
     """
 
     name: str
@@ -189,6 +176,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
             "exported: add its equation to the simulation."
         )
     outputs = [name for name in names if system.is_output(name)]
+    coded = any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known))
     return ExportedModel(
         origin=system.origin,
         states=tuple(_state(system, name, notes) for name in states),
@@ -197,9 +185,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
         factors=tuple(factor for factor, _ in factors),
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
         formulas=tuple(formulas[name] for name in (*states, *outputs)),
-        code=system.simulation.code
-        if any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known))
-        else "",
+        code=system.simulation.code if coded else "",
         time=system.data.units.get("t", ""),
         rule=system.rule,
         correlations=_correlations(system, factors),
@@ -209,28 +195,21 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
 
 def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, LearnedTerm]]:
     """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
-    every = [
-        (name, each, each in system.learned[name].given)
-        for name in names
-        if name in system.learned
-        for each in (*system.learned[name].given, *system.learned[name].terms)
-    ]
-    short = [_readable(each.name) for _, each, _ in every]
+    learned = {name: system.learned[name] for name in names if name in system.learned}
+    every = [(name, term) for name, equation in learned.items() for term in (*equation.given, *equation.terms)]
+    short = [_readable(term.name) for _, term in every]
     wanted = [
         f"k_{text}_{_readable(name)}" if short.count(text) > 1 else f"k_{text}"
-        for text, (name, _, _) in zip(short, every, strict=True)
+        for text, (name, _) in zip(short, every, strict=True)
     ]
     taken = {*system.states, *system.inputs, *system.names}
     called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
-    return [
-        (
-            Factor(
-                new, name, each.term.text, each.value, each.unit, each.probability, *_about(system, name, each, given)
-            ),
-            each,
-        )
-        for new, (name, each, given) in zip(called, every, strict=True)
-    ]
+    factors = []
+    for new, (name, term) in zip(called, every, strict=True):
+        about = _about(system, name, term, term in learned[name].given)
+        factor = Factor(new, name, term.term.text, term.value, term.unit, term.probability, *about)
+        factors.append((factor, term))
+    return factors
 
 
 def _readable(text: str) -> str:
@@ -338,10 +317,6 @@ def _correlations(
         if not np.all(spread > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
-        pairs += [
-            (own[i][0], own[k][0], float(corr[i, k]))
-            for i in range(len(own))
-            for k in range(i + 1, len(own))
-            if abs(corr[i, k]) >= LEAST_CORRELATION
-        ]
+        upper = zip(*np.triu_indices(len(own), 1), strict=True)
+        pairs += [(own[i][0], own[k][0], float(corr[i, k])) for i, k in upper if abs(corr[i, k]) >= LEAST_CORRELATION]
     return tuple(pairs)

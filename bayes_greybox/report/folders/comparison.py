@@ -26,13 +26,7 @@ COMPARISON_PAGE = "comparison.html"
 
 @dataclass(frozen=True)
 class SavedComparison:
-    """A comparison as its folder holds it.
-
-    Attributes:
-        fits: The fits by name.
-        table: Result of `compare`, best first.
-        config: Text of the configuration file, if there was one.
-    """
+    """A comparison as its folder holds it: fits by name, result of `compare`, text of the configuration, if any."""
 
     fits: Mapping[str, Posterior]
     table: pd.DataFrame

@@ -31,7 +31,7 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
                 "train": study.train.n_obs,
                 "test": None if test is None else test.n_obs,
                 "of": study.base.rows.in_words(study.train),
-                "remarks": data_remarks(study.train, study.test),
+                "remarks": data_remarks(study.train, test),
             },
             "sampling": dict(sampling),
         }

@@ -14,7 +14,7 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
-from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, size_text, term_probability
+from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, rows_text, size_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     count_text,
@@ -79,8 +79,7 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
 def _headline(table: pd.DataFrame) -> str:
     """Return the model that predicts best and how sure that is, in words for those who decide."""
     best, second = (str(name) for name in table.index[:2])
-    level = tied(table)
-    if level:
+    if level := tied(table):
         behind = [str(name) for name in table.index[1:] if name not in level]
         rest = f"; {listed(behind)} {'predicts' if len(behind) == 1 else 'predict'} worse" if behind else ""
         return f"Too close to call: the data do not tell {listed([best, *level])} apart{rest}."
@@ -113,8 +112,7 @@ def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Bad
 
 def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
     data = next(iter(fits.values())).data
-    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
-    return [f"{len(fits)} models", f"data: {data.n_obs} rows{runs}", f"left out: {table.attrs['folds']}"]
+    return [f"{len(fits)} models", f"data: {rows_text(data)}", f"left out: {table.attrs['folds']}"]
 
 
 RANKING: dict[str, Callable[[Any], str]] = {
@@ -139,21 +137,18 @@ def _ranking(table: pd.DataFrame) -> Section:
         Pictures([picture(drawn, "Elpd of each model, its difference to the best and its weight", wide=True)]),
         table_of(records_of(table.rename_axis("model")), RANKING, caption, lambda row: row["model"] in best),
     ]
-    notes = list(table.attrs.get("notes", []))
-    if notes:
+    if notes := list(table.attrs.get("notes", [])):
         blocks += [Words("What to beware of:"), Items([("", note) for note in notes])]
+    safe = number(table.attrs["threshold"], 2)
     meaning = [
         ("elpd", "Expected log predictive density: log probability of the data left out, summed; higher is better."),
         ("Difference", f"To the best model. It counts above {TIE_NATS:g} nats and twice its standard error (SE)."),
         ("Weight", "Share of each model in the mixture of models that predicts best (stacking)."),
-        (
-            "Worst k",
-            f"Largest Pareto k among parts left out that were not fitted again; up to "
-            f"{number(table.attrs['threshold'], 2)} is safe. A dash: all were.",
-        ),
+        ("Worst k", f"Largest Pareto k among parts left out that were not fitted again; up to {safe} is safe. A dash: "
+         "all were."),
         ("Refits", "Parts that the model was fitted again without, because k was too large."),
         ("p_eff", "Effective number of sampled parameters."),
-    ]
+    ]  # fmt: skip
     blocks.append(Details("What the columns mean", [Items(meaning)]))
     lead = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
     return Section("ranking", "Which model predicts best?", lead, blocks)
@@ -161,16 +156,7 @@ def _ranking(table: pd.DataFrame) -> Section:
 
 @dataclass(frozen=True)
 class _Estimate:
-    """Coefficient of a term under a model, in words.
-
-    Attributes:
-        key: Equation and term.
-        model: Name of the model.
-        value: Probability that the term matters.
-        probability: The same in words.
-        size: Mean and standard deviation.
-        ends: Ends of the 90 % interval.
-    """
+    """Coefficient of a term, by equation and term, under a model: the probability that it matters, and all in words."""
 
     key: tuple[str, str]
     model: str
@@ -263,8 +249,10 @@ def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate])
 def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate]) -> tuple[list[Any], list[Any]]:
     """Return the records, by key or with one, of terms that matter under some model, and all others."""
     likely = {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
-    every = [(each, (each.key if isinstance(each, _Estimate) else each) in likely) for each in records]
-    return [each for each, inside in every if inside], [each for each, inside in every if not inside]
+    parts: tuple[list[Any], list[Any]] = ([], [])
+    for each in records:
+        parts[(each.key if isinstance(each, _Estimate) else each) not in likely].append(each)
+    return parts
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:

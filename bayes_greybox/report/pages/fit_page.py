@@ -25,6 +25,7 @@ from bayes_greybox.report.words.fit import (
     LIKELY_TO_MATTER,
     is_learned,
     row_label,
+    rows_text,
     size_text,
     stated_text,
     term_probability,
@@ -49,8 +50,7 @@ from .shared import (
     fit_settings,
     folded,
     footer,
-    settings_section,
-    settings_table,
+    made_section,
     verdict_blocks,
 )
 
@@ -77,6 +77,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
 def fit_page(fit: Posterior, config: str | None = None) -> Page:
     """Return the report of a fit; see `fit_html`."""
     verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
+    written = fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE)
     sections = [
         *_study(fit),
         _coefficients(fit, terms),
@@ -85,11 +86,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         *trial_sections(fit),
         _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
-        settings_section(
-            "How this was made",
-            [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])],
-            config or fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE),
-        ),
+        made_section("Model, sampler, seed and versions", fit_settings(fit), config or written),
     ]
     doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
     return Page(
@@ -130,11 +127,10 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
 
 def _facts(fit: Posterior) -> list[str]:
     data, sampling = fit.data, fit.sampling
-    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
-    dropped = f", {data.dropped} dropped" if data.dropped else ""
+    rows = rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
-        f"data: {data.n_obs} rows{runs}{dropped}" if fit.whole is None else f"data: {fit.rows_in_words}",
+        f"data: {rows if fit.whole is None else fit.rows_in_words}",
         f"rows: {fit.model.rows.in_words(data)}",
         f"prior: {fit.model.prior_text}",
         f"discrepancy: {kernel}",
@@ -144,9 +140,8 @@ def _facts(fit: Posterior) -> list[str]:
 
 def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     cards = []
-    several = len(fit.equations) > 1
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
-        where = f" in {row_label(fit, str(name))}" if several else ""
+        where = f" in {row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
         if row["simulation"] != 0:
             cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
         cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
@@ -210,13 +205,10 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
 
 def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     blocks: list[Any] = []
+    draws = {"over the states": figures.discrepancy_over_states, "along time": figures.discrepancy_over_time}
     for name in fit.model.equations:
-        rate = row_label(fit, name)
-        shown = [
-            picture(figures.discrepancy_over_states(fit, name), f"Discrepancy in {rate} over the states", wide=True),
-            picture(figures.discrepancy_over_time(fit, name), f"Discrepancy in {rate} along time", wide=True),
-        ]
-        blocks.append(Pictures(shown))
+        alt = f"Discrepancy in {row_label(fit, name)}"
+        blocks.append(Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()]))
     columns = {
         "equation": lambda row: row_label(fit, row["equation"]),
         "#share": lambda row: share_text(row["discrepancy"]),

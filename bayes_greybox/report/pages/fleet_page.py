@@ -91,19 +91,12 @@ def _cards(cause: Shared | None) -> list[Card]:
     if cause is None or cause.whole is None:
         return []
     whole, unit = cause.whole, f" {unit_text(cause.unit)}".rstrip()
+    mean, between = f"{number(whole.mean)}{unit}", f"{number(whole.between)}{unit}"
+    span = f"{number(whole.between_lower)} to {number(whole.between_upper)}"
+    about = "standard deviation of their coefficients, 90\u00a0% interval"
     return [
-        Card(
-            "Mean",
-            "of the assets that lack it, 90\u00a0% interval",
-            f"{number(whole.mean)}{unit}",
-            note=interval(whole.lower, whole.upper),
-        ),
-        Card(
-            "Between assets",
-            "standard deviation of their coefficients, 90\u00a0% interval",
-            f"{number(whole.between)}{unit}",
-            note=f"{number(whole.between_lower)} to {number(whole.between_upper)}",
-        ),
+        Card("Mean", "of the assets that lack it, 90\u00a0% interval", mean, note=interval(whole.lower, whole.upper)),
+        Card("Between assets", about, between, note=span),
         Card("One coefficient for all", "probability, 0.5 beforehand", probability_text(whole.same)),
     ]
 
@@ -126,15 +119,11 @@ def _shared(fleet: Fleet) -> Section:
         "inner parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
         "unit": unit_of,
     }
-    drawn = [
-        time_picture(
-            partial(_pooled, each, each.whole),
-            f"Coefficient of {within(each.name)} in each asset, its own and pooled",
-            shared_text(each),
-        )
-        for each in fleet.shared[:4]
-        if each.whole is not None
-    ]
+    drawn = []
+    for each in fleet.shared[:4]:
+        if each.whole is not None:
+            alt = f"Coefficient of {within(each.name)} in each asset, its own and pooled"
+            drawn.append(time_picture(partial(_pooled, each, each.whole), alt, shared_text(each)))
     lead = (
         "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
         "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "

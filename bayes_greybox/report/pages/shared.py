@@ -42,6 +42,11 @@ def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> S
     return Section("settings", title, "", [*blocks, *file])
 
 
+def made_section(opens: str, settings: Mapping[str, Any], config: str | None) -> Section:
+    """Return the last section of the page of one result, whose settings the line `opens` opens."""
+    return settings_section("How this was made", [Details(opens, [settings_table(settings)])], config)
+
+
 def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name") -> Table:
     """Return nested settings as rows of name and value."""
     return Table(("setting", "value"), settings_rows(settings), caption)
@@ -56,21 +61,13 @@ def fit_settings(fit: Posterior) -> dict[str, Any]:
     """Return model, sampler, seed and versions of a fit."""
     model = describe(fit.model, fit.data)
     model["dictionary"] = {name: [term["expression"] for term in terms] for name, terms in model["dictionary"].items()}
-    made = {
-        key: fit.idata.attrs[key] for key in ("inference_library_version", "python_version") if key in fit.idata.attrs
-    }
+    keys = [key for key in ("inference_library_version", "python_version") if key in fit.idata.attrs]
+    made = {key: fit.idata.attrs[key] for key in keys}
     return {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
 
 
 class Folding(NamedTuple):
-    """Words of a table and of the folded one below it.
-
-    Attributes:
-        shown: Caption of the table of what matters.
-        hidden: Caption of the table of all else.
-        opens: Line that opens it, with a place for the number of terms.
-        nothing: Words in the place of the first table where nothing matters; "" for none.
-    """
+    """Captions of a table of what matters and of all else, which the line `opens` opens; words for no first table."""
 
     shown: str
     hidden: str
@@ -94,14 +91,14 @@ def summary_table(fit: Posterior) -> Table:
     """Return every quantity of a fit with R̂ and effective sample sizes."""
     table = summary(fit)
 
-    def rate(row: Any) -> str:
-        return row_label(fit, row["equation"])
-
     def cell(column: Any) -> Callable[[Any], str]:
         return lambda row: _cell(column, row[column])
 
-    heads = {column if column == "unit" else f"#{_HEADS.get(column, column)}": cell(column) for column in table.columns}
-    columns = {"quantity": lambda row: quantity_name(str(row["quantity"])), "equation": rate, **heads}
+    columns = {
+        "quantity": lambda row: quantity_name(str(row["quantity"])),
+        "equation": lambda row: row_label(fit, row["equation"]),
+        **{name if name == "unit" else f"#{_HEADS.get(name, name)}": cell(name) for name in table.columns},
+    }
     caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
     return table_of(records_of(table), columns, caption, equations=list(table.index.unique(0)))
 

@@ -91,16 +91,13 @@ def what(study: StudyResult) -> Section:
         table = _hypotheses(study)
         blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
     if study.left_out:
-        left_out = table_of(
-            study.left_out.items(),
-            {
-                "effect": lambda item: name_of(study, item[0][1]),
-                "equation": lambda item: _rate(study, item[0][0]),
-                "reason": lambda item: item[1],
-            },
-            "Effects that were not weighed, and why",
-            equations=list(study.maps),
-        )
+        columns = {
+            "effect": lambda item: name_of(study, item[0][1]),
+            "equation": lambda item: _rate(study, item[0][0]),
+            "reason": lambda item: item[1],
+        }
+        caption = "Effects that were not weighed, and why"
+        left_out = table_of(study.left_out.items(), columns, caption, equations=list(study.maps))
         blocks.append(Details(f"{_counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "

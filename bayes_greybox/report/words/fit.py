@@ -17,6 +17,11 @@ def row_label(fit: Posterior, name: str, samples: str = "the samples") -> str:
     return fit.data.target_label(name) if name in fit.model.equations else samples
 
 
+def rows_text(data: Trajectories) -> str:
+    """Return the number of rows, and of runs where there are several."""
+    return f"{data.n_obs} rows{f' in {data.n_run} runs' if data.n_run > 1 else ''}"
+
+
 def is_learned(prior: Coefficient | None) -> bool:
     """Return whether a coefficient was estimated."""
     return prior is None or prior.learned

@@ -37,33 +37,22 @@ from .formatting import (
 )
 
 METRICS: dict[str, tuple[str, str]] = {
-    "unexplained share": (
-        "Unexplained part of {target}",
-        "Share of the measured {rate} that neither the model nor the noise explains.",
-    ),
-    "free-run NRMSE": (
-        "Error of a free run, {variable}",
-        "Started from a measured state and left alone: RMS error over the standard deviation of the measurement.",
-    ),
-    "derivative NMSE": (
-        "Error of the predicted rate {target}",
-        "Mean square error over the variance of the measured rate.",
-    ),
-    "output NMSE": ("Error of the predicted {target}", "Mean square error over the variance of the measured {target}."),
-    "sample NMSE": (
-        "Error of the predicted samples, as forces on {target}",
-        "Mean square error over the variance of the samples, whatever the path started from.",
-    ),
-    MISFIT: (
-        "Error of the predicted samples over their noise, {target}",
-        "One where the model explains all but the noise, and what its coefficients leave open.",
-    ),
-    NAMES_ALONE: (
-        "Unexplained part of {target}, by names alone",
-        "The same by what has a name, without the f of any shape that the amended model holds beside it.",
-    ),
+    "unexplained share": ("Unexplained part of {target}",
+        "Share of the measured {rate} that neither the model nor the noise explains."),
+    "free-run NRMSE": ("Error of a free run, {variable}",
+        "Started from a measured state and left alone: RMS error over the standard deviation of the measurement."),
+    "derivative NMSE": ("Error of the predicted rate {target}",
+        "Mean square error over the variance of the measured rate."),
+    "output NMSE": ("Error of the predicted {target}",
+        "Mean square error over the variance of the measured {target}."),
+    "sample NMSE": ("Error of the predicted samples, as forces on {target}",
+        "Mean square error over the variance of the samples, whatever the path started from."),
+    MISFIT: ("Error of the predicted samples over their noise, {target}",
+        "One where the model explains all but the noise, and what its coefficients leave open."),
+    NAMES_ALONE: ("Unexplained part of {target}, by names alone",
+        "The same by what has a name, without the f of any shape that the amended model holds beside it."),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
-}
+}  # fmt: skip
 """Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""
 
 NAMES = {

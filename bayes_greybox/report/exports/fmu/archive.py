@@ -125,48 +125,29 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
         next((f"{each}(t, x, u, p, y)" for each in defined if each.endswith(kind)), "((void)0)")
         for kind in ("_rhs", "_outputs")
     )
-    return "\n".join(
-        [
-            f'#define GUID "{guid}"',
-            *(
-                f"#define N_{kind} {len(group)}"
-                for kind, group in (
-                    ("STATE", model.states),
-                    ("INPUT", model.inputs),
-                    ("OUTPUT", model.outputs),
-                    ("FACTOR", model.factors),
-                )
-            ),
-            f"#define RHS(t, x, u, p, y) {rhs}",
-            f"#define GIVEN(t, x, u, p, y) {given}",
-            array("double", "START", [float(each.start) for each in model.states]),
-            array("double", "FACTOR", [float(each.value.mean) for each in model.factors]),
-            array("int", "FOLLOWS", [place[each.follows] if each.follows else -1 for each in model.states]),
-            "",
-        ]
-    )
+    groups = {"STATE": model.states, "INPUT": model.inputs, "OUTPUT": model.outputs, "FACTOR": model.factors}
+    lines = [
+        f'#define GUID "{guid}"',
+        *(f"#define N_{kind} {len(group)}" for kind, group in groups.items()),
+        f"#define RHS(t, x, u, p, y) {rhs}",
+        f"#define GIVEN(t, x, u, p, y) {given}",
+        array("double", "START", [float(each.start) for each in model.states]),
+        array("double", "FACTOR", [float(each.value.mean) for each in model.factors]),
+        array("int", "FOLLOWS", [place[each.follows] if each.follows else -1 for each in model.states]),
+    ]
+    return "\n".join([*lines, ""])
 
 
 def description(model: ExportedModel, name: str, called: str, guid: str, about: str) -> bytes:
     """Return the text of modelDescription.xml; value references are those of fmi2.c.
 
-    Args:
-        model: The model.
-        name: Name that users see.
-        called: Name of its library.
-        guid: Identifier by which library and description recognise each other.
-        about: Description in a sentence.
+    `name` is for users, `called` that of the library, and library and description recognise each other by the guid.
     """
     root = ElementTree.Element(
-        "fmiModelDescription",
-        fmiVersion="2.0",
-        modelName=one_line(name),
-        guid=guid,
-        description=one_line(about),
-        generationTool=f"bayes_greybox {version('bayes-greybox')}",
-        variableNamingConvention="flat",
+        "fmiModelDescription", fmiVersion="2.0", modelName=one_line(name), guid=guid, description=one_line(about),
+        generationTool=f"bayes_greybox {version('bayes-greybox')}", variableNamingConvention="flat",
         numberOfEventIndicators="0",
-    )
+    )  # fmt: skip
     for kind, able in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
         own = {"modelIdentifier": called, "canNotUseMemoryManagementFunctions": "true"}
         offered = ElementTree.SubElement(root, kind, {**own, **able})
@@ -211,12 +192,8 @@ def description(model: ExportedModel, name: str, called: str, guid: str, about: 
     outputs = range(2 * n + inputs + 1, 2 * n + inputs + len(model.outputs) + 1)
     following = [k for k, each in zip(states, model.states, strict=True) if each.follows]
     structure = ElementTree.SubElement(root, "ModelStructure")
-    groups = (
-        ("Outputs", [*states, *outputs]),
-        ("Derivatives", rates),
-        ("InitialUnknowns", [*following, *rates, *outputs]),
-    )
-    for group, places in groups:
+    groups = {"Outputs": [*states, *outputs], "Derivatives": rates, "InitialUnknowns": [*following, *rates, *outputs]}
+    for group, places in groups.items():
         if places:
             parent = ElementTree.SubElement(structure, group)
             for place in sorted(places):
