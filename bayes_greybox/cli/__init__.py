@@ -76,17 +76,10 @@ def _whole(
 
 @app.command()
 def fit(
-    config: ConfigFile,
-    output: Output = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    config: ConfigFile, output: Output = None,
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Fit the model of a configuration file and write the results to a folder.
 
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
@@ -119,15 +112,9 @@ def discover(
         str | None, typer.Option(help="With --fleet: address of a Dask scheduler, such as tcp://host:8786.")
     ] = None,
     output: Output = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Find which effect a simulation is missing, and where.
 
     The gap is measured before and after the effect is added, on held-out data where the file names some. The
@@ -145,7 +132,8 @@ def discover(
         with _starting(progress):
             from .discovering import study_folder
             from .folders import Run
-        return study_folder(config, fleet, sampling, workers, scheduler, Run(output, progress, quiet))
+        tasks = {"workers": workers, "scheduler": scheduler}
+        return study_folder(config, fleet, sampling, tasks, Run(output, progress, quiet))
     if config is None:
         raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
@@ -164,18 +152,10 @@ def compare(
         typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
     ],
     output: Output = None,
-    scheme: SchemeOption = None,
-    block: BlockOption = None,
-    max_refits: MaxRefits = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Compare models by how well they predict data that are left out.
 
     The models of a configuration file are fitted first, and its folder gets NAME.nc for each of them,
@@ -221,13 +201,9 @@ def report(
             "a study, comparison.html of a comparison, which is written here for several fits.",
         ),
     ] = None,
-    scheme: SchemeOption = None,
-    block: BlockOption = None,
-    max_refits: MaxRefits = None,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
+    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Write the report of a saved fit, of a study or of a comparison, one HTML page.
 
     Several fits are compared first; a folder that fit, discover or compare wrote is shown as it is. The page holds
@@ -266,10 +242,8 @@ def next_(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the table and for figures of what is expected.")
     ] = None,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Say what to measure next, to tell the likely explanations of a study apart.
 
     A configuration is studied first, without sampling.

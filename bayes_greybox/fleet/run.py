@@ -96,10 +96,8 @@ def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """Return the record of an earlier study with this mark."""
     try:
-        stored, text = (
-            json.loads((folder / ASSET_MARK).read_text(encoding="utf-8")),
-            (folder / RECORD_FILE).read_bytes(),
-        )
+        stored = json.loads((folder / ASSET_MARK).read_text(encoding="utf-8"))
+        text = (folder / RECORD_FILE).read_bytes()
         if stored != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
         return json.loads(text)

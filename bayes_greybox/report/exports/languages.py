@@ -74,11 +74,8 @@ def python_program(model: ExportedModel, name: str) -> str:
 def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     """Return C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
 
-    Args:
-        model: The model.
-        name: Name of the program.
-        tunable: If true, coefficients are one more argument `const double *p` after u, and not constants, the
-            functions are for what includes the program alone, and rates are per second.
+    If `tunable`, coefficients are one more argument `const double *p` after u, and not constants, the functions are for
+    what includes the program alone, and rates are per second.
     """
     _require_formulas(model, "C")
     called = _called(model, name, C_WORDS)
@@ -180,11 +177,8 @@ COMMENT_WIDTH = 100
 def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False) -> list[str]:
     """Return the lines of the header; without a date, so that the same model gives the same text.
 
-    Args:
-        model: The model.
-        names: Identifiers by the names of the data.
-        slots: Patterns by which states and inputs are indexed, such as "x[{}]".
-        in_seconds: If true, time is in seconds there, whatever it was in the data.
+    Names are identifiers by the names of the data, `slots` patterns of states and inputs, such as "x[{}]". If
+    `in_seconds`, time is in seconds there, whatever it was in the data.
     """
     what = "amended by a study" if model.origin == "study" else "fitted to data"
     lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]

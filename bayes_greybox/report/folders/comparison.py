@@ -43,16 +43,10 @@ def save_comparison(
     config: tuple[str | Path, str] | None = None,
     figures: bool = True,
 ) -> None:
-    """Write record, page, figure and configuration of a comparison.
+    """Write record, page, figure and configuration of a comparison, the result of `compare`.
 
-    Args:
-        folder: Where they go.
-        fits: The fits by name.
-        table: Result of `compare` for them.
-        files: Where each fit is saved, which the record remembers.
-        sampling: Settings of the sampler, if the fits were made for this comparison.
-        config: Path and text of the configuration file, if there is one.
-        figures: If true, the figure is drawn.
+    The record remembers where each fit is saved, by `files`. `sampling` is None for fits that were saved before,
+    `config` the path and the text of the configuration file.
 
     Raises:
         InputError: A file cannot be written.

@@ -22,17 +22,9 @@ from bayes_greybox.running.plain_values import plain_rows, plain_values
 def run_record(
     fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None, tried: Trial | None = None
 ) -> dict[str, Any]:
-    """Return the results of a fit, and the settings that it was made with.
+    """Return verdict, equations, coefficients, discrepancy, errors, data, settings, time and versions of a fit.
 
-    Args:
-        fit: The fit.
-        sampling: Settings of the sampler, the seed among them.
-        seconds: Wall time of the fit.
-        held_out: Normalised mean squared error on held-out data by equation, or None.
-        tried: Its free run, over held-out data or else over the training data.
-
-    Returns:
-        Verdict, equations, coefficients, discrepancy, held-out error, free run, data, settings, time and versions.
+    `held_out` is its normalised mean squared error on held-out data by equation, `tried` its free run.
     """
     data = fit.data
     return {

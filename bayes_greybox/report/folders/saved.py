@@ -25,17 +25,10 @@ from .holding import CONFIG, FILES_OF, command_of
 def saved_html(
     files: Sequence[Path], path: Path | None, folds: Mapping[str, Any], progress: bool = False
 ) -> tuple[dict[str, Posterior], Path]:
-    """Write the report of saved results.
+    """Write the report of saved results, and return the fits by name, and where the page is.
 
-    Args:
-        files: One saved fit or study; several fits, which are compared; or one folder that fit, discover or compare
-            filled, which is shown as it is.
-        path: Destination; None: beside the file, in the folder, or for several fits in the current folder.
-        folds: Arguments of `compare` for several fits.
-        progress: If true, exact refits show their progress.
-
-    Returns:
-        The fits by name, and where the page is.
+    It is that of one saved fit or study, of several fits, compared by the arguments `folds`, or of one folder as it is.
+    By default it lies beside the file, in the folder, or for several fits in the current folder.
 
     Raises:
         InputError: Whatever `load`, `load_comparison` and `compare` refuse; a study among several files; a folder

@@ -159,15 +159,10 @@ def free_run_section(
     further: Sequence[Any] = (),
     shown: str = "against the measurements",
 ) -> Section:
-    """Return free runs as a section.
+    """Return free runs as a section, with the figure of each state, which a function draws at a width in inches.
 
-    Args:
-        title: Its title.
-        lead: Sentence on the data and the starts, which one on the bands follows.
-        drawn: Draws the figure of each state at a width in inches.
-        holds: Contents of the bands, as their legends have them.
-        further: Blocks above the figures.
-        shown: Contents of the figures beside the free run.
+    A sentence on the bands follows the lead, with their contents as their legends have them. Further blocks stand
+    above.
     """
     pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
     bands = f" Bands hold 90 % of the posterior draws{_varied(holds)}; a cross marks where a run failed."

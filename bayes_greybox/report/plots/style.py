@@ -78,11 +78,7 @@ def figure_of(ax: Axes) -> Figure:
 def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
     """Place a legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
 
-    Args:
-        ax: axes whose labelled artists the legend names, and which hold it where the figure is the caller's.
-        own: if true, the figure is ours.
-        handles: labelled artists to name instead of those of the axes.
-        columns: labels in a row; all of them by default.
+    It names the labelled artists of the axes, or the handles that are given, `columns` in a row, by default all.
     """
     shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
     labels = [str(handle.get_label()) for handle in shown]
@@ -98,12 +94,7 @@ def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, c
 
 
 def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> list[Axes]:
-    """Return the caller's axes as a flat list, checked for their number.
-
-    Args:
-        axes: the axes as given.
-        needed: number of axes that the figure draws into.
-        order: names of the axes, in order, for the message.
+    """Return the caller's axes as a flat list, checked for their number; the message says which they are, in order.
 
     Raises:
         InputError: another number of axes was given.
@@ -117,14 +108,10 @@ def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> li
 def panels_of(
     axes: Sequence[Axes] | np.ndarray | None, needed: int, order: str, size: tuple[float, float], **subplots: Any
 ) -> list[Axes]:
-    """Return the caller's axes, or those of a new figure.
+    """Return the caller's axes, or those of a new figure, which by default stand in a column.
 
-    Args:
-        axes: Axes as the caller gave them; None for a new figure.
-        needed: Number of axes.
-        order: Names of the axes, in order, for the message.
-        size: Width and height of a new figure in inches.
-        subplots: Arguments of `Figure.subplots` for a new figure; by default the axes stand in a column.
+    `order` names the axes for the message, `size` is that of a new figure in inches, `subplots` are arguments of
+    `Figure.subplots`.
 
     Raises:
         InputError: Another number of axes was given.

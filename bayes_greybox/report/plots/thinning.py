@@ -5,14 +5,9 @@ from jaxtyping import Float, Int
 
 
 def extreme_rows(values: Float[np.ndarray, " n_obs"], n_bin: int) -> Int[np.ndarray, " n_kept"]:
-    """Return the rows to draw of a long record: the smallest and the largest of each bin, in order.
+    """Return the numbers of the rows to draw of a long record: the smallest and the largest of each bin, in order.
 
-    Args:
-        values: the record.
-        n_bin: number of bins of neighbouring rows.
-
-    Returns:
-        Row numbers, increasing; all of them where the record has no more than `2 n_bin` rows.
+    Bins are of neighbouring rows. A record of no more than `2 n_bin` rows keeps all.
     """
     n_obs = len(values)
     if n_obs <= 2 * n_bin:
@@ -31,16 +26,9 @@ def outer_band(
     upper: Float[np.ndarray, " n_obs"],
     n_bin: int,
 ) -> tuple[Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"]]:
-    """Return a band to draw that covers the whole band of a long record.
+    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record.
 
-    Args:
-        time: time of each row.
-        lower: lower edge of the band.
-        upper: upper edge of the band.
-        n_bin: number of bins of neighbouring rows.
-
-    Returns:
-        Time, lowest lower edge and highest upper edge of each bin, each bin drawn at its first and last row.
+    Each bin of neighbouring rows has its lowest lower and its highest upper edge, drawn at its first and its last row.
     """
     n_obs = len(time)
     if n_obs <= 2 * n_bin:

@@ -21,13 +21,10 @@ def plain_table(title: str) -> RichTable:
 
 
 def drawn(table: Table, below: str = "", styles: Sequence[str] = (), header: bool = True) -> Group:
-    """Return a table for a terminal, an empty line above it.
+    """Return a table for a terminal, its caption above and an empty line above that.
 
-    Args:
-        table: The table; its caption stands above it.
-        below: Text below it: beside it there is no room on a narrow terminal.
-        styles: Style of the first cell of each row.
-        header: If true, the headings are written.
+    `below` stands under it, as beside it there is no room on a narrow terminal. `styles` are those of the first cell of
+    each row.
     """
     rows = plain_table(table.caption)
     rows.show_header = header
