@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from bayes_greybox.data.writing import unit_text
-from bayes_greybox.report.exports.model import ExportedModel, Factor, Formula, Quantity, rate_symbol
+from bayes_greybox.report.exports.model import ExportedModel, Factor, Formula, rate_symbol
 from bayes_greybox.report.exports.names import ascii_text, identifiers, one_line, quoted, within_c
 from bayes_greybox.report.exports.printers import CPrinter, ModelicaPrinter, PythonPrinter
 from bayes_greybox.report.words.formatting import estimate, interval, probability_text
@@ -197,7 +197,8 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
         lines.append(f"Time is in {unit}: rates are per {unit}.")
     for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
         for k, each in enumerate(quantities):
-            start = f", {_start(each)} where the data start" if slot == slots[0] else ""
+            first = f"{each.start:.6g}" if each.start_sd is None else estimate(each.start, each.start_sd)
+            start = f", {first} where the data start" if slot == slots[0] else ""
             renamed = f' (called "{each.name}" in the data)' if names[each.name] != each.name else ""
             unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
             lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.about}{start}")
@@ -207,12 +208,6 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
     for a, b, value in model.correlations:
         lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
     return lines
-
-
-def _start(state: Quantity) -> str:
-    if state.start_sd is None:
-        return f"{state.start:.6g}"
-    return estimate(state.start, state.start_sd)
 
 
 def comment(text: str, mark: str, end: str = "") -> list[str]:

@@ -166,9 +166,12 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     formulas = {
         name: _formula(system, states, name, [each for each in factors if each[0].equation == name]) for name in names
     }
-    used = {each for formula in formulas.values() for each in _symbols(formula)}
+    parts = [part for each in formulas.values() for part in (each.known, *(phi for _, phi in each.added))]
+    used = {symbol for part in parts for symbol in symbol_names(part) if not symbol.startswith("#")}
     used |= {notes.starts[name] for name in states if notes.starts.get(name)}
-    driving = [*system.inputs, *(name for name in kept if name not in formulas and name in used)]
+    drives = "state without an equation, which drives the others"
+    driving = dict.fromkeys((name for name in kept if name not in formulas and name in used), drives)
+    driving = {**dict.fromkeys(system.inputs, "input"), **driving}
     unknown = sorted(used - {*states, *driving})
     if unknown:
         raise InputError(
@@ -180,7 +183,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     return ExportedModel(
         origin=system.origin,
         states=tuple(_state(system, name, notes) for name in states),
-        inputs=tuple(Quantity(name, _unit(system, name), _about_input(system, name)) for name in driving),
+        inputs=tuple(Quantity(name, _unit(system, name), about) for name, about in driving.items()),
         outputs=tuple(Quantity(name, target_unit(name, system.data), "output") for name in outputs),
         factors=tuple(factor for factor, _ in factors),
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
@@ -237,18 +240,9 @@ def _formula(
     calls = known.atoms(AppliedUndef)
     if calls and name not in states:
         raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
-    known = known.xreplace({call: _symbol(states.index(name)) for call in calls})
+    known = known.xreplace({call: sympy.Symbol(rate_symbol(states.index(name)), real=True) for call in calls})
     added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors)
     return Formula(name, target_unit(name, system.data), known, added)
-
-
-def _symbol(k: int) -> sympy.Symbol:
-    return sympy.Symbol(rate_symbol(k), real=True)
-
-
-def _symbols(formula: Formula) -> set[str]:
-    used = {name for part in (formula.known, *(phi for _, phi in formula.added)) for name in symbol_names(part)}
-    return {name for name in used if not name.startswith("#")}
 
 
 def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
@@ -282,10 +276,6 @@ def _unit(system: LearnedSystem, name: str) -> str:
     # What is nothing but the rate of another state has its unit.
     of = next((each for each in system.states if system.simulation.rate_name(each) == name), None)
     return derivative_unit(of, system.data.units) if of is not None else ""
-
-
-def _about_input(system: LearnedSystem, name: str) -> str:
-    return "input" if name in system.inputs else "state without an equation, which drives the others"
 
 
 LEAST_CORRELATION = 0.5

@@ -18,7 +18,10 @@ LARGEST_INTEGER = 2**31
 
 
 class _Printed:
-    """Names, and numbers with all digits, as all three languages have them."""
+    """Names, numbers with all digits, and extremes of several, as all three languages have them."""
+
+    maximum, minimum = "max", "min"
+    """Functions of two numbers."""
 
     def __init__(self, names: Mapping[str, str]) -> None:
         super().__init__()
@@ -38,6 +41,12 @@ class _Printed:
 
     _print_Half = _print_NumberSymbol = _print_Pi = _print_Exp1 = _print_Float
 
+    def _print_Max(self, expr):  # noqa: N802
+        return reduce(lambda a, b: f"{self.maximum}({a}, {b})", map(self._print, expr.args))  # type: ignore
+
+    def _print_Min(self, expr):  # noqa: N802
+        return reduce(lambda a, b: f"{self.minimum}({a}, {b})", map(self._print, expr.args))  # type: ignore
+
     def product(self, factor: str, formula: Any) -> str:
         """Return a coefficient times a formula."""
         if formula == 1:
@@ -48,14 +57,7 @@ class _Printed:
 class PythonPrinter(_Printed, NumPyPrinter):
     """Formulas with NumPy's functions, on numbers and on arrays."""
 
-    def _nested(self, name, expr):
-        return reduce(lambda a, b: f"numpy.{name}({a}, {b})", map(self._print, expr.args))
-
-    def _print_Max(self, expr):  # noqa: N802
-        return self._nested("maximum", expr)
-
-    def _print_Min(self, expr):  # noqa: N802
-        return self._nested("minimum", expr)
+    maximum, minimum = "numpy.maximum", "numpy.minimum"
 
     def _print_Heaviside(self, expr):  # noqa: N802
         return f"numpy.heaviside({self._print(expr.args[0])}, {self._print(expr.args[1])})"
@@ -66,16 +68,11 @@ class CPrinter(_Printed, C99CodePrinter):  # pyright: ignore[reportIncompatibleM
 
     # Macros such as M_LN2, which it would take for log(2), are not of the standard.
     math_macros = MappingProxyType({})
+    maximum, minimum = "max_of", "min_of"
 
     def _print_Abs(self, expr):  # noqa: N802
         # Of whole numbers too, for which SymPy has the function of integers.
         return f"fabs({self._print(expr.args[0])})"
-
-    def _print_Max(self, expr):  # noqa: N802
-        return reduce(lambda a, b: f"max_of({a}, {b})", map(self._print, expr.args))
-
-    def _print_Min(self, expr):  # noqa: N802
-        return reduce(lambda a, b: f"min_of({a}, {b})", map(self._print, expr.args))
 
     def _print_sign(self, func):  # noqa: N802
         return f"sign_of({self._print(func.args[0])})"
@@ -101,23 +98,8 @@ class ModelicaPrinter(_Printed, StrPrinter):
         if expr.exp.is_Rational and expr.exp.q == 2:
             root = f"sqrt({self._print(expr.base)})"
             return root if expr.exp.p == 1 else f"{root}^({int(expr.exp.p)})"
-        exponent = self._print(expr.exp)
-        plain = expr.exp.is_Integer and expr.exp > 0
-        return (
-            f"{self.parenthesize(expr.base, PRECEDENCE['Atom'], strict=True)}^{exponent if plain else f'({exponent})'}"
-        )
-
-    def _nested(self, name, expr):
-        return reduce(lambda a, b: f"{name}({a}, {b})", map(self._print, expr.args))
-
-    def _print_Max(self, expr):  # noqa: N802
-        return self._nested("max", expr)
-
-    def _print_Min(self, expr):  # noqa: N802
-        return self._nested("min", expr)
-
-    def _print_LatticeOp(self, expr):  # noqa: N802
-        return self._nested(type(expr).__name__.lower(), expr)
+        base, exponent = self.parenthesize(expr.base, PRECEDENCE["Atom"], strict=True), self._print(expr.exp)
+        return f"{base}^{exponent}" if expr.exp.is_Integer and expr.exp > 0 else f"{base}^({exponent})"
 
     def _print_Abs(self, expr):  # noqa: N802
         return f"abs({self._print(expr.args[0])})"

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence, convergence_table
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
@@ -57,13 +57,14 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
     badges, alerts = _trust(fits, table)
+    data = fits[str(table.index[0])].data
     estimates = _estimates(fits)
     return Page(
         title=f"Comparison: {_verdict(table).text.lower()}",
         kind="bayes_greybox · comparison of models",
         headline=_headline(table),
         badges=badges,
-        facts=_facts(fits, table),
+        facts=[f"{len(fits)} models", f"data: {rows_text(data)}", f"left out: {table.attrs['folds']}"],
         alerts=alerts,
         sections=[
             _ranking(table),
@@ -108,11 +109,6 @@ def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Bad
         )
     verdict = _verdict(table)
     return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
-
-
-def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
-    data = next(iter(fits.values())).data
-    return [f"{len(fits)} models", f"data: {rows_text(data)}", f"left out: {table.attrs['folds']}"]
 
 
 RANKING: dict[str, Callable[[Any], str]] = {
@@ -257,10 +253,11 @@ def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:
     verdicts = {name: convergence(fit) for name, fit in fits.items()}
+    failings = {name: "converged, few draws" if each.short else "not converged" for name, each in verdicts.items()}
     tables: dict[str, Any] = {name: convergence_table(fit) for name, fit in fits.items()}
     columns = {
         "model": lambda name: name,
-        "result": lambda name: _result(verdicts[name]),
+        "result": lambda name: "converged" if verdicts[name].ok else failings[name],
         "#largest R̂": lambda name: number(tables[name]["r_hat"].max(), 4),
         "#least bulk ESS": lambda name: count_text(tables[name]["ess_bulk"].min()),
         "#least tail ESS": lambda name: count_text(tables[name]["ess_tail"].min()),
@@ -277,10 +274,6 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
         for name, fit in fits.items()
     ]
     return Section("convergence", "Can the sampler be trusted?", "", blocks)
-
-
-def _result(verdict: Verdict) -> str:
-    return "converged" if verdict.ok else "converged, few draws" if verdict.short else "not converged"
 
 
 def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:

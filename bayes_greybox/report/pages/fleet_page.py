@@ -107,7 +107,8 @@ def _shared(fleet: Fleet) -> Section:
     columns: dict[str, Callable[[Shared], str]] = {
         "effect": lambda each: each.name,
         "equation": lambda each: each.equation,
-        "#assets": _assets_text,
+        # Those that have it for sure, and those that may.
+        "#assets": lambda e: f"{len(e.assets)}{f' to {len({*e.assets, *e.possible})}' if e.possible else ''}",
     }
     if any(each.likely for each in fleet.shared):
         columns["#P where not sure"] = lambda each: likely_text(each.likely.values())
@@ -155,11 +156,6 @@ def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     links = [pages.get(each.asset, "") for each in fleet.assets]
     table = replace(table_of(fleet.assets, columns, "All assets"), links=links)
     return Section("assets", "Assets by their gap", lead, [table])
-
-
-def _assets_text(shared: Shared) -> str:
-    """Return the number of assets that have an effect for sure, and of those that may."""
-    return f"{len(shared.assets)}{f' to {len({*shared.assets, *shared.possible})}' if shared.possible else ''}"
 
 
 def _range(low: float, high: float) -> str:

@@ -21,6 +21,9 @@ from bayes_greybox.running.errors import InputError
 
 MOST_DATA_POINTS = 2000
 
+_PALE = LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
+"""White to middle purple: points stay visible on it, and it is ordered in grayscale."""
+
 
 @mpl.rc_context(style.STYLE)
 def plot_discrepancy_over_states(
@@ -92,7 +95,7 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
     draw_map(panels[0], grid.axes, grid.mean, style.SIGNED, (-limit, limit), style.with_unit("mean of f", grid.unit))
     fade_outside(panels[0], x, y, grid.inside)
     largest = max(noise, _first_positive(grid.sd[seen]))
-    draw_map(panels[1], grid.axes, grid.sd, _pale_map(), (0.0, largest), style.with_unit("sd of f", grid.unit))
+    draw_map(panels[1], grid.axes, grid.sd, _PALE, (0.0, largest), style.with_unit("sd of f", grid.unit))
     fade_outside(panels[1], x, y, grid.inside)
     _draw_lines(panels[0], grid, np.linspace(-limit, limit, 9))
     # Positive where the interval lies on one side of zero.
@@ -196,8 +199,3 @@ def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
     if inner.size:
         # Negative levels are dashed, so that the sign survives in grayscale.
         ax.contour(*grid.axes, shown.T, levels=inner, colors=[style.DARK], linewidths=0.6)
-
-
-def _pale_map() -> Colormap:
-    """Return white to middle purple: points stay visible on it, and it is ordered in grayscale."""
-    return LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
