@@ -130,7 +130,8 @@ def discover(
         if resume:
             raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
         with _starting(progress):
-            from .discovering import study_folder
+            from bayes_greybox.cli.studying import study_folder
+
             from .folders import Run
         tasks = {"workers": workers, "scheduler": scheduler}
         return study_folder(config, fleet, sampling, tasks, Run(output, progress, quiet))
@@ -140,7 +141,8 @@ def discover(
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)
     with _starting(progress):
-        from .discovering import study_configured
+        from bayes_greybox.cli.studying import study_configured
+
         from .folders import Run
     return study_configured(settings, Run(output, progress, quiet, resume))
 
@@ -249,8 +251,9 @@ def next_(
     A configuration is studied first, without sampling.
     """
     log_to_stderr(verbose)
+    from bayes_greybox.cli.studying import next_configured
+
     from .folders import Run
-    from .next_experiment import next_configured
 
     options = {"signals": signal, "amplitudes": amplitude, "batch": batch, "threshold": threshold}
     return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
@@ -322,7 +325,7 @@ def schema() -> int:
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table
-    from bayes_greybox.report.terminal.datasets import datasets_table
+    from bayes_greybox.report.terminal.tables import datasets_table
 
     show(datasets_table(dataset_table()))
     return DONE

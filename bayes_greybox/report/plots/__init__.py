@@ -31,8 +31,8 @@ from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
 from bayes_greybox.report.plots.posterior.comparison import plot_comparison, plot_confounding
 from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.plots.style import save_figures
 
-from .files import save_figures
 from .fits import (
     autocorrelation,
     calibration,

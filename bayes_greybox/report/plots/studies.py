@@ -215,8 +215,7 @@ def plot_pooled(
     ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
     ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
     ax.set_yticks(place, [style.shortened(str(names[int(i)]), LONGEST_ASSET_NAME) for i in order])
-    ax.set_ylim(-0.7, len(order) - 0.3)
-    ax.set_xlabel(style.plain(label))
+    ax.set(ylim=(-0.7, len(order) - 0.3), xlabel=style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)
     return figure
 

@@ -1,7 +1,9 @@
-"""Style of all figures: colours, text with units, and figures that pyplot does not keep."""
+"""Style of all figures: colours, text with units, figures that pyplot does not keep, and whole files of them."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -16,6 +18,7 @@ from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.report.words.formatting import unit_text
 from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import whole_file
 
 DASHED = (0, (4, 3))
 """Line of what is no result, such as a threshold."""
@@ -136,6 +139,11 @@ def rug(ax: Axes, positions: np.ndarray, label: str | None = None) -> None:
             markersize=7, markeredgewidth=0.6, label=label)  # fmt: skip
 
 
+def every_nth(n_obs: int, most: int) -> slice:
+    """Return evenly spaced rows, at most about `most` of them."""
+    return slice(None, None, max(1, -(-n_obs // most)))
+
+
 def plain(text: str) -> str:
     """Return text that is drawn as it stands: a dollar sign does not start a formula."""
     return text.replace("$", r"\$")
@@ -162,3 +170,38 @@ def with_unit(label: str, unit: str | None) -> str:
     """Return a label with its unit in brackets; the label alone where there is no unit."""
     shown = plain(unit_text(unit))
     return f"{plain(label)} [{shown}]" if shown else plain(label)
+
+
+COMPRESSION = 3
+"""Of files, from 1 to 9: at 6, which is usual, they are a tenth smaller and take twice the time."""
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:
+    """Write each figure as `folder/name.png`, beside its final name first and then renamed.
+
+    Args:
+        figures: figures by name; a name is a file name without its ending.
+        folder: where to; made where it is missing.
+
+    Returns:
+        The path of each figure.
+
+    Raises:
+        InputError: a name is not a plain file name, or the folder cannot be written to.
+    """
+    target = Path(folder)
+    for name in figures:
+        if not name or name.startswith(".") or set(name) & set('/\\:*?"<>|\0'):
+            raise InputError(f"{name!r} cannot name a figure's file; use letters, digits, '-' and '_'.")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        return {name: _save(figure, target / f"{name}.png") for name, figure in figures.items()}
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"Cannot write figures to {str(target)!r} ({reason}); choose another folder.") from error
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    with whole_file(path) as part, laid_out(figure):
+        figure.savefig(part, format="png", dpi=150, pil_kwargs={"compress_level": COMPRESSION})
+    return path

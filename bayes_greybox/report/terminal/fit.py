@@ -7,6 +7,7 @@ import pandas as pd
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.equations.learned import INTERVAL_LEVEL
@@ -15,7 +16,7 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.terminal.tables import drawn, verdict_text
+from bayes_greybox.report.terminal.tables import drawn
 from bayes_greybox.report.words.fit import data_remarks, is_learned, size_text, stated_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
@@ -34,7 +35,7 @@ from bayes_greybox.report.words.formatting import (
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
     """Yield verdict, learned equations, coefficients, discrepancy and NMSE on held-out data, by equation, to print."""
-    yield verdict_text(fit)
+    yield _verdict(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, INTERVAL_LEVEL)
@@ -89,7 +90,7 @@ _PRINTED = {"weight": weight_text, "worst_k": pareto, "refits": number}
 def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Iterator[RenderableType]:
     """Yield the verdict of each fit, the comparison, best first, and its notes."""
     for name, fit in fits.items():
-        yield verdict_text(fit, f"{name}: ")
+        yield _verdict(fit, f"{name}: ")
     left_out = f"leaving out {table.attrs['folds']}; " if "folds" in table.attrs else ""
     columns = {"model": lambda row: str(row["model"]), **{f"#{name}": _printed(str(name)) for name in table.columns}}
     title = f"Expected log predictive density (elpd, {left_out}nats; higher is better)"
@@ -100,3 +101,13 @@ def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Ite
 
 def _printed(column: str) -> Callable[[Any], str]:
     return lambda row: _PRINTED.get(column, nats)(row[column])
+
+
+def _verdict(fit: Posterior, label: str = "") -> Text:
+    """Return the result of the convergence checks of a fit; `label` comes before it."""
+    verdict = convergence(fit)
+    first, *rest = str(verdict).splitlines()
+    text = Text(f"{label}{first}", style="green" if verdict.ok else "bold yellow" if verdict.mixed else "bold red")
+    for line in rest:
+        text.append(f"\n{line}", style="not bold default")
+    return text

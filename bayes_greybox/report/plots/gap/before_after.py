@@ -1,6 +1,6 @@
 """Before and after the missing effects were added, along time: the gap, and the free run of the model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
 
@@ -14,12 +14,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.posterior.along_time import (
     RECORD_BINS,
+    draw_band,
     draw_threshold,
     each_run,
+    extreme_rows,
     label_axes,
     rows_of_runs,
 )
-from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
 from .gap_map import SURE_GAP
 
@@ -80,10 +81,10 @@ def plot_gap_over_time(
         ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
         if same:
-            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
+            draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
         else:
-            _draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
-            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
+            draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
+            draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
         if probability is not None:
             sure = probability[chosen] > SURE_GAP
             stretches = _stretches(time[chosen], sure)
@@ -149,7 +150,7 @@ def plot_free_run(
     for ax, chosen in each_run(panels, rows, run_names):
         t, seen = time[chosen], measured[chosen]
         for values, model_look, label, band in shown:
-            _draw_band(ax, t, values[:, chosen], model_look, label, band)
+            draw_band(ax, t, values[:, chosen], model_look, label, band)
         look: dict[str, Any] = {"color": style.DARK, "zorder": 4, "label": seen_as}
         if len(t) <= _MOST_RUN_MARKERS:
             ax.plot(t, seen, "o", markersize=2.2, markeredgewidth=0, **look)
@@ -172,27 +173,6 @@ def seen_as(data: Trajectories, state: str) -> str:
 def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndarray | None) -> list[Axes]:
     height = 1.05 + (2.5 if len(rows) == 1 else 1.6 * len(rows))
     return style.panels_of(axes, len(rows), "one a run", (width, height), sharey=True)
-
-
-def _draw_band(
-    ax: Axes,
-    time: Float[np.ndarray, " n_obs"],
-    values: Float[np.ndarray, "3 n_obs"],
-    look: Mapping[str, Any],
-    label: str,
-    band: str = "",
-) -> None:
-    alive = np.isfinite(values).all(axis=0)
-    if not alive.any():
-        return
-    time, (mean, lower, upper) = time[alive], values[:, alive]
-    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
-    ax.fill_between(band_time, low, high, color=look["color"], alpha=0.25, linewidth=0, label=band or None)
-    kept = extreme_rows(mean, RECORD_BINS)
-    whole = len(kept) == len(mean)
-    # Dashes of swings that are too many to be told apart are noise.
-    line = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
-    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **line})
 
 
 def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:

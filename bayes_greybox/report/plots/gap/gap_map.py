@@ -20,7 +20,6 @@ from bayes_greybox.report.plots.posterior.over_states import (
     legend_mark,
     outline,
 )
-from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import quantity
 
 SURE_GAP = 0.9
@@ -131,11 +130,9 @@ def plot_gap_curve(
         bold = np.where(seen & sure, values, np.nan)
         ax.plot(grid, bold, linewidth=3.4, solid_capstyle="butt", dash_capstyle="butt", **look)
     if samples is not None:
-        style.rug(ax, samples[every_nth(len(samples), MOST_DATA_POINTS)])
+        style.rug(ax, samples[style.every_nth(len(samples), MOST_DATA_POINTS)])
     ax.margins(x=0.02)
-    ax.set_xlabel(style.with_unit(variable, variable_unit))
-    ax.set_ylabel(style.with_unit("gap", unit))
-    ax.set_title(title)
+    ax.set(xlabel=style.with_unit(variable, variable_unit), ylabel=style.with_unit("gap", unit), title=title)
     handles: list[Artist] = [*ax.get_legend_handles_labels()[0]]
     handles.append(Line2D([], [], color=style.GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE_GAP:g}"))
     style.place_legend(ax, axes is None, handles)

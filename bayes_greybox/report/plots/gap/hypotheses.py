@@ -94,12 +94,8 @@ def _bars(
         ax.annotate(heading, (1, 1), xycoords="axes fraction", va="bottom", fontsize=9, color=style.GREY, **beside)
         for row, text in enumerate(texts):
             ax.annotate(text, (1, row), xycoords=right, va="center", fontsize=9.5, **beside)
-    ax.set_xlim(0, 1)
-    ax.set_ylim(len(labels) - 0.6, -0.72)
+    ax.set(xlim=(0, 1), ylim=(len(labels) - 0.6, -0.72), yticks=[], xlabel=quantity, title=title)
     ax.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
-    ax.set_yticks([])
-    ax.set_xlabel(quantity)
-    ax.set_title(title)
     ax.spines["left"].set_visible(False)
     return style.figure_of(ax)
 
@@ -147,10 +143,8 @@ def plot_responses(
             ax.plot(time, middle, color=colour, linestyle=line, linewidth=1.4, label=label if ax is above else None)
     if len(names) > len(LOOKS):
         above.plot([], [], " ", label=f"{len(names) - len(LOOKS)} less likely ones are not drawn")
-    above.set_title(f"{style.plain(channel)} under each explanation")
-    above.set_ylabel(style.with_unit(channel, unit))
-    below.set_title("Difference from the likeliest, over the noise")
-    below.set_ylabel("difference [SD]")
+    above.set(title=f"{style.plain(channel)} under each explanation", ylabel=style.with_unit(channel, unit))
+    below.set(title="Difference from the likeliest, over the noise", ylabel="difference [SD]")
     below.set_xlabel(style.with_unit("time", time_unit))
     below.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0.5)
     for ax in (above, below):
@@ -234,7 +228,6 @@ def _draw(ax: Axes, item: Coefficient) -> None:
     ax.set_yticks([])
     ax.spines["left"].set_visible(False)
     ax.xaxis.set_major_locator(MaxNLocator(5))
-    ax.set_xlabel(style.with_unit(f"coefficient of {item.term}", item.unit))
-    ax.set_title(style.plain(item.name))
+    ax.set(xlabel=style.with_unit(f"coefficient of {item.term}", item.unit), title=style.plain(item.name))
     text = estimate(item.mean, item.sd)
     ax.text(1.0, 1.0, text, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)

@@ -1,6 +1,7 @@
-"""Figures along time, one panel a run: the discrepancy, and predicted against measured."""
+"""Figures along time, one panel a run: the discrepancy, and predicted against measured; long records are thinned."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -10,13 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 from bayes_greybox.report.words.formatting import level_text
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.
 RECORD_BINS = 1200
 _LONGEST_NAME = 24
+
+POSTERIOR: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.6}
 
 
 @mpl.rc_context(style.STYLE)
@@ -54,11 +56,12 @@ def plot_discrepancy_over_time(
         axes: axes to draw into, one a drawn run.
     """
     rows, note = rows_of_runs(len(time), run)
+    values = np.stack([mean, lower, upper])
     height = 1.0 + (2.6 if len(rows) == 1 else 1.55 * len(rows))
     panels = style.panels_of(axes, len(rows), "one a run", (8.0, height), sharey=True)
     for ax, chosen in each_run(panels, rows, run_names):
         ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
-        draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level)
+        draw_band(ax, time[chosen], values[:, chosen], POSTERIOR, "mean", f"{level_text(level)} interval", 0.28)
         if sigma is not None:
             draw_threshold(ax, sigma, "± noise sd σ")
     panels[0].set_title(f"Discrepancy f in the equation for {style.plain(equation)}{note}")
@@ -76,22 +79,26 @@ def rows_of_runs(n_obs: int, run: Int[np.ndarray, " n_obs"] | None) -> tuple[lis
     return [np.flatnonzero(run == number) for number in runs[:MOST_PANELS]], note
 
 
-def draw_posterior(
+def draw_band(
     ax: Axes,
     time: Float[np.ndarray, " n_obs"],
-    mean: Float[np.ndarray, " n_obs"],
-    lower: Float[np.ndarray, " n_obs"],
-    upper: Float[np.ndarray, " n_obs"],
-    level: float | np.floating,
-    name: str = "mean",
+    values: Float[np.ndarray, "3 n_obs"],
+    look: Mapping[str, Any],
+    label: str,
+    band: str = "",
+    alpha: float = 0.25,
 ) -> None:
-    """Draw mean and band of a quantity along time, thinned where the record is long."""
+    """Draw mean and band of a quantity along time as far as they are finite, thinned where the record is long."""
+    alive = np.isfinite(values).all(axis=0)
+    if not alive.any():
+        return
+    time, (mean, lower, upper) = time[alive], values[:, alive]
     band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
-    label = f"{level_text(level)} interval"
-    ax.fill_between(band_time, low, high, color=style.BLUE, alpha=0.28, linewidth=0, label=label)
+    ax.fill_between(band_time, low, high, color=look["color"], alpha=alpha, linewidth=0, label=band or None)
     kept = extreme_rows(mean, RECORD_BINS)
-    width = 1.6 if len(kept) == len(mean) else 0.9
-    ax.plot(time[kept], mean[kept], color=style.BLUE, linewidth=width, zorder=3, label=name)
+    # Dashes of swings that are too many to be told apart are noise.
+    thin = {} if len(kept) == len(mean) else {"linewidth": 0.9, "linestyle": "-"}
+    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{"linewidth": 1.4, **look, **thin})
 
 
 def each_run(
@@ -164,6 +171,7 @@ def plot_predicted(
         axes: axes to draw into: one a drawn run, then the scatter.
     """
     rows, note = rows_of_runs(len(time), run)
+    values = np.stack([mean, lower, upper])
     if axes is None:
         figure = style.new_figure(10.5, max(4.0, 0.9 + 1.5 * len(rows)))
         layout = figure.add_gridspec(len(rows), 2, width_ratios=[1.75, 1.0])
@@ -175,7 +183,8 @@ def plot_predicted(
     quantity = label or f"d({equation})/dt"
     for ax, chosen in each_run(panels, rows, run_names):
         _draw_measured(ax, time[chosen], measured[chosen])
-        draw_posterior(ax, time[chosen], mean[chosen], lower[chosen], upper[chosen], level, "predicted mean")
+        band = f"{level_text(level)} interval"
+        draw_band(ax, time[chosen], values[:, chosen], POSTERIOR, "predicted mean", band, 0.28)
     panels[len(panels) // 2].set_ylabel(style.with_unit(quantity, unit))
     panels[0].set_title(f"Predicted and measured {style.plain(quantity)}{note}")
     panels[-1].set_xlabel(style.with_unit("time", time_unit))
@@ -220,3 +229,45 @@ def _draw_across(
 
 def _marker_size(n_obs: int) -> float:
     return 4.5 if n_obs <= 100 else 2.8 if n_obs <= 400 else 1.8
+
+
+def extreme_rows(values: Float[np.ndarray, " n_obs"], n_bin: int) -> Int[np.ndarray, " n_kept"]:
+    """Return the numbers of the rows to draw of a long record: the smallest and the largest of each bin, in order.
+
+    Bins are of neighbouring rows. A record of no more than `2 n_bin` rows keeps all.
+    """
+    n_obs = len(values)
+    if n_obs <= 2 * n_bin:
+        return np.arange(n_obs)
+    starts = _starts(n_obs, n_bin)
+    ends = np.append(starts[1:], n_obs)
+    kept = [0, n_obs - 1]
+    for start, end in zip(starts, ends, strict=True):
+        kept += [start + int(np.argmin(values[start:end])), start + int(np.argmax(values[start:end]))]
+    return np.unique(np.asarray(kept))
+
+
+def outer_band(
+    time: Float[np.ndarray, " n_obs"],
+    lower: Float[np.ndarray, " n_obs"],
+    upper: Float[np.ndarray, " n_obs"],
+    n_bin: int,
+) -> tuple[Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"]]:
+    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record.
+
+    Each bin of neighbouring rows has its lowest lower and its highest upper edge, drawn at its first and its last row.
+    """
+    n_obs = len(time)
+    if n_obs <= 2 * n_bin:
+        return time, lower, upper
+    starts = _starts(n_obs, n_bin)
+    ends = np.append(starts[1:], n_obs) - 1
+    return (
+        np.stack([time[starts], time[ends]], axis=1).ravel(),
+        np.repeat(np.minimum.reduceat(lower, starts), 2),
+        np.repeat(np.maximum.reduceat(upper, starts), 2),
+    )
+
+
+def _starts(n_obs: int, n_bin: int) -> Int[np.ndarray, " n_bin"]:
+    return np.linspace(0, n_obs, n_bin + 1).astype(np.int64)[:-1]

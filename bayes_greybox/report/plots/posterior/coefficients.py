@@ -216,8 +216,5 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
     for row, value in enumerate(probability):
         text = "given" if given[row] else probability_text(value)
         ax.text(1.04, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)
-    ax.set_xlim(0, 1)
+    ax.set(xlim=(0, 1), ylim=(len(block) - 0.4, -0.6), yticks=[], xlabel=PROBABILITIES[source])
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
-    ax.set_ylim(len(block) - 0.4, -0.6)
-    ax.set_yticks([])
-    ax.set_xlabel(PROBABILITIES[source])

@@ -111,8 +111,7 @@ def plot_confounding(terms: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray |
         right.axvline(0.9, color=style.DARK, linewidth=1.0, linestyle=style.DASHED)
         right.plot(part["coverage"], rows, "o", color=style.ORANGE, markersize=5, label="covers the true coefficient")
         right.plot(part["coverage_projection"], rows, "D", label="covers it plus the projection", **diamond)
-        right.set_yticks([])
-        right.set_xlim(-0.04, 1.04)
+        right.set(yticks=[], xlim=(-0.04, 1.04))
     panels[-2].set_xlabel("coefficient less its true value")
     panels[-1].set_xlabel("share of 90 % intervals")
     handles = [*panels[0].get_legend_handles_labels()[0], *panels[1].get_legend_handles_labels()[0]]

@@ -15,7 +15,6 @@ from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
 from bayes_greybox.running.errors import InputError
 
@@ -73,17 +72,15 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
     # The faded copy runs underneath everywhere, so the two parts meet without a gap.
     ax.fill_between(x, grid.lower, grid.upper, color=style.BLUE, alpha=0.12, linewidth=0)
     ax.plot(x, grid.mean, color=style.BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
-    band = ax.fill_between(
-        x, grid.lower, grid.upper, where=grid.inside.tolist(), color=style.BLUE, alpha=0.28, linewidth=0
-    )
-    band.set_label(f"{level_text(grid.level)} interval")
+    look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0, "label": f"{level_text(grid.level)} interval"}
+    ax.fill_between(x, grid.lower, grid.upper, where=grid.inside.tolist(), alpha=0.28, **look)
     ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=style.BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
-    style.rug(ax, points[every_nth(len(points), MOST_DATA_POINTS), 0], "data")
+    style.rug(ax, points[style.every_nth(len(points), MOST_DATA_POINTS), 0], "data")
     ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
     ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
-    wanted = ["mean", band.get_label(), "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
+    wanted = ["mean", look["label"], "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
     known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
     style.place_legend(ax, own, [known[label] for label in wanted])
 
@@ -143,7 +140,7 @@ def finish_map(
 ) -> None:
     """Mark the data rows on a map of two variables, name these, and end it where the grid does."""
     if points is not None:
-        shown = points[every_nth(len(points), MOST_DATA_POINTS)]
+        shown = points[style.every_nth(len(points), MOST_DATA_POINTS)]
         ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
     (x, y), (x_label, y_label) = grid, map(style.with_unit, variables, units)
     ax.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=x_label, ylabel=y_label)
