@@ -139,13 +139,9 @@ class Config(Section):
         return models
 
     @model_validator(mode="after")
-    def _check_asset(self) -> Any:
+    def _check_parts(self) -> Any:
         if self.asset is not None and self.copied_from is None:
             raise wrong("asset stands in copies beside results of a fleet (see copied_from); leave it out")
-        return self
-
-    @model_validator(mode="after")
-    def _check_equations(self) -> Any:
         learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
         for name, states in learned.items():
             first = next(iter(learned))
@@ -154,10 +150,6 @@ class Config(Section):
                     f"[models] {first} learns {', '.join(sorted(learned[first]))} but {name} learns "
                     f"{', '.join(sorted(states))}; compare models of the same equations"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _check_inputs(self) -> Any:
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
@@ -292,11 +284,8 @@ class Config(Section):
             if error := self.data.rate_without_equation(self._formulas, dictionary):
                 raise InputError(f'"{self._path}": {error}.')
 
-        parts = {
-            "prior": model.prior or self.prior,
-            "discrepancy": model.discrepancy or self.discrepancy,
-            "rows": self.rows,
-        }
+        prior, discrepancy = model.prior or self.prior, model.discrepancy or self.discrepancy
+        parts = {"prior": prior, "discrepancy": discrepancy, "rows": self.rows}
         given = self.simulation
         coefficients = self.coefficients if model.coefficients is None else model.coefficients
         return GreyBox(

@@ -21,10 +21,8 @@ class Section(BaseModel):
         unknown = [key for key in given if key not in known] if isinstance(given, Mapping) else []
         if not unknown:
             return handler(given)
-        errors = [
-            InitErrorDetails(type=wrong(f"unknown key {key!r}; {suggestion(str(key), known)}"), input=given)
-            for key in unknown
-        ]
+        texts = [f"unknown key {key!r}; {suggestion(str(key), known)}" for key in unknown]
+        errors = [InitErrorDetails(type=wrong(text), input=given) for text in texts]
         try:
             handler({key: value for key, value in given.items() if key in known})
         except ValidationError as error:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 
 from bayes_greybox.data.rates.filters import step_slack
 from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
@@ -103,9 +102,8 @@ def guessed(table: Table, layout: Layout) -> Guess:
         else:
             left_out[name] = reason
     if not columns:
-        raise InputError(
-            f"No column of {table.where} holds numbers that change; there is nothing to model.{table.hint}"
-        )
+        nothing = f"No column of {table.where} holds numbers that change; there is nothing to model."
+        raise InputError(f"{nothing}{table.hint}")
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
@@ -184,7 +182,7 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
     return None
 
 
-def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
+def _even(clock: np.ndarray, parts: Sequence[np.ndarray]) -> bool:
     for time in (clock[part] for part in parts if len(part) > 1):
         steps, mean = np.diff(time), float(np.mean(np.diff(time)))
         if np.any(np.abs(steps - mean) > step_slack(time, mean)):
@@ -192,9 +190,7 @@ def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
     return True
 
 
-def _with_roles(
-    guess: Guess, clock: Float[np.ndarray, " n"], columns: dict[str, Float[np.ndarray, " n"]], parts: list[np.ndarray]
-) -> Guess:
+def _with_roles(guess: Guess, clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray]) -> Guess:
     """Find states, inputs and rates."""
     rate_of: dict[str, str] = {}
     for state in columns:
@@ -215,12 +211,7 @@ def _with_roles(
     return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
 
 
-def _explained(
-    clock: Float[np.ndarray, " n"],
-    state: Float[np.ndarray, " n"],
-    rate: Float[np.ndarray, " n"],
-    parts: Sequence[np.ndarray],
-) -> float:
+def _explained(clock: np.ndarray, state: np.ndarray, rate: np.ndarray, parts: Sequence[np.ndarray]) -> float:
     """Return the share of a column, less a line in each run, that the integral of another one explains."""
     moved, summed = [], []
     for part in parts:

@@ -142,11 +142,8 @@ def _differentiate(plan: Plan) -> str:
         )
     if not plan.computed:
         return ""
-    lines = [
-        "[data.differentiate]",
-        "# Rates that were not measured are computed by a filter whose noise is known.",
-        'method = "savgol"',
-    ]
+    lines = ["[data.differentiate]", "# Rates that were not measured are computed by a filter whose noise is known."]
+    lines += ['method = "savgol"']
     if plan.second:
         lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
         lines += [f"rates = {{ {rates} }}"]
