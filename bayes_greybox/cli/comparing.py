@@ -8,9 +8,8 @@ from typing import Any
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import FUTURE_START, check_scheme, require_divisible
-from bayes_greybox.report.folders.comparison import save_comparison
 from bayes_greybox.report.folders.holding import require_own
-from bayes_greybox.report.folders.saved import load_fits
+from bayes_greybox.report.folders.saved import load_fits, save_comparison
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.fit import comparison_tables
 from bayes_greybox.running.errors import InputError
