@@ -72,8 +72,8 @@ def _sentence(first: ErrorDetails) -> str:
         return f"{_section(place)}needs the key {key!r}."
     if first["type"] == "literal_error":
         expected = first.get("ctx", {}).get("expected", "").replace(" or ", ",")
-        known = [word.strip(" '") for word in expected.split(",") if word.strip()]
-        message = f"is not available; {suggestion(str(given), known)}"
+        choices = [word.strip(" '") for word in expected.split(",") if word.strip()]
+        message = f"is not available; {suggestion(str(given), choices)}"
     elif first["type"] != "config":
         wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"

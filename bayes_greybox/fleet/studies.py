@@ -118,8 +118,8 @@ class FleetStudy:
         for each in self._fleet.shared:
             none = (float("nan"),) * len(each.assets)
             whole = (none, none) if each.whole is None else (each.whole.each, each.whole.each_sd)
-            own = zip(each.expressions, each.assets, each.mean, each.sd, *whole, each.units, strict=True)
-            rows += [(each.equation, each.slug, *values) for values in own]
+            estimates = zip(each.expressions, each.assets, each.mean, each.sd, *whole, each.units, strict=True)
+            rows += [(each.equation, each.slug, *values) for values in estimates]
         keys = ["equation", "slug", "expression", "asset"]
         columns = [*keys, "mean", "sd", "pooled_mean", "pooled_sd", "unit"]
         return pd.DataFrame(rows, columns=columns).set_index(keys)

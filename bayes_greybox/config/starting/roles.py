@@ -108,16 +108,16 @@ def guessed(table: Table, layout: Layout) -> Guess:
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
         clock, dated, *_ = stamps(table, time, layout)
-    known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
+    complete = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
     label = pd.factorize(rows)[0]
     starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
-    parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
+    parts = [part[complete[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
     guess = Guess(
-        time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out,
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, left_out=left_out,
         dated=dated, shuffled=shuffled,
     )  # fmt: skip
     return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
@@ -168,12 +168,12 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
         return "holds words or dates"
     if COUNTERS.match(name):
         return "counts the rows"
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     if is_packed_dates(values):
         return "holds words or dates"
-    if len(known) < len(values) / 2:
+    if len(finite) < len(values) / 2:
         return "is mostly empty"
-    if np.all(known == known[0]):
+    if np.all(finite == finite[0]):
         return "never changes"
     for other, column in before.items():
         both = np.isfinite(values) & np.isfinite(column)

@@ -47,8 +47,8 @@ def _lines(ax: Any, k: int) -> dict[str, str]:
     for j, line in enumerate(ax.get_lines()):
         label, x = str(line.get_label()), np.asarray(line.get_xdata(orig=False), float)
         if not label.startswith("_") and len(x) >= FEWEST_POINTS and line.get_transform() == ax.transData:
-            known = x[np.isfinite(x)]
-            if np.all(np.diff(known) >= 0) and np.ptp(known) > 0:
+            finite = x[np.isfinite(x)]
+            if np.all(np.diff(finite) >= 0) and np.ptp(finite) > 0:
                 line.set_gid(f"line{k}x{j}")
                 labels[f"line{k}x{j}"] = label
     return labels
@@ -76,10 +76,10 @@ def _map(ax: Any) -> dict[str, Any] | None:
 
 def _label(figure: Any, ax: Any, side: str) -> str:
     """Return the label of an axis, or that of the lowest panel or of the figure where panels share it."""
-    own = ax.get_xlabel() if side == "x" else ax.get_ylabel()
+    panel = ax.get_xlabel() if side == "x" else ax.get_ylabel()
     shared = figure.get_supxlabel() if side == "x" else figure.get_supylabel()
     others = [other.get_xlabel() if side == "x" else "" for other in reversed(figure.axes)]
-    return own.split("\n")[0] or shared or next((text.split("\n")[0] for text in others if text), "")
+    return panel.split("\n")[0] or shared or next((text.split("\n")[0] for text in others if text), "")
 
 
 def _ends(pair: tuple[Any, Any]) -> list[float]:

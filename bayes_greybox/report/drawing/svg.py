@@ -60,7 +60,7 @@ class _Drawing:
     def renamed(self, read: list[dict]) -> list[dict]:
         """Return readings with the ids that their lines have in the page."""
         lines = [{self._names[line]: label for line, label in axes.get("lines", {}).items()} for axes in read]
-        return [{**axes, "lines": own} if own else axes for axes, own in zip(read, lines, strict=True)]
+        return [{**axes, "lines": named} if named else axes for axes, named in zip(read, lines, strict=True)]
 
     def written(self, one: Element) -> str:
         """Return an element with everything in it; nothing where nothing is left of it."""
@@ -97,7 +97,7 @@ class _Drawing:
                 yield name, short_path(value)
             elif name == "style":
                 if style := _style(value):
-                    yield name, re.sub(r"url\(#([\w-]+)\)", lambda found: f"url(#{self._names[found[1]]})", style)
+                    yield name, re.sub(r"url\(#([\w-]+)\)", lambda match: f"url(#{self._names[match[1]]})", style)
             elif name == "transform":
                 if not value.startswith("rotate(-0 "):
                     yield name, _rounded(value, 2)
@@ -128,7 +128,7 @@ def _style(text: str) -> str:
 
 
 def _rounded(text: str, decimals: int) -> str:
-    return re.sub(r"-?\d+\.\d+", lambda found: f"{round(float(found[0]), decimals):g}", text)
+    return re.sub(r"-?\d+\.\d+", lambda match: f"{round(float(match[0]), decimals):g}", text)
 
 
 _SMALL_SHAPE = 12.0

@@ -53,11 +53,11 @@ def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
     # A term that is fixed at zero is out.
     given = [each for each in learned.given if each.value.mean != 0]
     for each in (*given, *learned.terms):
-        known = each in given
-        negative, factor = exact(each.value.mean) if known else concise(each.value.mean, each.value.sd)
+        fixed = each in given
+        negative, factor = exact(each.value.mean) if fixed else concise(each.value.mean, each.value.sd)
         unit = unit_text(each.unit)
         expr = None if each.term.expr == 1 else _short(each.term.expr)
-        yield Piece(negative, factor, unit, expr, known)
+        yield Piece(negative, factor, unit, expr, fixed)
     f = learned.discrepancy
     if f is not None and f.left:
         yield Piece(False, None, "", _called("f", f.variables, system, name))

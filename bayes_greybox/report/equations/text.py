@@ -54,8 +54,8 @@ def inner_text(system: LearnedSystem, name: str) -> list[str]:
 
 def note(system: LearnedSystem) -> str:
     """Return the rule by which terms stand in the equations, and how numbers are written."""
-    known = any(piece.given for name in system.shown for piece in pieces(system, name))
-    return f"{system.rule} {NOTATION}{f' {GIVEN_NOTE}' if known else ''}"
+    given = any(piece.given for name in system.shown for piece in pieces(system, name))
+    return f"{system.rule} {NOTATION}{f' {GIVEN_NOTE}' if given else ''}"
 
 
 def as_simulation(system: LearnedSystem) -> str:

@@ -46,5 +46,5 @@ def require_ending(path: Path) -> None:
         InputError: Another ending than those of `LANGUAGES`.
     """
     if path.suffix not in LANGUAGES:
-        known = ", ".join(LANGUAGES)
-        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {known}.')
+        endings = ", ".join(LANGUAGES)
+        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {endings}.')

@@ -40,10 +40,10 @@ PYTHON_WORDS = [*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "numpy", "
 
 def python_program(model: ExportedModel, name: str) -> str:
     """Return a module with `rhs(t, x, u)`; beside a simulation that is code, `rhs(t, x, u, simulation)`."""
-    known = _names(model, PYTHON_WORDS)
-    names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
+    identified = _names(model, PYTHON_WORDS)
+    names = {**identified, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
     printer = PythonPrinter(names)
-    heading = header(model, known, ("x[{}]", "u[{}]"))
+    heading = header(model, identified, ("x[{}]", "u[{}]"))
     lines = [part for line in heading for part in comment(one_line(line), "# ")]
     lines += ["", "import numpy", ""]
     for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
@@ -63,8 +63,8 @@ def python_program(model: ExportedModel, name: str) -> str:
             lines.append(f"    # simulation(t, x, u) -> dx/dt, of one point: {one_line(model.code)},")
             lines.append("    # which the model was fitted beside.")
             lines.append("    g = numpy.asarray(simulation(t, x, u), float)")
-        lines += [f"    {known[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
-        lines += [f"    {known[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
+        lines += [f"    {identified[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
+        lines += [f"    {identified[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
         lines += ["    found = [", *(f"        {_sum(printer, each)}," for each in formulas), "    ]"]
         lines.append("    shape = numpy.broadcast_shapes(x.shape[1:], u.shape[1:])")
         lines.append("    return numpy.stack([numpy.broadcast_to(each, shape) for each in found])")
@@ -156,8 +156,8 @@ def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
 
 
 def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula, times: float = 1.0) -> str:
-    known = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
-    text = " + ".join([*known, *(printer.product(name, phi) for name, phi in formula.added)])
+    simulated = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
+    text = " + ".join([*simulated, *(printer.product(name, phi) for name, phi in formula.added)])
     return text if times == 1.0 else f"{times!r}*({text})"
 
 

@@ -292,14 +292,14 @@ def _correlations(
     pairs = []
     for name, equation in system.learned.items():
         place = {term.name: k for k, term in enumerate(equation.drawn.terms)}
-        own = [
+        placed = [
             (factor.name, place[each.term.name])
             for factor, each in factors
             if factor.equation == name and each in equation.terms and each.term.name in place
         ]
-        if len(own) < len(equation.terms) or len(own) < 2:
+        if len(placed) < len(equation.terms) or len(placed) < 2:
             continue
-        columns = [k for _, k in own]
+        columns = [k for _, k in placed]
         inside = np.isin(np.arange(len(place)), columns)
         draws = equation.drawn.coefficients
         alike = draws if equation.pattern is None else draws[np.all((draws != 0) == inside, axis=1)]
@@ -307,6 +307,8 @@ def _correlations(
         if not np.all(spread > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
-        upper = zip(*np.triu_indices(len(own), 1), strict=True)
-        pairs += [(own[i][0], own[k][0], float(corr[i, k])) for i, k in upper if abs(corr[i, k]) >= LEAST_CORRELATION]
+        upper = zip(*np.triu_indices(len(placed), 1), strict=True)
+        pairs += [
+            (placed[i][0], placed[k][0], float(corr[i, k])) for i, k in upper if abs(corr[i, k]) >= LEAST_CORRELATION
+        ]
     return tuple(pairs)

@@ -116,12 +116,12 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     for name in fit.model.equations:
         rows = table.loc[name]
         terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
-        found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
+        matter = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         discrepancy = ""
         if fit.model.discrepancy:
             left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             discrepancy = f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {row_label(fit, name)}, {found}{discrepancy}.")
+        sentences.append(f"In {row_label(fit, name)}, {matter}{discrepancy}.")
     return " ".join(sentences)
 
 
@@ -244,7 +244,7 @@ def _predicted(fit: Posterior) -> Section:
 
 
 def _checks(fit: Posterior) -> Section:
-    found = checks(fit)
+    results = checks(fit)
 
     def value(row: Any) -> str:
         if math.isnan(row["value"]):
@@ -259,10 +259,10 @@ def _checks(fit: Posterior) -> Section:
         "#limit": lambda row: "" if math.isnan(row["limit"]) else number(row["limit"], 2),
     }
     blocks: list[Any] = []
-    if found.reasons:
-        blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in found.reasons])]
+    if results.reasons:
+        blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in results.reasons])]
     caption, equations = "Checks that did not pass are marked", fit.model.equations
-    blocks.append(table_of(records_of(found.table), columns, caption, lambda row: not row["ok"], equations))
+    blocks.append(table_of(records_of(results.table), columns, caption, lambda row: not row["ok"], equations))
     for name in fit.equations:
         rate = row_label(fit, name)
         shown = [
@@ -282,7 +282,7 @@ def _checks(fit: Posterior) -> Section:
     }
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
     caption = "Change for each doubling of the weight"
-    scaled = table_of(records_of(found.sensitivity), columns, caption, equations=equations)
+    scaled = table_of(records_of(results.sensitivity), columns, caption, equations=equations)
     blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
     lead = (
         "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "

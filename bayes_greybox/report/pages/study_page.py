@@ -79,8 +79,8 @@ def _badges(study: StudyResult) -> list[Badge]:
 def _findings(study: StudyResult) -> list[Finding]:
     """Return the findings, those first that speak against the verdict."""
     tones = {True: "bad", None: "quiet", False: "good"}
-    found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
-    return sorted(found, key=lambda finding: finding.tone != "bad")
+    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
+    return sorted(findings, key=lambda finding: finding.tone != "bad")
 
 
 def _facts(study: StudyResult) -> list[str]:

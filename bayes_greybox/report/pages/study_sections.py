@@ -155,11 +155,11 @@ def sets(study: StudyResult) -> Section | None:
         return None
     alt = "Share of the gap that the likeliest set of each size leaves"
     shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
-    known = study.hypotheses["probability"].to_dict()
+    probabilities = study.hypotheses["probability"].to_dict()
 
     def probability(row: Any, name: str, alone: str) -> str:
         # What is unknown has more than the sets without an effect: all that others may imitate.
-        return probability_text(known.get((row["equation"], row[name]), row[alone]))
+        return probability_text(probabilities.get((row["equation"], row[name]), row[alone]))
 
     columns = {
         "equation": lambda row: _rate(study, row["equation"]),

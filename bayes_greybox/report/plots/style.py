@@ -78,14 +78,14 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
+def place_legend(ax: Axes, ours: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
     """Place a legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
 
     It names the labelled artists of the axes, or the handles that are given, `columns` in a row, by default all.
     """
     shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
     labels = [str(handle.get_label()) for handle in shown]
-    if own:
+    if ours:
         place = {"loc": "outside lower left", "ncols": columns or len(shown), "columnspacing": 1.5}
         legend = figure_of(ax).legend(shown, labels, **place)
     else:

@@ -29,8 +29,8 @@ def lacks_text(asset: AssetStudy) -> str:
 
 def likely_text(probabilities: Iterable[float]) -> str:
     """Return probabilities in some assets as their range: 0.758, or 0.612 to 0.758; a dash for none."""
-    known = sorted(probabilities)
-    return " to ".join(dict.fromkeys(map(probability_text, (known[0], known[-1])))) if known else "–"
+    ordered = sorted(probabilities)
+    return " to ".join(dict.fromkeys(map(probability_text, (ordered[0], ordered[-1])))) if ordered else "–"
 
 
 def unit_of(shared: Shared) -> str:

@@ -105,9 +105,9 @@ def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
 @cache
 def _catalogued(slug: str) -> str:
     """Return the name in the package's catalogue; that of an effect of a user's own file is its slug as words."""
-    known = {effect.slug: effect.name for effect in load_catalogue("all")}
+    catalogue = {effect.slug: effect.name for effect in load_catalogue("all")}
     words = slug.replace("-", " ")
-    return known.get(slug, words[:1].upper() + words[1:])
+    return catalogue.get(slug, words[:1].upper() + words[1:])
 
 
 def reversed_text(row: Mapping[str, Any]) -> str:

@@ -35,13 +35,13 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     program = c_program(model, "model", tunable=True)
     called = next(iter(identifiers([name], ()).values()))
     fmpy, compiler = installed_fmpy(), c_compiler()
-    own = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
-    own["model.c"] = program.encode()
+    files = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
+    files["model.c"] = program.encode()
     about = model.notes.verdict or f"The equations of a {model.origin}"
     # Of all that may differ, as importers keep what they know by it.
-    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
+    every = [*files.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
     guid = hashlib.sha256(b"\n".join(every)).hexdigest()[:32]
-    sources = {**standard_headers(fmpy), **own, "model.h": _sizes(model, program, guid).encode()}
+    sources = {**standard_headers(fmpy), **files, "model.h": _sizes(model, program, guid).encode()}
     content = {"modelDescription.xml": description(model, name, called, guid, about)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
     content[library] = compiled(compiler, sources, "fmi2.c")
@@ -149,8 +149,8 @@ def description(model: ExportedModel, name: str, called: str, guid: str, about: 
         numberOfEventIndicators="0",
     )  # fmt: skip
     for kind, able in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
-        own = {"modelIdentifier": called, "canNotUseMemoryManagementFunctions": "true"}
-        offered = ElementTree.SubElement(root, kind, {**own, **able})
+        shared = {"modelIdentifier": called, "canNotUseMemoryManagementFunctions": "true"}
+        offered = ElementTree.SubElement(root, kind, {**shared, **able})
         ElementTree.SubElement(ElementTree.SubElement(offered, "SourceFiles"), "File", name="fmi2.c")
     units = [each.unit for each in (*model.quantities, *model.formulas, *model.factors)]
     if named := dict.fromkeys(text for text in map(unit_text, units) if text):

@@ -198,8 +198,8 @@ def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]
     return np.reshape(np.array(joined), (-1, 2))
 
 
-def _label(panels: list[Axes], quantity: str, time_unit: str | None, own: bool) -> None:
-    label_axes(panels, quantity, time_unit, own)
+def _label(panels: list[Axes], quantity: str, time_unit: str | None, ours: bool) -> None:
+    label_axes(panels, quantity, time_unit, ours)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
     first = ("measured", UNSEEN_STATE, "before", "after", "before and after", "model", "± threshold")
     order = [label for label in first if label in handles]
@@ -208,4 +208,4 @@ def _label(panels: list[Axes], quantity: str, time_unit: str | None, own: bool) 
     widest = _NARROW_LEGEND + 0.06 * max(0, sum(map(len, order)) - 50)
     narrow = style.figure_of(panels[0]).get_figwidth() < widest
     columns = 2 if narrow and (len(order) > 3 or sum(map(len, order)) > _LEGEND_CHARACTERS) else None
-    style.place_legend(panels[0], own, [handles[label] for label in order], columns)
+    style.place_legend(panels[0], ours, [handles[label] for label in order], columns)

@@ -113,10 +113,10 @@ def each_run(
         ax.margins(x=0.01)
 
 
-def label_axes(panels: Sequence[Axes], quantity: str, time_unit: str | None, own: bool) -> None:
+def label_axes(panels: Sequence[Axes], quantity: str, time_unit: str | None, ours: bool) -> None:
     """Label time, and the quantity once for all panels of a figure of our own."""
     panels[-1].set_xlabel(style.with_unit("time", time_unit))
-    if own and len(panels) > 1:
+    if ours and len(panels) > 1:
         style.figure_of(panels[0]).supylabel(quantity, fontsize=10)
     else:
         panels[0].set_ylabel(quantity)

@@ -78,12 +78,12 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
     if missing:
         raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass inclusion(fit).")
-    known = list(dict.fromkeys(table.index.get_level_values(0)))
-    if equation is not None and equation not in known:
-        raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(known)}.")
-    if not known:
+    names = list(dict.fromkeys(table.index.get_level_values(0)))
+    if equation is not None and equation not in names:
+        raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(names)}.")
+    if not names:
         raise InputError("The coefficient table has no rows, so there is nothing to draw.")
-    return known if equation is None else [equation]
+    return names if equation is None else [equation]
 
 
 def _by_unit(
@@ -92,8 +92,8 @@ def _by_unit(
     """Return each equation's terms by the unit of their coefficients, in the order in which the units come."""
     parts = []
     for name, block in zip(names, blocks, strict=True):
-        known = _units_of(name, block, units)
-        of = [unit_text(known.get(str(term))) for term in block.index]
+        by_term = _units_of(name, block, units)
+        of = [unit_text(by_term.get(str(term))) for term in block.index]
         parts += [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
     return [name for name, _ in parts], [block for _, block in parts]
 

@@ -66,7 +66,7 @@ def _title(grid: DiscrepancyGrid, what: str) -> str:
     return f"{title}\nheld: {held}" if held else title
 
 
-def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
+def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, ours: bool) -> None:
     x = grid.axes[0]
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     # The faded copy runs underneath everywhere, so the two parts meet without a gap.
@@ -81,11 +81,11 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) 
     ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
     wanted = ["mean", look["label"], "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
-    known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
-    style.place_legend(ax, own, [known[label] for label in wanted])
+    artists = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
+    style.place_legend(ax, ours, [artists[label] for label in wanted])
 
 
-def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, own: bool) -> None:
+def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, ours: bool) -> None:
     x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
@@ -99,7 +99,7 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
     beyond = np.maximum(grid.lower, -grid.upper)
     bold = outline(panels[0], x, y, beyond, 0.0, seen)
     for ax in panels:
-        finish_map(ax, grid.axes, grid.variables, grid.units, points)
+        finish_map(ax, grid.axes, grid.variables, grid.units, points, "data")
     panels[0].set_title(_title(grid, "Discrepancy f"))
     panels[1].set_title("Its uncertainty" + ("\n" if grid.fixed else ""))
     handles = [legend_mark("data", "data")]
@@ -107,7 +107,7 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
         handles.append(legend_mark("outline", f"edge of where the {level_text(grid.level)} interval excludes 0"))
     if not grid.inside.all():
         handles.append(legend_mark("outside", "no data: extrapolated"))
-    style.place_legend(panels[0], own, handles)
+    style.place_legend(panels[0], ours, handles)
 
 
 def _first_positive(*candidates: np.ndarray) -> float:
@@ -137,11 +137,13 @@ def finish_map(
     variables: Sequence[str],
     units: Sequence[str],
     points: Float[np.ndarray, "n_obs 2"] | None,
+    label: str | None = None,
 ) -> None:
     """Mark the data rows on a map of two variables, name these, and end it where the grid does."""
     if points is not None:
         shown = points[style.every_nth(len(points), MOST_DATA_POINTS)]
-        ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
+        look: dict[str, Any] = {"color": style.DARK, "markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0}
+        ax.plot(shown[:, 0], shown[:, 1], "o", label=label, **look)
     (x, y), (x_label, y_label) = grid, map(style.with_unit, variables, units)
     ax.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=x_label, ylabel=y_label)
 
