@@ -30,7 +30,6 @@ from bayes_greybox.report.words.formatting import (
 
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import (
-    Folding,
     fit_settings,
     folded,
     footer,
@@ -200,16 +199,13 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
     def best(key: Any) -> bool:
         return first in by_key[key] and by_key[key][first].value > LIKELY_TO_MATTER
 
-    blocks = folded(
-        _by_whether_it_matters(by_key, estimates),
-        Folding(
-            "Terms more likely to matter than not under some model; those of the best one are marked",
-            "Terms that are likely absent under every model",
-            "{} likely absent under every model",
-            "Under no model is a term more likely to matter than not.",
-        ),
-        lambda keys, caption: table_of(keys, columns, caption, best, equations),
+    captions = (
+        "Terms more likely to matter than not under some model; those of the best one are marked",
+        "Terms that are likely absent under every model",
+        "{} likely absent under every model",
     )
+    nothing = "Under no model is a term more likely to matter than not."
+    blocks = folded(_by_whether_it_matters(by_key, estimates), columns, equations, captions, nothing, best)
     moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
@@ -229,15 +225,12 @@ def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate])
         "#coefficient": lambda each: each.size,
         "#90 % interval": lambda each: each.ends,
     }
-    blocks = folded(
-        _by_whether_it_matters(estimates, estimates),
-        Folding(
-            "Coefficients of the terms more likely to matter than not under some model",
-            "Coefficients of the other terms",
-            "Coefficients of terms likely absent under every model",
-        ),
-        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
+    captions = (
+        "Coefficients of the terms more likely to matter than not under some model",
+        "Coefficients of the other terms",
+        "Coefficients of terms likely absent under every model",
     )
+    blocks = folded(_by_whether_it_matters(estimates, estimates), columns, fit.model.equations, captions)
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 

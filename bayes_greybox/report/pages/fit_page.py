@@ -45,7 +45,6 @@ from bayes_greybox.report.words.formatting import (
 
 from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import (
-    Folding,
     equations_block,
     fit_settings,
     folded,
@@ -184,17 +183,13 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
     clear = table[column] > LIKELY_TO_MATTER
-
-    blocks = folded(
-        (records_of(table[clear]), records_of(table[~clear])),
-        Folding(
-            "Terms more likely to matter than not",
-            "Terms that are likely absent, or too small to matter",
-            "{} no more likely to matter than not",
-            "No term is more likely to matter than not.",
-        ),
-        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
+    parts = (records_of(table[clear]), records_of(table[~clear]))
+    captions = (
+        "Terms more likely to matter than not",
+        "Terms that are likely absent, or too small to matter",
+        "{} no more likely to matter than not",
     )
+    blocks = folded(parts, columns, fit.model.equations, captions, "No term is more likely to matter than not.")
     if any(clear):
         drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"

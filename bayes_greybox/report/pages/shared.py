@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -66,24 +66,25 @@ def fit_settings(fit: Posterior) -> dict[str, Any]:
     return {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
 
 
-class Folding(NamedTuple):
-    """Captions of a table of what matters and of all else, which the line `opens` opens; words for no first table."""
-
-    shown: str
-    hidden: str
-    opens: str
-    nothing: str = ""
-
-
 def folded(
-    records: tuple[Sequence[Any], Sequence[Any]], words: Folding, table: Callable[[Sequence[Any], str], Table]
+    records: tuple[Sequence[Any], Sequence[Any]],
+    columns: Mapping[str, Callable[[Any], Any]],
+    equations: Sequence[str],
+    captions: tuple[str, str, str],
+    nothing: str = "",
+    marked: Callable[[Any], bool] | None = None,
 ) -> list[Any]:
-    """Return a table of the records that matter, and one of all others that a reader opens."""
-    shown, hidden = records
-    blocks: list[Any] = [table(shown, words.shown)] if shown else [Words(words.nothing)] if words.nothing else []
-    if hidden:
-        few = f"{len(hidden)} terms" if len(hidden) > 1 else "1 term"
-        blocks.append(Details(words.opens.format(few), [table(hidden, words.hidden)]))
+    """Return a table of the records that matter, and one of all others that a reader opens, see `table_of`.
+
+    Captions are those of both tables, and the line that opens the second, with a place for the number of terms.
+    `nothing` stands in the place of the first where nothing matters.
+    """
+    shown, hidden = (
+        table_of(part, columns, caption, marked, equations) for part, caption in zip(records, captions, strict=False)
+    )
+    blocks: list[Any] = [shown] if shown.rows else [Words(nothing)] if nothing else []
+    if n := len(hidden.rows):
+        blocks.append(Details(captions[2].format(f"{n} terms" if n > 1 else "1 term"), [hidden]))
     return blocks
 
 

@@ -149,15 +149,12 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 def added_coefficients(study: StudyResult) -> Figure:
     """Draw the posterior of the coefficient of each effect that was added."""
     chosen = study.effects.loc[added(study)]
-    return plot_posteriors(
-        [
-            Coefficient(
-                name=row["name"], term=formula(row["expression"]), mean=float(row["mean"]), sd=float(row["sd"]),
-                lower=float(row["lower"]), upper=float(row["upper"]), unit=row["unit"], draws=added_draws(study, place),
-            )
-            for place, row in enumerate(chosen.to_dict("records"))
-        ]
-    )  # fmt: skip
+    coefficients = []
+    for place, row in enumerate(chosen.to_dict("records")):
+        numbers: dict[str, Any] = {name: float(row[name]) for name in ("mean", "sd", "lower", "upper")}
+        about = {"name": row["name"], "term": formula(row["expression"]), "unit": row["unit"]}
+        coefficients.append(Coefficient(**about, **numbers, draws=added_draws(study, place)))
+    return plot_posteriors(coefficients)
 
 
 def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
