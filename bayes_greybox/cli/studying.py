@@ -9,9 +9,8 @@ from bayes_greybox.cli.folders import Run, place_of, resumable
 from bayes_greybox.config import Config, load_config
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.fleet.assets import assets_of
-from bayes_greybox.fleet.reporting import STUDY_PAGE
+from bayes_greybox.fleet.reporting import FLEET_PAGE, STUDY_PAGE
 from bayes_greybox.fleet.run import study_fleet, study_into
-from bayes_greybox.fleet.together import FLEET_PAGE
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
 from bayes_greybox.report.folders.holding import free_folder, require_own
 from bayes_greybox.report.terminal.study import fleet_tables, study_tables

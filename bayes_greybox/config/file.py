@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
 from bayes_greybox.config.parts import Next, Study
+from bayes_greybox.config.section import AlsoAs
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.report.folders.holding import CONFIG, author_text, command_of, copy_of
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource

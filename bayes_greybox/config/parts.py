@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from bayes_greybox.config.derived import AlsoAs, Switch, Table, section_of, table_of_kinds
-from bayes_greybox.config.section import Section, wrong
+from bayes_greybox.config.section import AlsoAs, Section, Switch, Table, section_of, table_of_kinds, wrong
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite

@@ -11,8 +11,17 @@ from typing import Any
 from bayes_greybox.config import Config
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.fleet.assets import Asset
-from bayes_greybox.fleet.reporting import ASSET_MARK, STUDY, put_back, report_into, set_aside
-from bayes_greybox.fleet.together import ASSETS, AssetResult, studied_together, write_fleet
+from bayes_greybox.fleet.reporting import (
+    ASSET_MARK,
+    ASSETS,
+    STUDY,
+    AssetResult,
+    put_back,
+    report_into,
+    set_aside,
+    studied_together,
+    write_fleet,
+)
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.missing_effects import Study, find_missing_effects

@@ -16,6 +16,7 @@ from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.discovery.refusals import check_settings
+from bayes_greybox.fleet.reporting import ASSETS, AssetResult, studied_together, write_fleet
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
@@ -31,7 +32,6 @@ from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each
 from .reporting import STUDY, remove_results, report_into, set_aside
-from .together import ASSETS, AssetResult, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""

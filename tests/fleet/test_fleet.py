@@ -288,7 +288,7 @@ def test_a_lost_scheduler_costs_python_what_was_not_done_and_the_command_its_end
         asked.append(where)
         yield from (Done(name, failed=SCHEDULER_LOST) for name in tasks)
 
-    monkeypatch.setattr("bayes_greybox.fleet.together.run_tasks", lost)
+    monkeypatch.setattr("bayes_greybox.fleet.reporting.run_tasks", lost)
     for where in ({"scheduler": "tcp://any:1"}, {"workers": 2}):
         found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, **where, progress=False)
         assert found.failed == {"a": SCHEDULER_LOST} and where.items() <= asked[-1].items()

@@ -11,7 +11,7 @@ from html import escape
 from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import WORD_GAP, to_latex, to_mathml
-from bayes_greybox.report.equations.pieces import Piece, pieces
+from bayes_greybox.report.equations.text import Piece, pieces
 
 _POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 

@@ -8,8 +8,16 @@ from importlib.metadata import version
 
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.report.exports.model import ExportedModel, Factor, Formula, rate_symbol
-from bayes_greybox.report.exports.names import ascii_text, identifiers, one_line, quoted, within_c
-from bayes_greybox.report.exports.printers import CPrinter, ModelicaPrinter, PythonPrinter
+from bayes_greybox.report.exports.printers import (
+    CPrinter,
+    ModelicaPrinter,
+    PythonPrinter,
+    ascii_text,
+    identifiers,
+    one_line,
+    quoted,
+    within_c,
+)
 from bayes_greybox.report.words.formatting import estimate, interval, probability_text
 from bayes_greybox.running.errors import InputError
 

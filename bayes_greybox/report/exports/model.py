@@ -17,9 +17,8 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
+from bayes_greybox.report.exports.printers import distinct
 from bayes_greybox.running.errors import InputError
-
-from .names import distinct
 
 LONGEST_FACTOR_NAME = 40
 """Largest number of characters in the name of a coefficient."""

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.report.exports.languages import c_program, uncertainty
 from bayes_greybox.report.exports.model import ExportedModel
-from bayes_greybox.report.exports.names import identifiers, one_line
+from bayes_greybox.report.exports.printers import identifiers, one_line
 from bayes_greybox.running.errors import InputError
 
 COMPILERS = ("cc", "gcc", "clang")
