@@ -272,11 +272,7 @@ def _study(
 
 
 def _by_name(train: Any) -> dict[str, Measured]:
-    """Return measurements by asset.
-
-    Raises:
-        InputError: There are none, a name cannot be a folder's, or a value is no measurements.
-    """
+    """Return measurements by asset."""
     if isinstance(train, str | os.PathLike):
         folder = Path(train)
         files = data_files(folder)

@@ -16,10 +16,7 @@ class Plan:
     """Names in formulas, and the data from which each equation is learned.
 
     Attributes:
-        table: The table.
-        guess: Probable roles of its columns.
         names: Name in formulas by column.
-        units: Unit by column, where the table states it.
         measured: Column of the measured rate by state.
         chained: State that is the rate, by state.
         learned: States whose rate is open.
@@ -138,14 +135,9 @@ def is_electrical(unit: str) -> bool:
 def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None, units: tuple[str, str]) -> str:
     """Write the rate of a rate, m a = F - k x - c v, and its parameters.
 
-    Args:
-        position: Name of the position.
-        rate: Name of its rate.
-        forces: Name of an input and its unit, "" if that is unknown; None without inputs.
-        units: Units of the position and of the time; "" if they are unknown.
-
-    Returns:
-        A formula in quotation marks and words: '"F/2000 - 1.5e-05*x - 0.0004*v" (2 kg, 30 N/m, 0.8 N s/m in mm, ms)'.
+    It is a formula in quotation marks and words: '"F/2000 - 1.5e-05*x - 0.0004*v" (2 kg, 30 N/m, 0.8 N s/m in mm, ms)'.
+    `forces` is the name of an input and its unit, None without inputs; `units` are those of position and time. They are
+    "" if they are unknown.
     """
     length, time = units[0] or "m", units[1] or "s"
     turns = _is_angle(length)

@@ -53,14 +53,10 @@ class Guess:
     """Probable roles of columns, by their names in the table.
 
     Attributes:
-        time: Column of stamps; None for none.
-        run: Column that labels the runs.
         restart: True if the time goes back without such a column.
         even: True if the stamps of every run are evenly spaced.
         set_back: True if the time goes back by an hour, as clocks do when summer time ends.
         missing: Number of rows with missing cells.
-        states: Columns of states.
-        inputs: Columns of inputs.
         rate_of: Column of the rate by the state whose rate it is.
         left_out: Reason why a column has no role.
         dated: True if the stamps are dates or clock times, which become seconds.
