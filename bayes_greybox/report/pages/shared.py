@@ -33,7 +33,15 @@ from bayes_greybox.report.pages.page import (
 )
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
-from bayes_greybox.report.words.formatting import count_text, listed, number, percent_text, share_text, unit_text
+from bayes_greybox.report.words.formatting import (
+    count_text,
+    counted,
+    listed,
+    number,
+    percent_text,
+    share_text,
+    unit_text,
+)
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:
@@ -84,7 +92,7 @@ def folded(
     )
     blocks: list[Any] = [shown] if shown.rows else [Words(nothing)] if nothing else []
     if n := len(hidden.rows):
-        blocks.append(Details(captions[2].format(f"{n} terms" if n > 1 else "1 term"), [hidden]))
+        blocks.append(Details(captions[2].format(counted(n, "term")), [hidden]))
     return blocks
 
 

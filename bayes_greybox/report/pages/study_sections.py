@@ -21,6 +21,7 @@ from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.formatting import (
+    counted,
     estimate,
     formula,
     interval,
@@ -86,7 +87,7 @@ def what(study: StudyResult) -> Section:
         text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))
         if len(rest):
-            blocks.append(Details(_counted(len(rest), "less probable effect"), [_effects(study, rest)]))
+            blocks.append(Details(counted(len(rest), "less probable effect"), [_effects(study, rest)]))
     if len(study.hypotheses):
         table = _hypotheses(study)
         blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
@@ -98,7 +99,7 @@ def what(study: StudyResult) -> Section:
         }
         caption = "Effects that were not weighed, and why"
         left_out = table_of(study.left_out.items(), columns, caption, equations=list(study.maps))
-        blocks.append(Details(f"{_counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
+        blocks.append(Details(f"{counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
@@ -234,7 +235,7 @@ def corrections(study: StudyResult) -> Section | None:
     blocks = blocks or [Words("None of them is more likely off than not.")]
     if len(right := table[~likely]):
         folded = _table(study, right, columns, "Coefficients that are likely right")
-        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [folded]))
+        blocks.append(Details(f"{counted(len(right), 'coefficient')} likely right", [folded]))
     lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
@@ -343,10 +344,6 @@ def _gap(study: StudyResult, part: str, caption: str) -> Table:
 
 def _table(study: StudyResult, rows: pd.DataFrame, columns: Any, caption: str, marked: Any = None) -> Table:
     return table_of(records_of(rows), columns, caption, marked, list(study.maps))
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _equations(table: pd.DataFrame) -> list[str]:

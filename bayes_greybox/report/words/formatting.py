@@ -252,6 +252,11 @@ def probability_column(inclusion: pd.DataFrame) -> str:
     return next((name for name in PROBABILITIES if name in inclusion), "outside_rope")
 
 
+def counted(count: int, what: str) -> str:
+    """Return a number of things: 1 asset, 2 assets."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 def listed(words: Sequence[str]) -> str:
     """Return words as a sentence lists them: a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
