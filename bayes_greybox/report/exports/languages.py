@@ -8,18 +8,10 @@ from importlib.metadata import version
 
 from bayes_greybox.data.writing import unit_text
 from bayes_greybox.report.exports.model import ExportedModel, Factor, Formula, rate_symbol
-from bayes_greybox.report.exports.printers import (
-    CPrinter,
-    ModelicaPrinter,
-    PythonPrinter,
-    ascii_text,
-    identifiers,
-    one_line,
-    quoted,
-    within_c,
-)
 from bayes_greybox.report.words.formatting import estimate, interval, probability_text
 from bayes_greybox.running.errors import InputError
+
+from .printers import CPrinter, ModelicaPrinter, PythonPrinter, ascii_text, identifiers, one_line, quoted, within_c
 
 C_WORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long register

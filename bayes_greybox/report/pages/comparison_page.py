@@ -14,30 +14,11 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
-from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, rows_text, size_text, term_probability
-from bayes_greybox.report.words.formatting import (
-    PROBABILITIES,
-    count_text,
-    formula,
-    interval,
-    listed,
-    nats,
-    number,
-    pareto,
-    probability_column,
-    weight_text,
-)
 
+from ..words.fit import LIKELY_TO_MATTER, compared, is_learned, rows_text, size_text, term_probability
+from ..words.formatting import PROBABILITIES, count_text, formula, interval, listed, nats, number, probability_column
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import (
-    fit_settings,
-    folded,
-    footer,
-    settings_rows,
-    settings_section,
-    settings_table,
-    summary_table,
-)
+from .shared import fit_settings, folded, footer, settings_rows, settings_section, settings_table, summary_table
 
 
 def comparison_html(
@@ -110,27 +91,22 @@ def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Bad
     return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
 
 
-RANKING: dict[str, Callable[[Any], str]] = {
-    "model": lambda row: str(row["model"]),
-    "#elpd, nats": lambda row: nats(row["elpd"]),
-    "#± SE, nats": lambda row: nats(row["se"]),
-    "#difference, nats": lambda row: nats(row["elpd_diff"]),
-    "#± SE of the difference, nats": lambda row: nats(row["diff_se"]),
-    "#weight": lambda row: weight_text(row["weight"]),
-    "#worst k": lambda row: pareto(row["worst_k"]),
-    "#refits": lambda row: number(row["refits"]),
-    "#p_eff": lambda row: nats(row["p_eff"]),
-}
-"""Columns of the ranking."""
+RANKING = {
+    "model": "model", "#elpd, nats": "elpd", "#± SE, nats": "se", "#difference, nats": "elpd_diff",
+    "#± SE of the difference, nats": "diff_se", "#weight": "weight", "#worst k": "worst_k", "#refits": "refits",
+    "#p_eff": "p_eff",
+}  # fmt: skip
+"""Columns of the comparison by their headings in the ranking."""
 
 
 def _ranking(table: pd.DataFrame) -> Section:
     best = {str(table.index[0]), *tied(table)}
+    columns = {heading: compared(name) for heading, name in RANKING.items()}
     drawn = plot_comparison(table)
     caption = f"Left out: {table.attrs['folds']}. Marked: the best model, and those that the data do not tell from it"
     blocks: list[Any] = [
         Pictures([picture(drawn, "Elpd of each model, its difference to the best and its weight", wide=True)]),
-        table_of(records_of(table.rename_axis("model")), RANKING, caption, lambda row: row["model"] in best),
+        table_of(records_of(table.rename_axis("model")), columns, caption, lambda row: row["model"] in best),
     ]
     if notes := list(table.attrs.get("notes", [])):
         blocks += [Words("What to beware of:"), Items([("", note) for note in notes])]

@@ -21,15 +21,6 @@ from bayes_greybox.report import plots as figures
 from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.words.fit import (
-    LIKELY_TO_MATTER,
-    is_learned,
-    row_label,
-    rows_text,
-    size_text,
-    stated_text,
-    term_probability,
-)
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -43,15 +34,9 @@ from bayes_greybox.report.words.formatting import (
     share_text,
 )
 
+from ..words.fit import LIKELY_TO_MATTER, is_learned, row_label, rows_text, size_text, stated_text, term_probability
 from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import (
-    equations_block,
-    fit_settings,
-    folded,
-    footer,
-    made_section,
-    verdict_blocks,
-)
+from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
 _CHECKS = {
     "LOO-PIT": "Leave-one-out predictions are as wide as they say",

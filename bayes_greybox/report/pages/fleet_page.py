@@ -15,16 +15,8 @@ from bayes_greybox.report.plots.studies import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
 from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
-from bayes_greybox.report.words.formatting import (
-    estimate,
-    formula,
-    interval,
-    known_share,
-    number,
-    probability_text,
-    unit_text,
-)
 
+from ..words.formatting import estimate, formula, interval, known_share, number, probability_text, unit_text
 from .page import Badge, Card, Page, Pictures, Section, Words, time_picture, write_page
 from .shared import footer
 

@@ -20,28 +20,11 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
-from bayes_greybox.report.pages.page import (
-    Code,
-    Details,
-    Equation,
-    Equations,
-    Items,
-    Pictures,
-    Section,
-    Words,
-    time_picture,
-)
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
-from bayes_greybox.report.words.formatting import (
-    count_text,
-    counted,
-    listed,
-    number,
-    percent_text,
-    share_text,
-    unit_text,
-)
+
+from ..words.formatting import count_text, counted, listed, number, percent_text, share_text, unit_text
+from .page import Code, Details, Equation, Equations, Items, Pictures, Section, Words, time_picture
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:

@@ -12,21 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.plots.gap.hypotheses import (
-    Coefficient,
-    plot_hypotheses,
-    plot_posteriors,
-    plot_responses,
-    plot_rounds,
-)
 from bayes_greybox.report.plots.posterior.along_time import plot_discrepancy_over_time, plot_predicted
-from bayes_greybox.report.plots.posterior.checks import (
-    plot_autocorrelation,
-    plot_calibration,
-    plot_loo_pit,
-    plot_predictive,
-    plot_sensitivity,
-)
 from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
 from bayes_greybox.report.plots.posterior.comparison import plot_comparison, plot_confounding
 from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
@@ -47,6 +33,8 @@ from .fits import (
     simulated,
     trade_off,
 )
+from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
+from .posterior.checks import plot_autocorrelation, plot_calibration, plot_loo_pit, plot_predictive, plot_sensitivity
 
 if TYPE_CHECKING:
     from .studies import (

@@ -20,19 +20,14 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
 from bayes_greybox.report.plots.posterior.along_time import plot_discrepancy_over_time, plot_predicted
-from bayes_greybox.report.plots.posterior.checks import (
-    plot_autocorrelation,
-    plot_calibration,
-    plot_loo_pit,
-    plot_predictive,
-    plot_sensitivity,
-)
 from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
 from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
 from bayes_greybox.report.words.fit import row_label
 from bayes_greybox.report.words.formatting import formula, probability_column
 from bayes_greybox.running.errors import InputError
+
+from .posterior.checks import plot_autocorrelation, plot_calibration, plot_loo_pit, plot_predictive, plot_sensitivity
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:

@@ -28,16 +28,11 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.plots.gap.hypotheses import (
-    Coefficient,
-    plot_hypotheses,
-    plot_posteriors,
-    plot_responses,
-    plot_rounds,
-)
 from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.study import name_of, set_label
 from bayes_greybox.running.errors import InputError
+
+from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 """Hypotheses in the ranking's figure; a table has them all."""

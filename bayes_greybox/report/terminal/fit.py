@@ -17,19 +17,16 @@ from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
 from bayes_greybox.report.terminal.tables import drawn
-from bayes_greybox.report.words.fit import data_remarks, is_learned, size_text, stated_text, term_probability
+from bayes_greybox.report.words.fit import compared, data_remarks, is_learned, size_text, stated_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
     interval,
     level_text,
-    nats,
     number,
-    pareto,
     probability_column,
     share_text,
     unit_text,
-    weight_text,
 )
 
 
@@ -83,24 +80,16 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
     return Group(shown, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
 
 
-_PRINTED = {"weight": weight_text, "worst_k": pareto, "refits": number}
-"""How columns are printed that hold no log density."""
-
-
 def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Iterator[RenderableType]:
     """Yield the verdict of each fit, the comparison, best first, and its notes."""
     for name, fit in fits.items():
         yield _verdict(fit, f"{name}: ")
     left_out = f"leaving out {table.attrs['folds']}; " if "folds" in table.attrs else ""
-    columns = {"model": lambda row: str(row["model"]), **{f"#{name}": _printed(str(name)) for name in table.columns}}
+    columns = {"model": compared("model"), **{f"#{name}": compared(str(name)) for name in table.columns}}
     title = f"Expected log predictive density (elpd, {left_out}nats; higher is better)"
     yield drawn(table_of(records_of(table.rename_axis("model")), columns, title))
     for note in table.attrs.get("notes", []):
         yield Text(f"Note: {note}")
-
-
-def _printed(column: str) -> Callable[[Any], str]:
-    return lambda row: _PRINTED.get(column, nats)(row[column])
 
 
 def _verdict(fit: Posterior, label: str = "") -> Text:

@@ -20,16 +20,10 @@ from bayes_greybox.report.terminal.tables import drawn
 from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.fit import data_remarks
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, not_pooled
-from bayes_greybox.report.words.formatting import (
-    estimate,
-    formula,
-    known_share,
-    numbers_in,
-    probability_text,
-    share_text,
-)
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, metric_value, name_of, reversed_text, suspect_size
+
+from ..words.formatting import estimate, formula, known_share, numbers_in, probability_text, share_text
 
 MOST_EFFECTS = 5
 """Effects shown; the report and the record have them all."""

@@ -1,12 +1,13 @@
 """Words for the data, the terms and the rows of a fit."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
-from bayes_greybox.report.words.formatting import estimate, exact_text, probability_text
+
+from .formatting import estimate, exact_text, nats, number, pareto, probability_text, weight_text
 
 LIKELY_TO_MATTER = 0.5
 """Probability from which on a term is more likely to matter than not, and stands in the first table."""
@@ -46,3 +47,9 @@ def stated_text(prior: Coefficient | None) -> str:
 def data_remarks(*parts: Trajectories | None) -> list[str]:
     """Return what was done to training and held-out data and what of them is missing, each remark once."""
     return list(dict.fromkeys(remark for part in parts if part is not None for remark in part.remarks))
+
+
+def compared(column: str) -> Callable[[Mapping[Any, Any]], str]:
+    """Return the function that writes the cell of a row of a comparison, a log density unless it is known otherwise."""
+    others = {"model": str, "weight": weight_text, "worst_k": pareto, "refits": number}
+    return lambda row: others.get(column, nats)(row[column])

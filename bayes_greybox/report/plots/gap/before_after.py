@@ -12,16 +12,8 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.posterior.along_time import (
-    RECORD_BINS,
-    draw_band,
-    draw_threshold,
-    each_run,
-    extreme_rows,
-    label_axes,
-    rows_of_runs,
-)
 
+from ..posterior.along_time import draw_band, draw_threshold, each_run, extreme_rows, label_axes, rows_of_runs
 from .gap_map import SURE_GAP
 
 UNSEEN_STATE = "path through the samples"
@@ -155,7 +147,7 @@ def plot_free_run(
         if len(t) <= _MOST_RUN_MARKERS:
             ax.plot(t, seen, "o", markersize=2.2, markeredgewidth=0, **look)
         else:
-            kept = extreme_rows(seen, RECORD_BINS)
+            kept = extreme_rows(seen)
             ax.plot(t[kept], seen[kept], linewidth=0.9, linestyle=(0, (2, 1.5)), **look)
         ax.set_ylim(low - margin, high + margin)
         for values, model_look, *_ in shown:

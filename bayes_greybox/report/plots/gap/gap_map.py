@@ -12,15 +12,9 @@ from matplotlib.lines import Line2D
 
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.posterior.along_time import draw_threshold
-from bayes_greybox.report.plots.posterior.over_states import (
-    MOST_DATA_POINTS,
-    draw_map,
-    fade_outside,
-    finish_map,
-    legend_mark,
-    outline,
-)
 from bayes_greybox.report.words.formatting import quantity
+
+from ..posterior.over_states import MOST_DATA_POINTS, draw_map, fade_outside, finish_map, legend_mark, outline
 
 SURE_GAP = 0.9
 """Probability from which a gap counts as there, in every figure."""

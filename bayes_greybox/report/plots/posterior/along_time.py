@@ -93,9 +93,9 @@ def draw_band(
     if not alive.any():
         return
     time, (mean, lower, upper) = time[alive], values[:, alive]
-    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
+    band_time, low, high = _outer_band(time, lower, upper)
     ax.fill_between(band_time, low, high, color=look["color"], alpha=alpha, linewidth=0, label=band or None)
-    kept = extreme_rows(mean, RECORD_BINS)
+    kept = extreme_rows(mean)
     # Dashes of swings that are too many to be told apart are noise.
     thin = {} if len(kept) == len(mean) else {"linewidth": 0.9, "linestyle": "-"}
     ax.plot(time[kept], mean[kept], zorder=3, label=label, **{"linewidth": 1.4, **look, **thin})
@@ -193,18 +193,16 @@ def plot_predicted(
     return style.figure_of(across)
 
 
-def _draw_measured(ax: Axes, time: Float[np.ndarray, " n_obs"], measured: Float[np.ndarray, " n_obs"]) -> None:
+def _draw_measured(ax: Axes, time: np.ndarray, measured: np.ndarray) -> None:
     if len(time) <= _MOST_MARKERS:
         size = _marker_size(len(time))
         ax.plot(time, measured, "o", color=style.DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
         return
-    kept = extreme_rows(measured, RECORD_BINS)
+    kept = extreme_rows(measured)
     ax.plot(time[kept], measured[kept], color=style.GREY, linewidth=0.8, label="measured")
 
 
-def _draw_across(
-    ax: Axes, measured: Float[np.ndarray, " n_obs"], mean: Float[np.ndarray, " n_obs"], quantity: str, unit: str | None
-) -> None:
+def _draw_across(ax: Axes, measured: np.ndarray, mean: np.ndarray, quantity: str, unit: str | None) -> None:
     low, high = float(min(measured.min(), mean.min())), float(max(measured.max(), mean.max()))
     pad = 0.05 * (high - low) or 1.0
     view = (low - pad, high + pad)
@@ -231,15 +229,15 @@ def _marker_size(n_obs: int) -> float:
     return 4.5 if n_obs <= 100 else 2.8 if n_obs <= 400 else 1.8
 
 
-def extreme_rows(values: Float[np.ndarray, " n_obs"], n_bin: int) -> Int[np.ndarray, " n_kept"]:
+def extreme_rows(values: Float[np.ndarray, " n_obs"]) -> Int[np.ndarray, " n_kept"]:
     """Return the numbers of the rows to draw of a long record: the smallest and the largest of each bin, in order.
 
-    Bins are of neighbouring rows. A record of no more than `2 n_bin` rows keeps all.
+    Bins are of neighbouring rows. A record of no more than `2 RECORD_BINS` rows keeps all.
     """
     n_obs = len(values)
-    if n_obs <= 2 * n_bin:
+    if n_obs <= 2 * RECORD_BINS:
         return np.arange(n_obs)
-    starts = _starts(n_obs, n_bin)
+    starts = _starts(n_obs)
     ends = np.append(starts[1:], n_obs)
     kept = [0, n_obs - 1]
     for start, end in zip(starts, ends, strict=True):
@@ -247,20 +245,15 @@ def extreme_rows(values: Float[np.ndarray, " n_obs"], n_bin: int) -> Int[np.ndar
     return np.unique(np.asarray(kept))
 
 
-def outer_band(
-    time: Float[np.ndarray, " n_obs"],
-    lower: Float[np.ndarray, " n_obs"],
-    upper: Float[np.ndarray, " n_obs"],
-    n_bin: int,
-) -> tuple[Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"], Float[np.ndarray, " n_kept"]]:
+def _outer_band(time: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record.
 
     Each bin of neighbouring rows has its lowest lower and its highest upper edge, drawn at its first and its last row.
     """
     n_obs = len(time)
-    if n_obs <= 2 * n_bin:
+    if n_obs <= 2 * RECORD_BINS:
         return time, lower, upper
-    starts = _starts(n_obs, n_bin)
+    starts = _starts(n_obs)
     ends = np.append(starts[1:], n_obs) - 1
     return (
         np.stack([time[starts], time[ends]], axis=1).ravel(),
@@ -269,5 +262,5 @@ def outer_band(
     )
 
 
-def _starts(n_obs: int, n_bin: int) -> Int[np.ndarray, " n_bin"]:
-    return np.linspace(0, n_obs, n_bin + 1).astype(np.int64)[:-1]
+def _starts(n_obs: int) -> np.ndarray:
+    return np.linspace(0, n_obs, RECORD_BINS + 1).astype(np.int64)[:-1]
