@@ -21,7 +21,7 @@ from bayes_greybox.running.tasks import run_tasks
 STUDY, STUDY_PAGE = "study.nc", "gap.html"
 """Names of a study's file and of its page."""
 
-ASSET_MARK = "asset.json"
+MARK = "asset.json"
 """File in an asset's folder that marks its study as whole."""
 
 EARLIER = "earlier-"
@@ -78,7 +78,7 @@ def remove_results(folder: Path) -> None:
     put_back(folder)
     if command_of(folder) != "discover":
         return
-    names = [*_figures(folder / RECORD_FILE), STUDY, STUDY_PAGE, RECORD_FILE, ASSET_MARK]
+    names = [*_figures(folder / RECORD_FILE), STUDY, STUDY_PAGE, RECORD_FILE, MARK]
     names += [*(f"{EARLIER}{name}" for name in (RECORD_FILE, STUDY_PAGE)), *([CONFIG] if copied else [])]
     for name in names:
         with suppress(OSError):

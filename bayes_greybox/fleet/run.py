@@ -11,17 +11,6 @@ from typing import Any
 from bayes_greybox.config import Config
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.fleet.assets import Asset
-from bayes_greybox.fleet.reporting import (
-    ASSET_MARK,
-    ASSETS,
-    STUDY,
-    AssetResult,
-    put_back,
-    report_into,
-    set_aside,
-    studied_together,
-    write_fleet,
-)
 from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.missing_effects import Study, find_missing_effects
@@ -32,6 +21,8 @@ from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import stage, stages
 from bayes_greybox.running.tasks import SCHEDULER_LOST
+
+from .reporting import ASSETS, MARK, STUDY, AssetResult, put_back, report_into, set_aside, studied_together, write_fleet
 
 
 def study_fleet(
@@ -86,7 +77,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
     text = (folder / RECORD_FILE).read_bytes()
     with staged(folder) as part:
         # Last, and with the digest of this record: results of another run in this folder are not taken for this one's.
-        write_json(part / ASSET_MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
+        write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
     return AssetResult(json.loads(text))
 
 
@@ -105,7 +96,7 @@ def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """Return the record of an earlier study with this mark."""
     try:
-        stored = json.loads((folder / ASSET_MARK).read_text(encoding="utf-8"))
+        stored = json.loads((folder / MARK).read_text(encoding="utf-8"))
         text = (folder / RECORD_FILE).read_bytes()
         if stored != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None

@@ -7,18 +7,7 @@ from typing import Any
 
 from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE
-from bayes_greybox.discovery.sensor_errors import bends
-from bayes_greybox.discovery.sensor_errors.channels import (
-    DELAY,
-    DELAY_STEPS,
-    DRIFT,
-    GAIN,
-    GAIN_SD,
-    LAG,
-    OFFSET,
-    OFFSET_SD,
-    STATES,
-)
+from bayes_greybox.discovery.sensor_errors import bends, channels
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import LEAST_CLOSED, QUANTITY, channels_weighed, remainders, same_as
 from bayes_greybox.physics.catalogue.loading import load_catalogue
@@ -203,7 +192,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
 
 def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return the size of a sensor error, its 90 % interval in the same unit, and both in samples for a delay."""
-    if row["suspect"] == GAIN:
+    if row["suspect"] == channels.GAIN:
         span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
         return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
     if math.isnan(row["sd"]):
@@ -221,19 +210,20 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         return []
     odds, labels = study.settings["prior odds"], [study.train.target_label(name) for name in study.maps]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
-    of_rms = f"±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
+    of_rms = f"±\u00a0{percent_text(channels.OFFSET_SD, 0)} of the channel's RMS"
     sizes = {
-        DELAY: f"±\u00a0{DELAY_STEPS:g}\u00a0samples", GAIN: f"±\u00a0{percent_text(GAIN_SD, 0)}",
-        **dict.fromkeys((OFFSET, DRIFT), of_rms),
+        channels.DELAY: f"±\u00a0{channels.DELAY_STEPS:g}\u00a0samples",
+        channels.GAIN: f"±\u00a0{percent_text(channels.GAIN_SD, 0)}",
+        **dict.fromkeys((channels.OFFSET, channels.DRIFT), of_rms),
         **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"),
-    }  # fmt: skip
-    rows = [
-        (f"{kind.capitalize()} of {', '.join('all states together' if name == STATES else name for name in channels)}",
-         f"{each} each; size {sizes[kind]}")
-        for kind, channels in weighed.items() if kind != LAG
-    ]  # fmt: skip
+    }
+    rows = []
+    for kind, names in weighed.items():
+        if kind != channels.LAG:
+            named = ", ".join("all states together" if name == channels.STATES else name for name in names)
+            rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
     share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
-    rows += [(f"Lag of {name}", share) for name in weighed.get(LAG, ())]
+    rows += [(f"Lag of {name}", share) for name in weighed.get(channels.LAG, ())]
     for equation, rate in zip(study.maps, labels, strict=True):
         where = f" in {rate}" if len(labels) > 1 else ""
         rows += [

@@ -58,8 +58,8 @@ def plot_gap_map(
     framed = colours if colours is not None else [None] * len(maps)
     for ax, colour, (title, (gap, probability)) in zip(panels, framed, maps.items(), strict=True):
         draw_map(ax, grid, gap, style.SIGNED, (-end, end), style.with_unit("gap", unit))
-        fade_outside(ax, *grid, seen)
-        bold = outline(ax, *grid, probability, SURE_GAP, seen) or bold
+        fade_outside(ax, grid, seen)
+        bold = outline(ax, grid, probability, SURE_GAP, seen) or bold
         finish_map(ax, grid, variables, units, samples)
         ax.set_title(title)
         if colour is not None:

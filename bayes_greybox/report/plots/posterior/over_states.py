@@ -5,7 +5,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
@@ -86,18 +86,17 @@ def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, ours: bool)
 
 
 def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, ours: bool) -> None:
-    x, y = grid.axes
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
     draw_map(panels[0], grid.axes, grid.mean, style.SIGNED, (-limit, limit), style.with_unit("mean of f", grid.unit))
-    fade_outside(panels[0], x, y, grid.inside)
+    fade_outside(panels[0], grid.axes, grid.inside)
     largest = max(noise, _first_positive(grid.sd[seen]))
     draw_map(panels[1], grid.axes, grid.sd, _PALE, (0.0, largest), style.with_unit("sd of f", grid.unit))
-    fade_outside(panels[1], x, y, grid.inside)
+    fade_outside(panels[1], grid.axes, grid.inside)
     _draw_lines(panels[0], grid, np.linspace(-limit, limit, 9))
     # Positive where the interval lies on one side of zero.
     beyond = np.maximum(grid.lower, -grid.upper)
-    bold = outline(panels[0], x, y, beyond, 0.0, seen)
+    bold = outline(panels[0], grid.axes, beyond, 0.0, seen)
     for ax in panels:
         finish_map(ax, grid.axes, grid.variables, grid.units, points, "data")
     panels[0].set_title(_title(grid, "Discrepancy f"))
@@ -159,14 +158,7 @@ def legend_mark(kind: str, label: str) -> Artist:
     return Line2D([], [], color=style.DARK, label=label, **looks[kind])
 
 
-def outline(
-    ax: Axes,
-    x: Float[np.ndarray, " n_0"],
-    y: Float[np.ndarray, " n_1"],
-    values: Float[np.ndarray, "n_0 n_1"],
-    level: float,
-    seen: Bool[np.ndarray, "n_0 n_1"],
-) -> bool:
+def outline(ax: Axes, grid: Sequence[np.ndarray], values: np.ndarray, level: float, seen: np.ndarray) -> bool:
     """Draw a bold closed line around values above a level where there are data, and return whether there are any."""
     top = float(values[seen].max())
     if not top > level:
@@ -174,21 +166,19 @@ def outline(
     # Below the level outside, so that the line closes at the edge of the data and of the map.
     below = 2 * level - top
     framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
-    along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
-                     for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
+    edges = [(a[0] - 1e-3 * (a[1] - a[0]), a[-1] + 1e-3 * (a[1] - a[0])) for a in grid]
+    along, across = (np.concatenate([[first], a, [last]]) for a, (first, last) in zip(grid, edges, strict=True))
     ax.contour(along, across, framed.T, levels=[level], colors=[style.DARK], linewidths=2.0)
     return True
 
 
-def fade_outside(
-    ax: Axes, x: Float[np.ndarray, " n_0"], y: Float[np.ndarray, " n_1"], inside: Bool[np.ndarray, "n_0 n_1"]
-) -> None:
+def fade_outside(ax: Axes, grid: Sequence[np.ndarray], inside: np.ndarray) -> None:
     """Hatch a map and make it pale where there are no data."""
     if inside.all():
         return
     outside = (~inside).T.astype(float)
-    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
-    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
+    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
+    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
 
 
 def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
