@@ -20,7 +20,7 @@ KEY_OF = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
 
 
 def command_of(folder: Path) -> str | None:
-    """Return the command whose results a folder, which need not exist, holds; None where another overwrites nothing."""
+    """Return the command whose results a folder holds; None if another command would overwrite nothing there."""
     try:
         record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -130,7 +130,7 @@ def save_comparison(
     config: tuple[str | Path, str] | None = None,
     figures: bool = True,
 ) -> None:
-    """Write record, page, figure and configuration of a comparison, the result of `compare`.
+    """Write record, page, figure and configuration of a comparison, whose table is that of `compare`.
 
     The record remembers where each fit is saved, by `files`. `sampling` is None for fits that were saved before,
     `config` the path and the text of the configuration file.

@@ -1,7 +1,7 @@
 """The page of a comparison: the model that predicts best and how sure that is, then what each model says."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +24,7 @@ from .shared import fit_settings, folded, footer, settings_rows, settings_sectio
 def comparison_html(
     fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
 ) -> None:
-    """Write the report of the result of `compare`, best first, as one HTML file that needs no network.
+    """Write the report of a comparison, whose table is that of `compare`, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.
@@ -160,7 +160,10 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
     """Return the section of the probability of each term, one column for each model."""
     first, *_ = fits
     data, equations = fits[first].data, fits[first].model.equations
-    by_key = {each.key: {own.model: own for own in estimates if own.key == each.key} for each in estimates}
+    by_key: dict[tuple[str, str], dict[str, _Estimate]] = {}
+    for each in estimates:
+        by_key.setdefault(each.key, {})[each.model] = each
+    likely = _likely(estimates)
     titles = {name: PROBABILITIES[probability_column(inclusion(fit))] for name, fit in fits.items()}
 
     def cell(name: str) -> Callable[[Any], str]:
@@ -181,7 +184,7 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
         "{} likely absent under every model",
     )
     nothing = "Under no model is a term more likely to matter than not."
-    blocks = folded(_by_whether_it_matters(by_key, estimates), columns, equations, captions, nothing, best)
+    blocks = folded(by_key, lambda key: key in likely, columns, equations, captions, nothing, best)
     moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
@@ -206,18 +209,15 @@ def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate])
         "Coefficients of the other terms",
         "Coefficients of terms likely absent under every model",
     )
-    blocks = folded(_by_whether_it_matters(estimates, estimates), columns, fit.model.equations, captions)
+    likely = _likely(estimates)
+    blocks = folded(estimates, lambda each: each.key in likely, columns, fit.model.equations, captions)
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
 
-def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate]) -> tuple[list[Any], list[Any]]:
-    """Return the records, by key or with one, of terms that matter under some model, and all others."""
-    likely = {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
-    parts: tuple[list[Any], list[Any]] = ([], [])
-    for each in records:
-        parts[(each.key if isinstance(each, _Estimate) else each) not in likely].append(each)
-    return parts
+def _likely(estimates: Sequence[_Estimate]) -> set[tuple[str, str]]:
+    """Return equation and term of the terms that matter under some model."""
+    return {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:

@@ -167,15 +167,18 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     }
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
-    clear = table[column] > LIKELY_TO_MATTER
-    parts = (records_of(table[clear]), records_of(table[~clear]))
+
+    def matters(row: Any) -> bool:
+        return row[column] > LIKELY_TO_MATTER
+
     captions = (
         "Terms more likely to matter than not",
         "Terms that are likely absent, or too small to matter",
         "{} no more likely to matter than not",
     )
-    blocks = folded(parts, columns, fit.model.equations, captions, "No term is more likely to matter than not.")
-    if any(clear):
+    nothing = "No term is more likely to matter than not."
+    blocks = folded(records_of(table), matters, columns, fit.model.equations, captions, nothing)
+    if any(table[column] > LIKELY_TO_MATTER):
         drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
         blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))

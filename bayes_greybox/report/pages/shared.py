@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -58,7 +58,8 @@ def fit_settings(fit: Posterior) -> dict[str, Any]:
 
 
 def folded(
-    records: tuple[Sequence[Any], Sequence[Any]],
+    records: Collection[Any],
+    matters: Callable[[Any], bool],
     columns: Mapping[str, Callable[[Any], Any]],
     equations: Sequence[str],
     captions: tuple[str, str, str],
@@ -70,12 +71,11 @@ def folded(
     Captions are those of both tables, and the line that opens the second, with a place for the number of terms.
     `nothing` stands in the place of the first where nothing matters.
     """
-    shown, hidden = (
-        table_of(part, columns, caption, marked, equations) for part, caption in zip(records, captions, strict=False)
-    )
+    shown = table_of([each for each in records if matters(each)], columns, captions[0], marked, equations)
+    hidden = table_of([each for each in records if not matters(each)], columns, captions[1], marked, equations)
     blocks: list[Any] = [shown] if shown.rows else [Words(nothing)] if nothing else []
-    if n := len(hidden.rows):
-        blocks.append(Details(captions[2].format(counted(n, "term")), [hidden]))
+    if hidden.rows:
+        blocks.append(Details(captions[2].format(counted(len(hidden.rows), "term")), [hidden]))
     return blocks
 
 
