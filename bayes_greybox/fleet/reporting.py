@@ -106,7 +106,7 @@ ASSETS, FLEET_PAGE = "assets", "fleet.html"
 
 @dataclass(frozen=True)
 class AssetResult:
-    """Result of an asset's study, as a worker sends it: its record, and its file unless that lies in a folder already."""
+    """Result of an asset's study, as a worker sends it: its record, and its file unless it lies in a folder already."""
 
     record: Mapping[str, Any]
     study_file: bytes = b""

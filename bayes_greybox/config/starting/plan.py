@@ -118,7 +118,7 @@ def _usable(name: str) -> bool:
 
 
 MASS, SPRING, DAMPER = 2.0, 30.0, 0.8
-"""Of the example, in kg, N/m and N s/m; of a rotation in kg m², N m/rad and N m s/rad."""
+"""Numbers of the example, in kg, N/m and N s/m; of a rotation in kg m², N m/rad and N m s/rad."""
 
 
 def is_length_or_angle(unit: str) -> bool:
