@@ -41,7 +41,7 @@ from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.streams.taken import taken
-from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.markup import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.exports.door import export_system

@@ -30,7 +30,7 @@ from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
-from bayes_greybox.report.equations.latex import equations_latex
+from bayes_greybox.report.equations.markup import equations_latex
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.exports.door import export_system

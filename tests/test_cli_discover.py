@@ -67,7 +67,7 @@ def found(study, monkeypatch):
         asked.update(model=model, train=train, test=test, **settings)
         return asked.get("study") or bare
 
-    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
+    monkeypatch.setattr("bayes_greybox.fleet.run.find_missing_effects", find)
     return asked
 
 
@@ -92,7 +92,7 @@ def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):
         announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
         return replace(study, fit=None, maps={}, traces={}, paths={})
 
-    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", find)
+    monkeypatch.setattr("bayes_greybox.fleet.run.find_missing_effects", find)
     assert cli.main(["discover", "case.toml"]) == 0
     out, err = capsys.readouterr()
     assert f"{out}{err}".count("NAMED: ") == 1 and out.startswith("NAMED: ")
@@ -171,7 +171,7 @@ def test_a_failure_leaves_no_folder(here, monkeypatch, capsys):
     def fail(*_, **__):
         raise InputError("There is no catalogue 'x'; there are mechanical.")
 
-    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", fail)
+    monkeypatch.setattr("bayes_greybox.fleet.run.find_missing_effects", fail)
     assert "no catalogue 'x'" in refuse(capsys, "discover", "case.toml")
     assert sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 import bayes_greybox as bg
-from bayes_greybox.config import load_config, sources, study
+from bayes_greybox.config import load_config, parts, sources
 from bayes_greybox.config.file import Compare, Sampling
 from bayes_greybox.criticism.cross_validation.folds import SCHEMES
 from bayes_greybox.data.datasets import FOLDER_VARIABLE
@@ -297,8 +297,8 @@ def test_a_study_has_the_arguments_and_defaults_of_the_package():
     arguments = dict(inspect.signature(bg.find_missing_effects).parameters)
     # Where draws are kept is said by [output] and --resume.
     own = set(arguments) - {"model", "train", "test", "progress", "checkpoint", "checkpoint_every", "resume"}
-    assert set(study.Study.model_fields) | set(Sampling.model_fields) - {"target_accept"} == own
-    for name, field in study.Study.model_fields.items():
+    assert set(parts.Study.model_fields) | set(Sampling.model_fields) - {"target_accept"} == own
+    for name, field in parts.Study.model_fields.items():
         assert arguments[name].default == field.default or (name == "roles" and field.default == {})
 
 

@@ -44,11 +44,7 @@ app = typer.Typer(
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line and return the exit code.
-
-    Args:
-        arguments: Words after the program's name; those of the process by default.
-    """
+    """Run the command line and return the exit code."""
     return run_app(app, "bayes-greybox", arguments)
 
 
@@ -80,17 +76,10 @@ def _whole(
 
 @app.command()
 def fit(
-    config: ConfigFile,
-    output: Output = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    config: ConfigFile, output: Output = None,
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Fit the model of a configuration file and write the results to a folder.
 
     The folder gets run.nc (the whole fit), summary.json (verdict, coefficients, discrepancy), the figures
@@ -123,15 +112,9 @@ def discover(
         str | None, typer.Option(help="With --fleet: address of a Dask scheduler, such as tcp://host:8786.")
     ] = None,
     output: Output = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Find which effect a simulation is missing, and where.
 
     The gap is measured before and after the effect is added, on held-out data where the file names some. The
@@ -147,16 +130,19 @@ def discover(
         if resume:
             raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
         with _starting(progress):
-            from .discovering import study_folder
+            from bayes_greybox.cli.studying import study_folder
+
             from .folders import Run
-        return study_folder(config, fleet, sampling, workers, scheduler, Run(output, progress, quiet))
+        tasks = {"workers": workers, "scheduler": scheduler}
+        return study_folder(config, fleet, sampling, tasks, Run(output, progress, quiet))
     if config is None:
         raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)
     with _starting(progress):
-        from .discovering import study_configured
+        from bayes_greybox.cli.studying import study_configured
+
         from .folders import Run
     return study_configured(settings, Run(output, progress, quiet, resume))
 
@@ -168,18 +154,10 @@ def compare(
         typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
     ],
     output: Output = None,
-    scheme: SchemeOption = None,
-    block: BlockOption = None,
-    max_refits: MaxRefits = None,
-    seed: Seed = None,
-    draws: Draws = None,
-    tune: Tune = None,
-    chains: Chains = None,
-    resume: Resume = False,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
+    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
+    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Compare models by how well they predict data that are left out.
 
     The models of a configuration file are fitted first, and its folder gets NAME.nc for each of them,
@@ -225,13 +203,9 @@ def report(
             "a study, comparison.html of a comparison, which is written here for several fits.",
         ),
     ] = None,
-    scheme: SchemeOption = None,
-    block: BlockOption = None,
-    max_refits: MaxRefits = None,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
+    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Write the report of a saved fit, of a study or of a comparison, one HTML page.
 
     Several fits are compared first; a folder that fit, discover or compare wrote is shown as it is. The page holds
@@ -270,17 +244,16 @@ def next_(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the table and for figures of what is expected.")
     ] = None,
-    no_progress: NoProgress = False,
-    quiet: Quiet = False,
-    verbose: Verbose = 0,
-) -> int:
+    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+) -> int:  # fmt: skip
     """Say what to measure next, to tell the likely explanations of a study apart.
 
     A configuration is studied first, without sampling.
     """
     log_to_stderr(verbose)
+    from bayes_greybox.cli.studying import next_configured
+
     from .folders import Run
-    from .next_experiment import next_configured
 
     options = {"signals": signal, "amplitudes": amplitude, "batch": batch, "threshold": threshold}
     return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
@@ -352,7 +325,7 @@ def schema() -> int:
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table
-    from bayes_greybox.report.terminal.datasets import datasets_table
+    from bayes_greybox.report.terminal.tables import datasets_table
 
     show(datasets_table(dataset_table()))
     return DONE

@@ -1,18 +1,17 @@
 """The command compare: models of a file, or fits that were saved."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.cross_validation.compare import compare
 from bayes_greybox.criticism.cross_validation.folds import FUTURE_START, check_scheme, require_divisible
-from bayes_greybox.report.folders.comparison import save_comparison
 from bayes_greybox.report.folders.holding import require_own
-from bayes_greybox.report.folders.saved import load_fits
+from bayes_greybox.report.folders.saved import load_fits, save_comparison
 from bayes_greybox.report.folders.writing import output_folder, staged
-from bayes_greybox.report.terminal.comparison import comparison_tables
+from bayes_greybox.report.terminal.fit import comparison_tables
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 
@@ -49,15 +48,9 @@ def compare_configured(settings: Config, run: Run) -> int:
             with stage("Comparing"):
                 table = compare(fits, **settings.compare.given(), progress=run.progress)
             with stage("Writing the report"):
-                save_comparison(
-                    folder,
-                    fits,
-                    table,
-                    {name: folder / f"{name}.nc" for name in fits},
-                    sampling=settings.sampling.model_dump(),
-                    config=(settings.origin, settings.text),
-                    figures=settings.output.figures,
-                )
+                files = {name: folder / f"{name}.nc" for name in fits}
+                about = {"config": (settings.origin, settings.text), "figures": settings.output.figures}
+                save_comparison(folder, fits, table, files, sampling=settings.sampling.model_dump(), **about)
         complete(folder, models)
     return _compared(fits, table, folder, run.quiet)
 
@@ -65,16 +58,14 @@ def compare_configured(settings: Config, run: Run) -> int:
 def compare_saved(files: Sequence[Path], folds: dict[str, Any], run: Run) -> int:
     """Compare saved fits; results are written if a folder is given."""
     fits = load_fits(files)
-    if run.output is None:
-        with stages(run.progress), stage("Comparing"):
-            table = compare(fits, **folds, progress=run.progress)
-        return _compared(fits, table, None, run.quiet)
-    require_own(run.output, "compare")
-    with output_folder(run.output) as folder, stages(run.progress):
+    if run.output is not None:
+        require_own(run.output, "compare")
+    with nullcontext() if run.output is None else output_folder(run.output) as folder, stages(run.progress):
         with stage("Comparing"):
             table = compare(fits, **folds, progress=run.progress)
-        with stage("Writing the report"):
-            save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
+        if folder is not None:
+            with stage("Writing the report"):
+                save_comparison(folder, fits, table, dict(zip(fits, files, strict=True)))
     return _compared(fits, table, folder, run.quiet)
 
 

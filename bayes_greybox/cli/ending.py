@@ -24,13 +24,7 @@ HANDLER = "bayes-greybox on stderr"
 
 
 def run_app(app: typer.Typer, name: str, arguments: Sequence[str] | None = None) -> int:
-    """Run a command line and return the exit code; an error in its words, or in what they name, is one sentence.
-
-    Args:
-        app: The commands.
-        name: Name of the program.
-        arguments: Words after that; those of the process by default.
-    """
+    """Run a command line and return the exit code; an error in its words, or in what they name, is one sentence."""
     words = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
         with seldom_collected():

@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from bayes_greybox.config import Config
 from bayes_greybox.criticism.kept.file import save_found
 from bayes_greybox.criticism.trial import trial, try_on
-from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.folders.record import run_record, write_json
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.report.terminal.fit import fit_tables

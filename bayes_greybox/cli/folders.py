@@ -21,14 +21,7 @@ NOTHING_YET = "there were no draws yet, and nothing else is kept; the same comma
 
 @dataclass(frozen=True)
 class Run:
-    """Options that every command has.
-
-    Attributes:
-        output: Folder that was asked for; None for the usual one.
-        progress: If true, progress is shown.
-        quiet: If true, only the place of the results is shown.
-        resume: If true, the draws of a stopped run are used.
-    """
+    """Options that every command has; `output` is None for the usual folder, `quiet` shows the results' place alone."""
 
     output: Path | None
     progress: bool

@@ -52,15 +52,10 @@ _INIT_OPTIONS: tuple[tuple[str, str], ...] = (
 
 
 def as_typed(command: str, message: str) -> str:
-    """Rewrite an error so that its remedy fits the command that was typed.
+    """Rewrite an error, whose remedies are arguments of Python's functions, to fit the command that was typed.
 
-    Args:
-        command: The command, such as "fit".
-        message: The error, whose remedies are arguments of Python's functions.
-
-    Returns:
-        For a command that reads a configuration, with the keys of the file added at its end; for init, with its
-        options in the place of arguments. Quotations, such as the name of a file or a column, stay as they are.
+    For a command that reads a configuration the keys of the file are added at its end; for init its options stand in
+    the place of arguments. Quotations, such as the name of a file or a column, stay as they are.
     """
     if command == "init":
         for python, option in _INIT_OPTIONS:

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
+from bayes_greybox.config.parts import Next, Study
+from bayes_greybox.config.section import AlsoAs
 from bayes_greybox.data.reading.toml_files import read_toml
-from bayes_greybox.report.folders.copies import author_text, copy_of
-from bayes_greybox.report.folders.holding import CONFIG, command_of
+from bayes_greybox.report.folders.holding import CONFIG, author_text, command_of, copy_of
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .derived import AlsoAs
 from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
-from .study import Next, Study
 
 if TYPE_CHECKING:
     from bayes_greybox.data.streams.row_stream import RowStream
@@ -140,13 +139,9 @@ class Config(Section):
         return models
 
     @model_validator(mode="after")
-    def _check_asset(self) -> Any:
+    def _check_parts(self) -> Any:
         if self.asset is not None and self.copied_from is None:
             raise wrong("asset stands in copies beside results of a fleet (see copied_from); leave it out")
-        return self
-
-    @model_validator(mode="after")
-    def _check_equations(self) -> Any:
         learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
         for name, states in learned.items():
             first = next(iter(learned))
@@ -155,10 +150,6 @@ class Config(Section):
                     f"[models] {first} learns {', '.join(sorted(learned[first]))} but {name} learns "
                     f"{', '.join(sorted(states))}; compare models of the same equations"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _check_inputs(self) -> Any:
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
@@ -213,12 +204,7 @@ class Config(Section):
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:
-        """Write a copy that can be run again where it lies.
-
-        Args:
-            folder: Final folder of the copy.
-            place: Folder in which it is written first; by default the same.
-        """
+        """Write a copy that can be run again where it lies, in `folder`; first to `place`, if that is another."""
         copy = folder / CONFIG
         if self.copied_from is None and copy.exists() and copy.samefile(self._path):
             # The results lie beside the file itself, which stays as its author wrote it.
@@ -298,11 +284,8 @@ class Config(Section):
             if error := self.data.rate_without_equation(self._formulas, dictionary):
                 raise InputError(f'"{self._path}": {error}.')
 
-        parts = {
-            "prior": model.prior or self.prior,
-            "discrepancy": model.discrepancy or self.discrepancy,
-            "rows": self.rows,
-        }
+        prior, discrepancy = model.prior or self.prior, model.discrepancy or self.discrepancy
+        parts = {"prior": prior, "discrepancy": discrepancy, "rows": self.rows}
         given = self.simulation
         coefficients = self.coefficients if model.coefficients is None else model.coefficients
         return GreyBox(

@@ -1,11 +1,16 @@
-"""The base of all tables of a configuration file, and the sentences for errors in one."""
+"""The base of all tables of a configuration file, tables that are classes of the package, and sentences for errors."""
 
+import dataclasses
 import difflib
 from collections.abc import Callable, Mapping
-from typing import Any
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
-from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, TypeAdapter, ValidationError, create_model, model_validator
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from bayes_greybox.running.limits import OneOf, Rule
 
 
 class Section(BaseModel):
@@ -21,10 +26,8 @@ class Section(BaseModel):
         unknown = [key for key in given if key not in known] if isinstance(given, Mapping) else []
         if not unknown:
             return handler(given)
-        errors = [
-            InitErrorDetails(type=wrong(f"unknown key {key!r}; {suggestion(str(key), known)}"), input=given)
-            for key in unknown
-        ]
+        texts = [f"unknown key {key!r}; {suggestion(str(key), known)}" for key in unknown]
+        errors = [InitErrorDetails(type=wrong(text), input=given) for text in texts]
         try:
             handler({key: value for key, value in given.items() if key in known})
         except ValidationError as error:
@@ -74,8 +77,8 @@ def _sentence(first: ErrorDetails) -> str:
         return f"{_section(place)}needs the key {key!r}."
     if first["type"] == "literal_error":
         expected = first.get("ctx", {}).get("expected", "").replace(" or ", ",")
-        known = [word.strip(" '") for word in expected.split(",") if word.strip()]
-        message = f"is not available; {suggestion(str(given), known)}"
+        choices = [word.strip(" '") for word in expected.split(",") if word.strip()]
+        message = f"is not available; {suggestion(str(given), choices)}"
     elif first["type"] != "config":
         wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"
@@ -103,3 +106,161 @@ def _section(place: list[Any]) -> str:
 
 def _finished(text: str) -> str:
     return text if text.endswith(("?", ".")) else f"{text}."
+
+
+class Derived(Section):
+    """The fields of a class of the package; keys that the file leaves out have the defaults of the class.
+
+    Attributes:
+        made: The class.
+        choosing: Keys that choose the object, or whether there is one.
+    """
+
+    made: ClassVar[Callable[..., Any]]
+    choosing: ClassVar[tuple[str, ...]] = ()
+
+    def build(self) -> Any:
+        """Return the object of the package."""
+        fields = self.given(*self.choosing)
+        return type(self).made(**{key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()})
+
+
+class Kind(Derived):
+    """The fields of one of several classes, which the key `kind` chooses."""
+
+    choosing: ClassVar[tuple[str, ...]] = ("kind",)
+    kind: str
+
+
+class Switch(Derived):
+    """The fields of a class, and a switch for the whole part."""
+
+    choosing: ClassVar[tuple[str, ...]] = ("enabled",)
+    enabled: bool = True
+
+    def build(self) -> Any:
+        """Return the object of the package, or None where it is switched off."""
+        return super().build() if self.enabled else None
+
+
+@cache
+def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
+    """Return the section with the keys of a base and the fields of a dataclass, whose types state its limits."""
+    hints = get_type_hints(part, include_extras=True)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(part):
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        if field.init:
+            fields[field.name] = (_in_toml(hints[field.name]), ... if required else None)
+    section = create_model(part.__name__, __base__=base, __doc__=f"The fields of `{part.__name__}`.", **fields)
+    section.made = part
+    return section
+
+
+@dataclasses.dataclass(frozen=True)
+class Table:
+    """Annotation of a table whose section is imported when it is read, because it needs the room of models.
+
+    Attributes:
+        section: Function from the content of the table to its section.
+        shown: JSON schema of all that a file may have there; None for that of the one section.
+    """
+
+    section: Callable[[Any], type[Section]]
+    shown: Callable[[], dict[str, Any]] | None = None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        return core_schema.no_info_plain_validator_function(self._checked)
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        return self.section(None).model_json_schema() if self.shown is None else self.shown()
+
+    def _checked(self, given: Any) -> Any:
+        return given if isinstance(given, Section) else self.section(given).model_validate(given)
+
+
+def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Table:
+    """Annotate a table whose key `kind`, such as the example, names the class of a registry for its fields."""
+
+    def section(given: Any) -> type[Section]:
+        if not isinstance(given, Mapping):
+            raise wrong(f'should be a table with the key kind, such as {{ kind = "{example}" }}')
+        known = kinds()
+        if "kind" not in given:
+            raise wrong(f"needs the key 'kind'; known: {', '.join(known)}")
+        if not isinstance(given["kind"], str) or given["kind"] not in known:
+            raise wrong(f"kind = {given['kind']!r} is not available; {suggestion(str(given['kind']), list(known))}")
+        return section_of(known[given["kind"]], Kind)
+
+    def shown() -> dict[str, Any]:
+        each = {kind: section_of(made, Kind).model_json_schema() for kind, made in kinds().items()}
+        for kind, fields in each.items():
+            fields["properties"]["kind"] = {"const": kind}
+        return {"oneOf": list(each.values())}
+
+    return Table(section, shown)
+
+
+@dataclasses.dataclass(frozen=True)
+class AlsoAs:
+    """Annotation of a value that a file may write in other ways, which a validator turns into the one.
+
+    Attributes:
+        types: The other ways.
+        only: True if they are all.
+    """
+
+    types: tuple[Any, ...]
+    only: bool = False
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        usual = [] if self.only else [handler(schema)]
+        return {"anyOf": [*(handler(TypeAdapter(each).core_schema) for each in self.types), *usual]}
+
+
+def _in_toml(hint: Any) -> Any:
+    """Return a type of the package as a file can state it: lists for tuples, limits as checks with their sentences."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        checks = [_check(limit) for limit in arguments[1:]]
+        return Annotated[(_in_toml(arguments[0]), *checks)]  # pyright: ignore[reportInvalidTypeArguments]
+    if origin is tuple:
+        return list[_in_toml(arguments[0])]
+    if origin in (Union, UnionType):
+        return Union[tuple(map(_in_toml, arguments))]  # noqa: UP007 - of a number that is not known here
+    return hint
+
+
+def _check(limit: Any) -> Any:
+    """Return a limit in the form that Pydantic checks."""
+    if isinstance(limit, OneOf):
+        return _Choice(limit)
+    if isinstance(limit, Rule):
+
+        def kept(value: Any) -> Any:
+            if not limit.holds(value):
+                raise wrong(limit.words)
+            return value
+
+        return BeforeValidator(kept)
+    return limit
+
+
+@dataclasses.dataclass(frozen=True)
+class _Choice:
+    """Annotation of a value that is one of the keys of a registry."""
+
+    limit: OneOf
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        known = self.limit.known
+
+        def one_of(value: Any) -> Any:
+            if not isinstance(value, str) or value not in known:
+                raise wrong(f"is not available; {suggestion(str(value), list(known))}")
+            return value
+
+        return core_schema.no_info_before_validator_function(one_of, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: Any) -> dict[str, Any]:
+        return {**handler(schema), "enum": list(self.limit.known)}

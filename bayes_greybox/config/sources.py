@@ -131,29 +131,24 @@ class TableSource(Source):
     test: TableTest | None = None
 
     @model_validator(mode="after")
-    def _check_names_of_keys(self) -> Any:
+    def _check_keys_together(self) -> Any:
         if self.trajectory is not None and self.run is not None:
             raise wrong("run and trajectory are two names of one key; give run alone")
         if self.rates and self.differentiate is not None and self.differentiate.rates:
             raise wrong("rates stands in [data] and in [data.differentiate]; give it once")
+        if self.stream:
+            self._check_stream()
+        elif alone := next((key for key in STREAMING if key in self.model_fields_set), None):
+            raise wrong(f"{alone} is for rows that are read in chunks; give stream = true with it")
         return self
 
-    @model_validator(mode="after")
-    def _check_stream(self) -> Any:
-        given = self.model_fields_set
-        if not self.stream:
-            alone = next((key for key in STREAMING if key in given), None)
-            if alone is not None:
-                raise wrong(f"{alone} is for rows that are read in chunks; give stream = true with it")
-            return self
+    def _check_stream(self) -> None:
         if self.test_fraction is not None:
             raise wrong("a stream is not split: leave test_fraction out, and give held-out rows as [data.test] path")
-        beyond = next((key for key in given if key not in STREAMED), None)
-        if beyond is not None:
+        if beyond := next((key for key in self.model_fields_set if key not in STREAMED), None):
             raise wrong(f"{beyond} does not apply to rows that are read in chunks; leave it out, or leave out stream")
         if self.workers is not None and self.scheduler is not None:
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
-        return self
 
     def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
         """Say that a section, of these by name, has an equation of an input; "" where none has."""
@@ -191,9 +186,8 @@ class TableSource(Source):
 
     def files(self, folder: Path) -> list[Path]:
         """List the tables."""
-        given = [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]
         files = []
-        for path in given:
+        for path in [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]:
             # As they are read: a file of that very name first.
             whole = folder / path
             pattern = glob.has_magic(path) and not whole.exists()
@@ -254,9 +248,8 @@ class DatasetSource(Source):
             return loaded if isinstance(loaded, Trajectories) else loaded.data
         if part not in loaded:
             lacks = f"has no part {part!r}" if part is not None else "comes in parts"
-            raise InputError(
-                f"{section} the data set {self.dataset!r} {lacks}; set part to one of {', '.join(loaded)}."
-            )
+            parts = ", ".join(loaded)
+            raise InputError(f"{section} the data set {self.dataset!r} {lacks}; set part to one of {parts}.")
         return loaded[part]
 
 
@@ -299,11 +292,9 @@ class SystemSource(Source, Sampled):
 
         build = getattr(systems, self.system)
         known = list(inspect.signature(build).parameters)
-        for name in self.parameters:
-            if name not in known:
-                raise InputError(
-                    f"[data.parameters] {self.system} has no parameter {name!r}; it has {', '.join(known)}."
-                )
+        other = next((name for name in self.parameters if name not in known), None)
+        if other is not None:
+            raise InputError(f"[data.parameters] {self.system} has no parameter {other!r}; it has {', '.join(known)}.")
         settings = {name: getattr(self, name) for name in Sampled.model_fields}
         if test and self.test is not None:
             settings |= {name: getattr(self.test, name) for name in self.test.model_fields_set}

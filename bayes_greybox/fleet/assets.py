@@ -14,13 +14,7 @@ CONFIGURATION_SUFFIX = ".toml"
 
 @dataclass(frozen=True)
 class Asset:
-    """One machine, plant or patient.
-
-    Attributes:
-        name: Name of its file, without the ending.
-        config: Path of the configuration.
-        data: File that is read in place of the configuration's own; None where it has its own.
-    """
+    """One machine, plant or patient: its file's name, its configuration, and data in place of that one's own."""
 
     name: str
     config: Path

@@ -28,10 +28,10 @@ def data_files(folder: Path) -> list[Path]:
     Raises:
         InputError: There are none; see `files_of`.
     """
-    found = [file for file in files_of(folder) if file.suffix.lower() in TABLE_READERS]
-    if not found:
+    tables = [file for file in files_of(folder) if file.suffix.lower() in TABLE_READERS]
+    if not tables:
         raise InputError(f'"{folder}" has no data files ({", ".join(TABLE_READERS)}); each asset of a fleet has one.')
-    return found
+    return tables
 
 
 def require_one_each(folder: Path, names: Sequence[str]) -> None:

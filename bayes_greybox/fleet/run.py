@@ -1,24 +1,28 @@
-"""A fleet's studies: each asset's results in a folder of its own, those of all together above them."""
+"""Studies of a configuration, and of a fleet: each asset's results in a folder of its own, those of all above them."""
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bayes_greybox.config import Config
 from bayes_greybox.discovery.fleet.shared import Fleet
+from bayes_greybox.fleet.assets import Asset
+from bayes_greybox.inference.checkpoint import Checkpoint
 from bayes_greybox.inference.kept.netcdf import versions
+from bayes_greybox.missing_effects import Study, find_missing_effects
 from bayes_greybox.report.folders.holding import RECORD_FILE
 from bayes_greybox.report.folders.record import write_json
+from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.folders.writing import output_folder, staged
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.stages import stages
+from bayes_greybox.running.stages import stage, stages
 from bayes_greybox.running.tasks import SCHEDULER_LOST
 
-from .assets import Asset
-from .reporting import ASSET_MARK, put_back, set_aside
-from .study import study_into
-from .together import ASSETS, AssetResult, studied_together, write_fleet
+from .reporting import ASSETS, MARK, STUDY, AssetResult, put_back, report_into, set_aside, studied_together, write_fleet
 
 
 def study_fleet(
@@ -73,7 +77,7 @@ def study_asset(asset: Asset, place: str, sampling: Mapping[str, int | None], ma
     text = (folder / RECORD_FILE).read_bytes()
     with staged(folder) as part:
         # Last, and with the digest of this record: results of another run in this folder are not taken for this one's.
-        write_json(part / ASSET_MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
+        write_json(part / MARK, {"of": mark, "record": hashlib.sha256(text).hexdigest()})
     return AssetResult(json.loads(text))
 
 
@@ -92,12 +96,50 @@ def _mark(asset: Asset, sampling: Mapping[str, int | None]) -> str:
 def _studied(folder: Path, mark: str) -> dict[str, Any] | None:
     """Return the record of an earlier study with this mark."""
     try:
-        stored, text = (
-            json.loads((folder / ASSET_MARK).read_text(encoding="utf-8")),
-            (folder / RECORD_FILE).read_bytes(),
-        )
+        stored = json.loads((folder / MARK).read_text(encoding="utf-8"))
+        text = (folder / RECORD_FILE).read_bytes()
         if stored != {"of": mark, "record": hashlib.sha256(text).hexdigest()}:
             return None
         return json.loads(text)
     except (OSError, ValueError):
         return None
+
+
+def study_into(
+    settings: Config,
+    place: Path,
+    *,
+    progress: bool = True,
+    on_study: Callable[[Study], None] = lambda _: None,
+    checkpoint_for: Callable[[Path], AbstractContextManager[Checkpoint]] | None = None,
+) -> Study:
+    """Study what the simulation of a configuration misses, and write the results to a folder.
+
+    `on_study` is called with the study before its page is drawn. `checkpoint_for` returns the checkpoint in a folder
+    for the draws, which is complete once all is written; None: none is kept.
+
+    Raises:
+        InputError: Data, model or folder cannot be used.
+    """
+    with ExitStack() as work:
+        # The verdict is shown once, by `on_study`.
+        with stages(progress, answers=False):
+            with stage("Starting", said=False):
+                folder = work.enter_context(output_folder(place))
+                arguments = settings.study_arguments()
+                model = settings.build_studied_model()
+                train, test = settings.read_data()
+                checkpoint = None if checkpoint_for is None else work.enter_context(checkpoint_for(folder))
+            study = find_missing_effects(model, train, test, **arguments, progress=progress, checkpoint=checkpoint)
+            study = replace(study, config=settings.text)
+            with stage("Saving the study"), staged(folder) as part:
+                # First, by itself: no later failure may cost the draws.
+                study.save(part / STUDY)
+                settings.copy_to(folder, part)
+        on_study(study)
+        with stages(progress):
+            record = study_record(study, settings.sampling.model_dump())
+            report_into(folder, study, {"config": settings.file, **record}, settings.output.figures)
+        if checkpoint is not None:
+            checkpoint.complete()
+    return study

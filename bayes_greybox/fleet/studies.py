@@ -16,6 +16,7 @@ from bayes_greybox.data.reading.door import read as read_file
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.discovery.subject import check_settings
+from bayes_greybox.fleet.reporting import ASSETS, AssetResult, studied_together, write_fleet
 from bayes_greybox.greybox import GreyBox
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
@@ -31,7 +32,6 @@ from bayes_greybox.running.stages import stages
 
 from .files import alike, data_files, require_one_each
 from .reporting import STUDY, remove_results, report_into, set_aside
-from .together import ASSETS, AssetResult, studied_together, write_fleet
 
 Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""
@@ -118,8 +118,8 @@ class FleetStudy:
         for each in self._fleet.shared:
             none = (float("nan"),) * len(each.assets)
             whole = (none, none) if each.whole is None else (each.whole.each, each.whole.each_sd)
-            own = zip(each.expressions, each.assets, each.mean, each.sd, *whole, each.units, strict=True)
-            rows += [(each.equation, each.slug, *values) for values in own]
+            estimates = zip(each.expressions, each.assets, each.mean, each.sd, *whole, each.units, strict=True)
+            rows += [(each.equation, each.slug, *values) for values in estimates]
         keys = ["equation", "slug", "expression", "asset"]
         columns = [*keys, "mean", "sd", "pooled_mean", "pooled_sd", "unit"]
         return pd.DataFrame(rows, columns=columns).set_index(keys)
@@ -272,11 +272,7 @@ def _study(
 
 
 def _by_name(train: Any) -> dict[str, Measured]:
-    """Return measurements by asset.
-
-    Raises:
-        InputError: There are none, a name cannot be a folder's, or a value is no measurements.
-    """
+    """Return measurements by asset."""
     if isinstance(train, str | os.PathLike):
         folder = Path(train)
         files = data_files(folder)

@@ -7,15 +7,6 @@ from .plots import free_run, gap_map, gap_over_time, ranking, rounds, study_figu
 from .words.study import name_of
 
 __all__ = [
-    "added",
-    "coefficients",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "marked",
-    "name_of",
-    "ranking",
-    "rounds",
-    "study_figures",
-    "support",
-]
+    "added", "coefficients", "free_run", "gap_map", "gap_over_time", "marked", "name_of", "ranking", "rounds",
+    "study_figures", "support",
+]  # fmt: skip

@@ -73,7 +73,7 @@ def test_one_after_another_gives_the_same(fleet, tmp_path):
 
 
 def test_what_was_studied_is_not_studied_again(fleet, monkeypatch, capsys):
-    monkeypatch.setattr("bayes_greybox.fleet.study.find_missing_effects", lambda *_, **__: pytest.fail("studied again"))
+    monkeypatch.setattr("bayes_greybox.fleet.run.find_missing_effects", lambda *_, **__: pytest.fail("studied again"))
     before = (fleet / "out" / "summary.json").read_text(encoding="utf-8")
     assert main(["discover", str(fleet / "all.toml"), "--fleet", str(fleet / "pumps"), "-o", str(fleet / "out"),
                  "--workers", "1"]) == 0  # fmt: skip
@@ -288,7 +288,7 @@ def test_a_lost_scheduler_costs_python_what_was_not_done_and_the_command_its_end
         asked.append(where)
         yield from (Done(name, failed=SCHEDULER_LOST) for name in tasks)
 
-    monkeypatch.setattr("bayes_greybox.fleet.together.run_tasks", lost)
+    monkeypatch.setattr("bayes_greybox.fleet.reporting.run_tasks", lost)
     for where in ({"scheduler": "tcp://any:1"}, {"workers": 2}):
         found = bg.find_missing_effects_of_fleet(MODEL, {"a": DATA}, **where, progress=False)
         assert found.failed == {"a": SCHEDULER_LOST} and where.items() <= asked[-1].items()

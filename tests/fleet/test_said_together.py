@@ -11,7 +11,7 @@ from bayes_greybox.fleet.run import study_fleet
 from bayes_greybox.fleet.studies import FleetStudy, _Studies
 from bayes_greybox.report.pages.fleet_page import fleet_page
 from bayes_greybox.report.pages.page import render
-from bayes_greybox.report.terminal.fleet import fleet_tables
+from bayes_greybox.report.terminal.study import fleet_tables
 from bayes_greybox.report.words.fleet import fleet_sentence
 from bayes_greybox.running.errors import InputError
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
 from bayes_greybox.report.folders.writing import staged
-from bayes_greybox.report.plots.files import save_figures
+from bayes_greybox.report.plots.style import save_figures
 
 OUTSIDE = ("../x", "../../x", "/tmp/x", "a/b", "..\\x", ".", "..", "a\0b", "")
 

@@ -12,7 +12,7 @@ from bayes_greybox import cli
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.greybox import Fit
 from bayes_greybox.report.folders import saved
-from bayes_greybox.report.folders.comparison import load_comparison, save_comparison
+from bayes_greybox.report.folders.saved import load_comparison, save_comparison
 from bayes_greybox.report.pages.comparison_page import comparison_page
 from bayes_greybox.report.pages.page import render
 from bayes_greybox.report.words.formatting import probability_text

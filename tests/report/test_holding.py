@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from bayes_greybox.config import load_config
-from bayes_greybox.report.folders.copies import author_text, copy_of
-from bayes_greybox.report.folders.holding import command_of, free_folder, require_own
+from bayes_greybox.report.folders.holding import author_text, command_of, copy_of, free_folder, require_own
 from bayes_greybox.running.errors import InputError
 
 TEXT = """#:schema ./bayes-greybox.schema.json

@@ -15,8 +15,7 @@ from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.equations.learned import Value
 from bayes_greybox.physics.terms import Term
-from bayes_greybox.report.equations.latex import equations_latex
-from bayes_greybox.report.equations.mathml import equation_mathml
+from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
 from bayes_greybox.report.equations.text import as_simulation, equation_text, equations_text
 from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page

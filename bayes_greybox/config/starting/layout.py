@@ -13,11 +13,8 @@ from bayes_greybox.data.reading.table import Layout, Table
 GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
 """A number with a comma for its decimal mark, whose digits may be grouped by points."""
 
-MARKS = {
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
-"""Encodings by what files in them begin with."""
+MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+"""Beginnings of files in UTF-16."""
 
 
 def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
@@ -48,9 +45,8 @@ def _encoded(data: Path, layout: Layout) -> Layout:
     if layout.encoding != Layout().encoding:
         return layout
     content = data.read_bytes()
-    encoding = next((name for mark, name in MARKS.items() if content.startswith(mark)), None)
-    if encoding is not None:
-        return replace(layout, encoding=encoding)
+    if content.startswith(MARKS):
+        return replace(layout, encoding="utf-16")
     # Text has no such bytes; what has is refused as it is.
     every = [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []
     return next((replace(layout, encoding=each) for each in every if _reads(content, each)), layout)

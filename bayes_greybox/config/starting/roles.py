@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
 
 from bayes_greybox.data.rates.filters import step_slack
 from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
@@ -54,14 +53,10 @@ class Guess:
     """Probable roles of columns, by their names in the table.
 
     Attributes:
-        time: Column of stamps; None for none.
-        run: Column that labels the runs.
         restart: True if the time goes back without such a column.
         even: True if the stamps of every run are evenly spaced.
         set_back: True if the time goes back by an hour, as clocks do when summer time ends.
         missing: Number of rows with missing cells.
-        states: Columns of states.
-        inputs: Columns of inputs.
         rate_of: Column of the rate by the state whose rate it is.
         left_out: Reason why a column has no role.
         dated: True if the stamps are dates or clock times, which become seconds.
@@ -103,23 +98,22 @@ def guessed(table: Table, layout: Layout) -> Guess:
         else:
             left_out[name] = reason
     if not columns:
-        raise InputError(
-            f"No column of {table.where} holds numbers that change; there is nothing to model.{table.hint}"
-        )
+        nothing = f"No column of {table.where} holds numbers that change; there is nothing to model."
+        raise InputError(f"{nothing}{table.hint}")
     rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
     clock, dated = np.arange(len(table.frame), dtype=float), False
     if time is not None:
         clock, dated, *_ = stamps(table, time, layout)
-    known = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
+    complete = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
     label = pd.factorize(rows)[0]
     starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
-    parts = [part[known[part]] for part in np.split(np.arange(len(clock)), starts)]
+    parts = [part[complete[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
     guess = Guess(
-        time, run, back and time is not None, _even(clock, parts), int(np.sum(~known)), set_back, left_out=left_out,
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, left_out=left_out,
         dated=dated, shuffled=shuffled,
     )  # fmt: skip
     return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
@@ -170,12 +164,12 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
         return "holds words or dates"
     if COUNTERS.match(name):
         return "counts the rows"
-    known = values[np.isfinite(values)]
+    finite = values[np.isfinite(values)]
     if is_packed_dates(values):
         return "holds words or dates"
-    if len(known) < len(values) / 2:
+    if len(finite) < len(values) / 2:
         return "is mostly empty"
-    if np.all(known == known[0]):
+    if np.all(finite == finite[0]):
         return "never changes"
     for other, column in before.items():
         both = np.isfinite(values) & np.isfinite(column)
@@ -184,7 +178,7 @@ def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndar
     return None
 
 
-def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
+def _even(clock: np.ndarray, parts: Sequence[np.ndarray]) -> bool:
     for time in (clock[part] for part in parts if len(part) > 1):
         steps, mean = np.diff(time), float(np.mean(np.diff(time)))
         if np.any(np.abs(steps - mean) > step_slack(time, mean)):
@@ -192,9 +186,7 @@ def _even(clock: Float[np.ndarray, " n"], parts: Sequence[np.ndarray]) -> bool:
     return True
 
 
-def _with_roles(
-    guess: Guess, clock: Float[np.ndarray, " n"], columns: dict[str, Float[np.ndarray, " n"]], parts: list[np.ndarray]
-) -> Guess:
+def _with_roles(guess: Guess, clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray]) -> Guess:
     """Find states, inputs and rates."""
     rate_of: dict[str, str] = {}
     for state in columns:
@@ -215,12 +207,7 @@ def _with_roles(
     return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
 
 
-def _explained(
-    clock: Float[np.ndarray, " n"],
-    state: Float[np.ndarray, " n"],
-    rate: Float[np.ndarray, " n"],
-    parts: Sequence[np.ndarray],
-) -> float:
+def _explained(clock: np.ndarray, state: np.ndarray, rate: np.ndarray, parts: Sequence[np.ndarray]) -> float:
     """Return the share of a column, less a line in each run, that the integral of another one explains."""
     moved, summed = [], []
     for part in parts:

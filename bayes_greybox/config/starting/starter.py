@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_greybox.config.starting.plan import equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
-from .example import equation_of_motion
 from .layout import read_as_found
 from .plan import Plan
 from .roles import guessed
@@ -36,12 +36,7 @@ _SET_BACK = [
 
 @dataclass(frozen=True)
 class Start:
-    """A first configuration.
-
-    Attributes:
-        text: The file.
-        summary: Lines about the roles of columns and the next steps.
-    """
+    """A first configuration: the text of the file, and lines about the roles of columns and the next steps."""
 
     text: str
     summary: tuple[str, ...]
@@ -147,11 +142,8 @@ def _differentiate(plan: Plan) -> str:
         )
     if not plan.computed:
         return ""
-    lines = [
-        "[data.differentiate]",
-        "# Rates that were not measured are computed by a filter whose noise is known.",
-        'method = "savgol"',
-    ]
+    lines = ["[data.differentiate]", "# Rates that were not measured are computed by a filter whose noise is known."]
+    lines += ['method = "savgol"']
     if plan.second:
         lines += ["# The rate of a position is a state of its own: the equation of that rate is learned."]
         lines += [f"rates = {{ {rates} }}"]

@@ -21,9 +21,6 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
     """Return for each axes with something to read its box in points, limits, labels, and its lines or its map.
 
     Lines are given an id, by which the drawing has them.
-
-    Args:
-        figure: The figure, as it will be saved.
     """
     width, height = (72.0 * size for size in figure.get_size_inches())
     axes_read = []
@@ -33,10 +30,9 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
         if not (lines or shown) or ax.get_xscale() != "linear" or ax.get_yscale() != "linear":
             continue
         box = ax.get_position()
+        edges = (width * box.x0, height * (1 - box.y1), width * box.width, height * box.height)
         about: dict[str, Any] = {
-            "box": [
-                round(v, 1) for v in (width * box.x0, height * (1 - box.y1), width * box.width, height * box.height)
-            ],
+            "box": [round(edge, 1) for edge in edges],
             "x": _ends(ax.get_xlim()),
             "y": _ends(ax.get_ylim()),
             "names": [_label(figure, ax, "x"), _label(figure, ax, "y")],
@@ -51,8 +47,8 @@ def _lines(ax: Any, k: int) -> dict[str, str]:
     for j, line in enumerate(ax.get_lines()):
         label, x = str(line.get_label()), np.asarray(line.get_xdata(orig=False), float)
         if not label.startswith("_") and len(x) >= FEWEST_POINTS and line.get_transform() == ax.transData:
-            known = x[np.isfinite(x)]
-            if np.all(np.diff(known) >= 0) and np.ptp(known) > 0:
+            finite = x[np.isfinite(x)]
+            if np.all(np.diff(finite) >= 0) and np.ptp(finite) > 0:
                 line.set_gid(f"line{k}x{j}")
                 labels[f"line{k}x{j}"] = label
     return labels
@@ -80,10 +76,10 @@ def _map(ax: Any) -> dict[str, Any] | None:
 
 def _label(figure: Any, ax: Any, side: str) -> str:
     """Return the label of an axis, or that of the lowest panel or of the figure where panels share it."""
-    own = ax.get_xlabel() if side == "x" else ax.get_ylabel()
+    panel = ax.get_xlabel() if side == "x" else ax.get_ylabel()
     shared = figure.get_supxlabel() if side == "x" else figure.get_supylabel()
     others = [other.get_xlabel() if side == "x" else "" for other in reversed(figure.axes)]
-    return own.split("\n")[0] or shared or next((text.split("\n")[0] for text in others if text), "")
+    return panel.split("\n")[0] or shared or next((text.split("\n")[0] for text in others if text), "")
 
 
 def _ends(pair: tuple[Any, Any]) -> list[float]:

@@ -1,13 +1,15 @@
 """A figure as SVG to stand in the text of a page.
 
 Letters stay letters, colours are the page's own, so that they follow it into the dark, and coordinates have a tenth of
-a point. Nothing of it names a font, a colour or an id that the rest of the page could trip over.
+a point. Nothing of it names a font, a colour or an id that the rest of the page could trip over. Paths have few
+characters: tenths of a point, relative steps, and dots that are one path together.
 """
 
 import hashlib
 import io
 import json
 import re
+from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -15,25 +17,13 @@ import matplotlib as mpl
 from markupsafe import escape
 from matplotlib.figure import Figure
 
+from bayes_greybox.report.drawing.hover import readings
 from bayes_greybox.report.plots.style import laid_out
 
-from .hover import readings
-from .paths import dots, short_path
-
 COLOURS = {
-    "#000000": "ink",
-    "#222222": "ink",
-    "#555555": "edge",
-    "#767676": "grey",
-    "#d9d9d9": "light",
-    "#f3f3f3": "faint",
-    "#ffffff": "paper",
-    "#0072b2": "blue",
-    "#d55e00": "orange",
-    "#56b4e9": "sky",
-    "#00441b": "most",
-    "#40004b": "least",
-}
+    "#000000": "ink", "#222222": "ink", "#555555": "edge", "#767676": "grey", "#d9d9d9": "light", "#f3f3f3": "faint",
+    "#ffffff": "paper", "#0072b2": "blue", "#d55e00": "orange", "#56b4e9": "sky", "#00441b": "most", "#40004b": "least",
+}  # fmt: skip
 """Colours of `plots.style`, and the ends of the colour map of signed numbers, by their names in the page's style."""
 
 _SPACE = "{http://www.w3.org/2000/svg}"
@@ -43,12 +33,7 @@ _DEFAULT = {("text-anchor", "start"), ("stroke-linecap", "butt"), ("fill-opacity
 
 
 def drawing(figure: Figure, alt: str) -> str:
-    """Return the figure as an `svg` element.
-
-    Args:
-        figure: The figure.
-        alt: Description for those who cannot see it.
-    """
+    """Return the figure as an `svg` element, with a description for those who cannot see it."""
     text = io.BytesIO()
     # A fixed salt and no date: the same results make the same file.
     with laid_out(figure), mpl.rc_context({"svg.hashsalt": "bayes_greybox", "svg.fonttype": "none"}):
@@ -74,12 +59,8 @@ class _Drawing:
 
     def renamed(self, read: list[dict]) -> list[dict]:
         """Return readings with the ids that their lines have in the page."""
-        return [
-            {**axes, "lines": {self._names[line]: label for line, label in axes["lines"].items()}}
-            if "lines" in axes
-            else axes
-            for axes in read
-        ]
+        lines = [{self._names[line]: label for line, label in axes.get("lines", {}).items()} for axes in read]
+        return [{**axes, "lines": named} if named else axes for axes, named in zip(read, lines, strict=True)]
 
     def written(self, one: Element) -> str:
         """Return an element with everything in it; nothing where nothing is left of it."""
@@ -116,7 +97,7 @@ class _Drawing:
                 yield name, short_path(value)
             elif name == "style":
                 if style := _style(value):
-                    yield name, re.sub(r"url\(#([\w-]+)\)", lambda found: f"url(#{self._names[found[1]]})", style)
+                    yield name, re.sub(r"url\(#([\w-]+)\)", lambda match: f"url(#{self._names[match[1]]})", style)
             elif name == "transform":
                 if not value.startswith("rotate(-0 "):
                     yield name, _rounded(value, 2)
@@ -147,4 +128,76 @@ def _style(text: str) -> str:
 
 
 def _rounded(text: str, decimals: int) -> str:
-    return re.sub(r"-?\d+\.\d+", lambda found: f"{round(float(found[0]), decimals):g}", text)
+    return re.sub(r"-?\d+\.\d+", lambda match: f"{round(float(match[0]), decimals):g}", text)
+
+
+_SMALL_SHAPE = 12.0
+"""Shapes no wider than this many points, such as markers, keep hundredths."""
+
+
+def short_path(commands: str) -> str:
+    """Return the attribute `d` of a path, in points, in fewer characters."""
+    numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", commands)]
+    small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL_SHAPE
+    if small or re.search(r"[A-KN-Ya-kn-y]", commands.replace("e-", "")):
+        places = 2 if small else 1
+        text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda match: _short(float(match[0]), places), commands)
+        return re.sub(r"\s+", " ", re.sub(r"\s*([A-Za-z])\s*", r"\1", text)).strip()
+    return "".join(_strokes(commands))
+
+
+def dots(uses: Sequence[Element], shapes: Mapping[str, Element], link: str) -> tuple[str, str] | None:
+    """Return many copies of one round marker as a single path, and its style; None for other copies.
+
+    A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy. Copies name
+    their shape, one of `shapes` by id, in the attribute `link`.
+    """
+    names, styles = {one.get(link, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
+    if len(names) != 1 or len(styles) != 1:
+        return None
+    (name,), (style,) = names, styles
+    shape = shapes.get(name)
+    # A circle is eight curves, as matplotlib draws it; what has an outline of its own colour stays as it is.
+    if shape is None or shape.get("d", "").count("C") != 8 or "fill: none" in style or "stroke: #" in _outline(style):
+        return None
+    across = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", shape.get("d", ""))[::2]]
+    colour = re.search(r"fill: (#[0-9a-f]{6})", style)
+    opacity = re.search(r"(?:fill-)?opacity: ([\d.]+)", style)
+    if colour is None:
+        return None
+    width = max(across) - min(across)
+    stroke = f"stroke: {colour[1]}; stroke-width: {width:.2f}; stroke-linecap: round; fill: none"
+    if opacity:
+        stroke += f"; stroke-opacity: {opacity[1]}"
+    path = "".join(f"M{_short(float(one.get('x', 0)))} {_short(float(one.get('y', 0)))}h0" for one in uses)
+    return path, stroke
+
+
+def _outline(style: str) -> str:
+    """Return the part of a style that draws an outline in another colour than the inside."""
+    inside, outside = (re.search(rf"(?<![\w-]){name}: (#[0-9a-f]{{6}})", style) for name in ("fill", "stroke"))
+    return f"stroke: {outside[1]}" if outside and (inside is None or inside[1] != outside[1]) else ""
+
+
+def _strokes(commands: str):
+    """Yield straight strokes as steps from one point to the next, without those of no length."""
+    x = y = 0
+    fresh = True
+    for command, text in re.findall(r"([MLz])([^MLz]*)", commands):
+        if command == "z":
+            yield "z"
+            continue
+        to_x, to_y = (round(10 * float(number)) for number in text.split())
+        if command == "M":
+            yield f"M{_short(to_x / 10)} {_short(to_y / 10)}"
+            fresh = True
+        elif (to_x, to_y) != (x, y) or fresh:
+            yield f"{'l' if fresh else ' '}{_short((to_x - x) / 10)} {_short((to_y - y) / 10)}"
+            fresh = False
+        x, y = to_x, to_y
+
+
+def _short(number: float, places: int = 1) -> str:
+    text = f"{number:.{places}f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text in ("-0", "") else text.replace("0.", ".", 1) if text.lstrip("-").startswith("0.") else text

@@ -9,9 +9,9 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.equations.learned import INTERVAL_LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.units import target_unit
+from bayes_greybox.report.equations.markup import left_latex, right_latex
 from bayes_greybox.running.plain_values import plain_values
 
-from .latex import left_latex, right_latex
 from .text import equation_text
 
 RECORD_FORMAT = 1
@@ -62,9 +62,7 @@ def _equation(system: LearnedSystem, name: str) -> dict[str, Any]:
         "function": bool(coded),
         "learned": learned is not None,
         "pattern_probability": None if learned is None else learned.pattern,
-        "given": [] if learned is None else [_term(each) for each in learned.given],
-        "terms": [] if learned is None else [_term(each) for each in learned.terms],
-        "left_out": [] if learned is None else [_term(each) for each in learned.left_out],
+        **{key: [_term(each) for each in getattr(learned, key, ())] for key in ("given", "terms", "left_out")},
         "inner_parameters": [] if learned is None else _inner(learned),
         "discrepancy": None if f is None else {"left": f.left, "variables": list(f.variables)},
         "text": equation_text(system, name),

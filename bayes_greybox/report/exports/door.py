@@ -22,12 +22,9 @@ LANGUAGES = {".py": _text(python_program), ".c": _text(c_program), ".mo": _text(
 
 
 def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: Notes) -> None:
-    """Write the right-hand side of learned equations as a program.
+    """Write the right-hand side of learned equations as a program, whose language is that of the path's ending.
 
-    Args:
-        system: The equations.
-        path: Destination; its ending is one of `LANGUAGES`, its stem what is exported is called.
-        notes: Remarks for the header.
+    The stem of the path is what is exported is called.
 
     Raises:
         InputError: An unknown ending; equations that the language cannot have; a file that cannot be written.
@@ -49,5 +46,5 @@ def require_ending(path: Path) -> None:
         InputError: Another ending than those of `LANGUAGES`.
     """
     if path.suffix not in LANGUAGES:
-        known = ", ".join(LANGUAGES)
-        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {known}.')
+        endings = ", ".join(LANGUAGES)
+        raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {endings}.')

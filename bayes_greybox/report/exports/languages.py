@@ -1,15 +1,17 @@
-"""A model as the text of a program in Python, C or Modelica."""
+"""A model as the text of a program in Python, C or Modelica, below a header with its origin and uncertainty."""
 
 import builtins
 import keyword
+import textwrap
 from collections.abc import Sequence
+from importlib.metadata import version
 
+from bayes_greybox.data.writing import unit_text
+from bayes_greybox.report.exports.model import ExportedModel, Factor, Formula, rate_symbol
+from bayes_greybox.report.words.formatting import estimate, interval, probability_text
 from bayes_greybox.running.errors import InputError
 
-from .header import comment, header, uncertainty
-from .model import ExportedModel, Formula, rate_symbol
-from .names import ascii_text, identifiers, one_line, quoted, within_c
-from .printers import CPrinter, ModelicaPrinter, PythonPrinter
+from .printers import CPrinter, ModelicaPrinter, PythonPrinter, ascii_text, identifiers, one_line, quoted, within_c
 
 C_WORDS = """
     auto break case char const continue default do double else enum extern float for goto if inline int long register
@@ -38,10 +40,10 @@ PYTHON_WORDS = [*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "numpy", "
 
 def python_program(model: ExportedModel, name: str) -> str:
     """Return a module with `rhs(t, x, u)`; beside a simulation that is code, `rhs(t, x, u, simulation)`."""
-    known = _names(model, PYTHON_WORDS)
-    names = {**known, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
+    identified = _names(model, PYTHON_WORDS)
+    names = {**identified, **{rate_symbol(k): f"g[{k}]" for k in range(len(model.states))}}
     printer = PythonPrinter(names)
-    heading = header(model, known, ("x[{}]", "u[{}]"))
+    heading = header(model, identified, ("x[{}]", "u[{}]"))
     lines = [part for line in heading for part in comment(one_line(line), "# ")]
     lines += ["", "import numpy", ""]
     for label, group in (("STATES", model.states), ("INPUTS", model.inputs), ("OUTPUTS", model.outputs)):
@@ -61,8 +63,8 @@ def python_program(model: ExportedModel, name: str) -> str:
             lines.append(f"    # simulation(t, x, u) -> dx/dt, of one point: {one_line(model.code)},")
             lines.append("    # which the model was fitted beside.")
             lines.append("    g = numpy.asarray(simulation(t, x, u), float)")
-        lines += [f"    {known[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
-        lines += [f"    {known[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
+        lines += [f"    {identified[each.name]} = x[{k}]" for k, each in enumerate(model.states)]
+        lines += [f"    {identified[each.name]} = u[{k}]" for k, each in enumerate(model.inputs)]
         lines += ["    found = [", *(f"        {_sum(printer, each)}," for each in formulas), "    ]"]
         lines.append("    shape = numpy.broadcast_shapes(x.shape[1:], u.shape[1:])")
         lines.append("    return numpy.stack([numpy.broadcast_to(each, shape) for each in found])")
@@ -72,11 +74,8 @@ def python_program(model: ExportedModel, name: str) -> str:
 def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     """Return C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
 
-    Args:
-        model: The model.
-        name: Name of the program.
-        tunable: If true, coefficients are one more argument `const double *p` after u, and not constants, the
-            functions are for what includes the program alone, and rates are per second.
+    If `tunable`, coefficients are one more argument `const double *p` after u, and not constants, the functions are for
+    what includes the program alone, and rates are per second.
     """
     _require_formulas(model, "C")
     called = _called(model, name, C_WORDS)
@@ -157,8 +156,8 @@ def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
 
 
 def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula, times: float = 1.0) -> str:
-    known = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
-    text = " + ".join([*known, *(printer.product(name, phi) for name, phi in formula.added)])
+    simulated = [] if formula.known == 0 and formula.added else [printer._print(formula.known)]
+    text = " + ".join([*simulated, *(printer.product(name, phi) for name, phi in formula.added)])
     return text if times == 1.0 else f"{times!r}*({text})"
 
 
@@ -169,3 +168,65 @@ def _require_formulas(model: ExportedModel, language: str) -> None:
             "GreyBox(simulation={'y': 'v', ...}), or export to .py, whose rhs takes its rates, simulation(t, x, u), "
             "beside its arguments."
         )
+
+
+COMMENT_WIDTH = 100
+"""Characters of a line of comments."""
+
+
+def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False) -> list[str]:
+    """Return the lines of the header; without a date, so that the same model gives the same text.
+
+    Names are identifiers by the names of the data, `slots` patterns of states and inputs, such as "x[{}]". If
+    `in_seconds`, time is in seconds there, whatever it was in the data.
+    """
+    what = "amended by a study" if model.origin == "study" else "fitted to data"
+    lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]
+    lines += [text for text in (model.notes.verdict, model.rule, *model.notes.remarks) if text]
+    lines += ["Coefficients are posterior means, with standard deviation and 90 % interval."]
+    lines += [
+        f"Not in it, as it has no formula: f of {name}, {text}." for name, text in model.notes.discrepancy.items()
+    ]
+    unit = unit_text(model.time)
+    if in_seconds and model.per_second != 1.0:
+        lines.append(
+            f"Time is in s here, and rates are per s: what the data, with their time in {unit}, say is multiplied by "
+            f"{model.per_second:.15g}. Coefficients have the units of the data."
+        )
+    elif unit:
+        lines.append(f"Time is in {unit}: rates are per {unit}.")
+    for slot, quantities in zip((*slots, "output"), (model.states, model.inputs, model.outputs), strict=True):
+        for k, each in enumerate(quantities):
+            first = f"{each.start:.6g}" if each.start_sd is None else estimate(each.start, each.start_sd)
+            start = f", {first} where the data start" if slot == slots[0] else ""
+            renamed = f' (called "{each.name}" in the data)' if names[each.name] != each.name else ""
+            unit = f" [{unit_text(each.unit)}]" if unit_text(each.unit) else ""
+            lines.append(f"{slot.format(k)}  {names[each.name]}{renamed}{unit}: {each.about}{start}")
+    for name, inner in model.inner:
+        text = estimate(inner.value.mean, inner.value.sd, inner.unit)
+        lines.append(f"Within {inner.effect} of {name}: {inner.name} = {text}, a number in the formula.")
+    for a, b, value in model.correlations:
+        lines.append(f"Posterior correlation of {a} and {b}: {value:.2f}")
+    return lines
+
+
+def comment(text: str, mark: str, end: str = "") -> list[str]:
+    """Return text as lines of a comment between `mark` and `end`, none of them longer than `COMMENT_WIDTH`."""
+    lines = textwrap.wrap(text, COMMENT_WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
+    return [f"{mark}{line}{end}" for line in lines or [""]]
+
+
+def uncertainty(factor: Factor) -> str:
+    """Return the term of a coefficient, its uncertainty and its probability, as a comment."""
+    value = factor.value
+    parts = [f"{factor.formula} in {factor.equation}"]
+    if value.sd > 0:
+        parts.append(f"{estimate(value.mean, value.sd, factor.unit)}, 90 % {interval(value.lower, value.upper)}")
+    elif unit_text(factor.unit):
+        parts.append(unit_text(factor.unit))
+    if factor.correction and (value.lower < 0.0 < value.upper or value.sd > abs(value.mean)):
+        # That it is there is likely, and says nothing where its sign is not known.
+        parts.append("not told from zero")
+    elif factor.probability is not None:
+        parts.append(f"P {probability_text(factor.probability)}")
+    return "; ".join([*parts, *([factor.about] if factor.about else [])])

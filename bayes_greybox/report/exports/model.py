@@ -17,9 +17,8 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
+from bayes_greybox.report.exports.printers import distinct
 from bayes_greybox.running.errors import InputError
-
-from .names import distinct
 
 LONGEST_FACTOR_NAME = 40
 """Largest number of characters in the name of a coefficient."""
@@ -27,15 +26,9 @@ LONGEST_FACTOR_NAME = 40
 
 @dataclass(frozen=True)
 class Quantity:
-    """A state, an input or an output.
+    """A state, an input or an output, as in the data; a state starts where the data do, or where `follows` does.
 
-    Attributes:
-        name: As in the data.
-        unit: "" where it is not known.
-        about: Description in a few words.
-        start: Value of a state where the data start.
-        start_sd: Standard deviation of the start if it was estimated, or None.
-        follows: State whose value it has there; "" for a value of its own.
+    A unit is "" where it is not known, `start_sd` None where the start was not estimated.
     """
 
     name: str
@@ -48,17 +41,10 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Factor:
-    """A coefficient.
+    """A coefficient, by its identifier in the program, with its term, its posterior in `unit` and its probability.
 
-    Attributes:
-        name: Identifier in the program.
-        equation: State or output whose equation has it.
-        formula: Its term.
-        value: Posterior, in `unit`.
-        unit: "1" for a plain number, "" where it is not known.
-        probability: Probability of its term; None where there is none.
-        about: Description in a few words.
-        correction: True if it corrects a coefficient of the simulation.
+    A unit is "1" for a plain number, "" where it is not known. `correction` says that it corrects one of the
+    simulation.
     """
 
     name: str
@@ -167,10 +153,6 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     A state that has no equation is something that drives the others, an input. Hidden states that belong to no term of
     the answer are left out.
 
-    Args:
-        system: The equations.
-        notes: Remarks that go with them.
-
     Raises:
         InputError: There is no equation; one uses something that is neither state nor input.
     """
@@ -183,9 +165,12 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     formulas = {
         name: _formula(system, states, name, [each for each in factors if each[0].equation == name]) for name in names
     }
-    used = {each for formula in formulas.values() for each in _symbols(formula)}
+    parts = [part for each in formulas.values() for part in (each.known, *(phi for _, phi in each.added))]
+    used = {symbol for part in parts for symbol in symbol_names(part) if not symbol.startswith("#")}
     used |= {notes.starts[name] for name in states if notes.starts.get(name)}
-    driving = [*system.inputs, *(name for name in kept if name not in formulas and name in used)]
+    drives = "state without an equation, which drives the others"
+    driving = dict.fromkeys((name for name in kept if name not in formulas and name in used), drives)
+    driving = {**dict.fromkeys(system.inputs, "input"), **driving}
     unknown = sorted(used - {*states, *driving})
     if unknown:
         raise InputError(
@@ -193,17 +178,16 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
             "exported: add its equation to the simulation."
         )
     outputs = [name for name in names if system.is_output(name)]
+    coded = any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known))
     return ExportedModel(
         origin=system.origin,
         states=tuple(_state(system, name, notes) for name in states),
-        inputs=tuple(Quantity(name, _unit(system, name), _about_input(system, name)) for name in driving),
+        inputs=tuple(Quantity(name, _unit(system, name), about) for name, about in driving.items()),
         outputs=tuple(Quantity(name, target_unit(name, system.data), "output") for name in outputs),
         factors=tuple(factor for factor, _ in factors),
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
         formulas=tuple(formulas[name] for name in (*states, *outputs)),
-        code=system.simulation.code
-        if any(name.startswith("#") for each in formulas.values() for name in symbol_names(each.known))
-        else "",
+        code=system.simulation.code if coded else "",
         time=system.data.units.get("t", ""),
         rule=system.rule,
         correlations=_correlations(system, factors),
@@ -213,28 +197,21 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
 
 def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, LearnedTerm]]:
     """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
-    every = [
-        (name, each, each in system.learned[name].given)
-        for name in names
-        if name in system.learned
-        for each in (*system.learned[name].given, *system.learned[name].terms)
-    ]
-    short = [_readable(each.name) for _, each, _ in every]
+    learned = {name: system.learned[name] for name in names if name in system.learned}
+    every = [(name, term) for name, equation in learned.items() for term in (*equation.given, *equation.terms)]
+    short = [_readable(term.name) for _, term in every]
     wanted = [
         f"k_{text}_{_readable(name)}" if short.count(text) > 1 else f"k_{text}"
-        for text, (name, _, _) in zip(short, every, strict=True)
+        for text, (name, _) in zip(short, every, strict=True)
     ]
     taken = {*system.states, *system.inputs, *system.names}
     called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
-    return [
-        (
-            Factor(
-                new, name, each.term.text, each.value, each.unit, each.probability, *_about(system, name, each, given)
-            ),
-            each,
-        )
-        for new, (name, each, given) in zip(called, every, strict=True)
-    ]
+    factors = []
+    for new, (name, term) in zip(called, every, strict=True):
+        about = _about(system, name, term, term in learned[name].given)
+        factor = Factor(new, name, term.term.text, term.value, term.unit, term.probability, *about)
+        factors.append((factor, term))
+    return factors
 
 
 def _readable(text: str) -> str:
@@ -262,18 +239,9 @@ def _formula(
     calls = known.atoms(AppliedUndef)
     if calls and name not in states:
         raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
-    known = known.xreplace({call: _symbol(states.index(name)) for call in calls})
+    known = known.xreplace({call: sympy.Symbol(rate_symbol(states.index(name)), real=True) for call in calls})
     added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors)
     return Formula(name, target_unit(name, system.data), known, added)
-
-
-def _symbol(k: int) -> sympy.Symbol:
-    return sympy.Symbol(rate_symbol(k), real=True)
-
-
-def _symbols(formula: Formula) -> set[str]:
-    used = {name for part in (formula.known, *(phi for _, phi in formula.added)) for name in symbol_names(part)}
-    return {name for name in used if not name.startswith("#")}
 
 
 def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
@@ -309,10 +277,6 @@ def _unit(system: LearnedSystem, name: str) -> str:
     return derivative_unit(of, system.data.units) if of is not None else ""
 
 
-def _about_input(system: LearnedSystem, name: str) -> str:
-    return "input" if name in system.inputs else "state without an equation, which drives the others"
-
-
 LEAST_CORRELATION = 0.5
 """Size of a posterior correlation of two coefficients from which on it is written."""
 
@@ -327,14 +291,14 @@ def _correlations(
     pairs = []
     for name, equation in system.learned.items():
         place = {term.name: k for k, term in enumerate(equation.drawn.terms)}
-        own = [
+        placed = [
             (factor.name, place[each.term.name])
             for factor, each in factors
             if factor.equation == name and each in equation.terms and each.term.name in place
         ]
-        if len(own) < len(equation.terms) or len(own) < 2:
+        if len(placed) < len(equation.terms) or len(placed) < 2:
             continue
-        columns = [k for _, k in own]
+        columns = [k for _, k in placed]
         inside = np.isin(np.arange(len(place)), columns)
         draws = equation.drawn.coefficients
         alike = draws if equation.pattern is None else draws[np.all((draws != 0) == inside, axis=1)]
@@ -342,10 +306,8 @@ def _correlations(
         if not np.all(spread > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
+        upper = zip(*np.triu_indices(len(placed), 1), strict=True)
         pairs += [
-            (own[i][0], own[k][0], float(corr[i, k]))
-            for i in range(len(own))
-            for k in range(i + 1, len(own))
-            if abs(corr[i, k]) >= LEAST_CORRELATION
+            (placed[i][0], placed[k][0], float(corr[i, k])) for i, k in upper if abs(corr[i, k]) >= LEAST_CORRELATION
         ]
     return tuple(pairs)

@@ -1,6 +1,8 @@
-"""Commands and the folders of their results, so that none overwrites those of another."""
+"""Folders of results: whose they are, so that no command overwrites those of another, and copies of configurations."""
 
 import json
+import os
+import re
 from pathlib import Path
 
 from bayes_greybox.running.errors import InputError
@@ -18,11 +20,7 @@ KEY_OF = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
 
 
 def command_of(folder: Path) -> str | None:
-    """Return the command whose results a folder holds; None where another command would overwrite nothing.
-
-    Args:
-        folder: A folder, which need not exist.
-    """
+    """Return the command whose results a folder holds; None if another command would overwrite nothing there."""
     try:
         record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -42,10 +40,6 @@ def command_of(folder: Path) -> str | None:
 def free_folder(folder: Path, command: str) -> Path:
     """Return the folder for the results of a command, or FOLDER-COMMAND if it holds those of another command.
 
-    Args:
-        folder: Where they are to go.
-        command: "fit", "discover", "compare" or "fleet".
-
     Raises:
         InputError: FOLDER-COMMAND holds another command's results, too.
     """
@@ -60,10 +54,6 @@ def free_folder(folder: Path, command: str) -> Path:
 def require_own(folder: Path, command: str) -> None:
     """Refuse a folder that holds the results of another command.
 
-    Args:
-        folder: Where results are to go.
-        command: Command that writes them.
-
     Raises:
         InputError: It holds those of another command.
     """
@@ -73,3 +63,44 @@ def require_own(folder: Path, command: str) -> None:
             f'"{folder}" holds results of {holds}, which those of {command} would overwrite: choose another folder '
             "with --output, or remove those results."
         )
+
+
+CONFIGURATION_ATTRIBUTE = "configuration_file"
+"""Root attribute of a fit that holds the text of the configuration file that asked for it."""
+
+_SCHEMA = re.compile(r"\A#:schema[^\n]*\n")
+_ORIGIN = re.compile(
+    r"^(?:# A copy of [^\n]*\n)?copied_from[ \t]*=[^\n]*\n(?:asset[ \t]*=[^\n]*\n)?(?:\r?\n)?", re.MULTILINE
+)
+
+
+def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) -> str:
+    """Return a copy that can be run where it lies: its relative paths start where those of the original do.
+
+    Every character of the author's text is kept. `asset` is a file that is read in place of the original's own data.
+    """
+    end = "\r\n" if "\r\n" in text else "\n"
+    lines = [
+        f"# A copy of {origin.name}, written by bayes-greybox. Relative paths start from the folder of this file:",
+        f"copied_from = {json.dumps(_path(origin, folder), ensure_ascii=False)}",
+        *([] if asset is None else [f"asset = {json.dumps(_path(asset, folder), ensure_ascii=False)}"]),
+        "",
+        "",
+    ]
+    # Editors look for a schema in the first line only.
+    schema = _SCHEMA.match(text)
+    at = schema.end() if schema else 0
+    return text[:at] + end.join(lines) + text[at:]
+
+
+def author_text(text: str) -> str:
+    """Return the text of a copy without the lines that `copy_of` put above it."""
+    return _ORIGIN.sub("", text, count=1)
+
+
+def _path(origin: Path, folder: Path) -> str:
+    """Return a relative path where both lie in one tree, which can then be moved; an absolute one elsewhere."""
+    whole, home = origin.resolve(), folder.resolve()
+    shared = [a for a, b in zip(whole.parts, home.parts, strict=False) if a == b]
+    path = os.path.relpath(whole, home) if len(shared) > 1 else str(whole)
+    return path.replace(os.sep, "/")

@@ -22,17 +22,9 @@ from bayes_greybox.running.plain_values import plain_rows, plain_values
 def run_record(
     fit: Posterior, sampling: Mapping[str, Any], seconds: float, held_out: pd.Series | None, tried: Trial | None = None
 ) -> dict[str, Any]:
-    """Return the results of a fit, and the settings that it was made with.
+    """Return verdict, equations, coefficients, discrepancy, errors, data, settings, time and versions of a fit.
 
-    Args:
-        fit: The fit.
-        sampling: Settings of the sampler, the seed among them.
-        seconds: Wall time of the fit.
-        held_out: Normalised mean squared error on held-out data by equation, or None.
-        tried: Its free run, over held-out data or else over the training data.
-
-    Returns:
-        Verdict, equations, coefficients, discrepancy, held-out error, free run, data, settings, time and versions.
+    `held_out` is its normalised mean squared error on held-out data by equation, `tried` its free run.
     """
     data = fit.data
     return {
@@ -58,15 +50,9 @@ def run_record(
 def comparison_record(
     fits: Mapping[str, Posterior], table: pd.DataFrame, sampling: Mapping[str, Any] | None
 ) -> dict[str, Any]:
-    """Return the results of a comparison.
+    """Return a comparison, models whose Pareto k is too large, the verdict of each fit, settings and versions.
 
-    Args:
-        fits: The fits by name.
-        table: Their comparison, best first.
-        sampling: Settings of the sampler; None for saved fits.
-
-    Returns:
-        Comparison, models whose Pareto k is too large, verdict of each fit, settings and versions.
+    `sampling` is None for saved fits.
     """
     record: dict[str, Any] = {
         "comparison": plain_rows(table),
@@ -80,11 +66,7 @@ def comparison_record(
 
 
 def verdict_record(verdict: Verdict) -> dict[str, Any]:
-    """Return whether the sampler can be trusted, with the reasons why not.
-
-    Args:
-        verdict: On convergence.
-    """
+    """Return whether the sampler can be trusted, with the reasons why not."""
     return {"ok": bool(verdict.ok), "short": bool(verdict.short), "reasons": list(verdict.reasons)}
 
 

@@ -9,7 +9,7 @@ from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.words.doubts import doubts
-from bayes_greybox.report.words.remarks import data_remarks
+from bayes_greybox.report.words.fit import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.running.plain_values import plain_values
 
@@ -17,16 +17,7 @@ from .record import verdict_record
 
 
 def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the results of a missing-effect study, and the settings that it was made with.
-
-    Args:
-        study: The study.
-        sampling: Settings of the sampler.
-
-    Returns:
-        Verdict, its sentence, the amended equations, what speaks against it, convergence of the amended model's fit,
-        every table, data and settings.
-    """
+    """Return the verdict, equations, doubts, convergence, tables and data of a study, and its settings."""
     fit, test = study.fit, study.test
     return plain_values(
         {
@@ -40,7 +31,7 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
                 "train": study.train.n_obs,
                 "test": None if test is None else test.n_obs,
                 "of": study.base.rows.in_words(study.train),
-                "remarks": data_remarks(study.train, study.test),
+                "remarks": data_remarks(study.train, test),
             },
             "sampling": dict(sampling),
         }

@@ -26,9 +26,6 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     What a killed process left half-written is removed. If the work fails, the folders that were made for it and are
     still empty go again.
 
-    Yields:
-        The folder.
-
     Raises:
         InputError: If it cannot be made or written to, has no room, or another process writes to it; raised before
             any work.
@@ -60,11 +57,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 def staged(folder: Path) -> Iterator[Path]:
     """Yield a place beside the final one, whose files move to `folder` when the block ends, or vanish.
 
-    Args:
-        folder: Where the files go, from the same file system; files of the same names are replaced.
-
-    Yields:
-        The place to write to.
+    They replace files of the same names.
 
     Raises:
         InputError: If a file cannot be written.

@@ -1,56 +1,30 @@
 """The page of a comparison: the model that predicts best and how sure that is, then what each model says."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence, convergence_table
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation.compare import TIE_NATS, tied, unreliable
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
-from bayes_greybox.report.words.fit import LIKELY_TO_MATTER, is_learned, size_text, term_probability
-from bayes_greybox.report.words.formatting import (
-    PROBABILITIES,
-    count_text,
-    formula,
-    interval,
-    listed,
-    nats,
-    number,
-    pareto,
-    probability_column,
-    weight_text,
-)
 
+from ..words.fit import LIKELY_TO_MATTER, compared, is_learned, rows_text, size_text, term_probability
+from ..words.formatting import PROBABILITIES, count_text, formula, interval, listed, nats, number, probability_column
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import (
-    Folding,
-    fit_settings,
-    folded,
-    footer,
-    settings_rows,
-    settings_section,
-    settings_table,
-    summary_table,
-)
+from .shared import fit_settings, folded, footer, settings_rows, settings_section, settings_table, summary_table
 
 
 def comparison_html(
     fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
 ) -> None:
-    """Write the report of a comparison as one HTML file that needs no network.
-
-    Args:
-        fits: The fits by name.
-        table: Result of `compare` for them, best first.
-        path: Destination.
-        config: Text of the configuration file that asked for it.
+    """Write the report of a comparison, whose table is that of `compare`, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.
@@ -63,13 +37,14 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
     badges, alerts = _trust(fits, table)
+    data = fits[str(table.index[0])].data
     estimates = _estimates(fits)
     return Page(
         title=f"Comparison: {_verdict(table).text.lower()}",
         kind="bayes_greybox · comparison of models",
         headline=_headline(table),
         badges=badges,
-        facts=_facts(fits, table),
+        facts=[f"{len(fits)} models", f"data: {rows_text(data)}", f"left out: {table.attrs['folds']}"],
         alerts=alerts,
         sections=[
             _ranking(table),
@@ -85,8 +60,7 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
 def _headline(table: pd.DataFrame) -> str:
     """Return the model that predicts best and how sure that is, in words for those who decide."""
     best, second = (str(name) for name in table.index[:2])
-    level = tied(table)
-    if level:
+    if level := tied(table):
         behind = [str(name) for name in table.index[1:] if name not in level]
         rest = f"; {listed(behind)} {'predicts' if len(behind) == 1 else 'predict'} worse" if behind else ""
         return f"Too close to call: the data do not tell {listed([best, *level])} apart{rest}."
@@ -117,49 +91,35 @@ def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Bad
     return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
 
 
-def _facts(fits: Mapping[str, Posterior], table: pd.DataFrame) -> list[str]:
-    data = next(iter(fits.values())).data
-    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
-    return [f"{len(fits)} models", f"data: {data.n_obs} rows{runs}", f"left out: {table.attrs['folds']}"]
-
-
-RANKING: dict[str, Callable[[Any], str]] = {
-    "model": lambda row: str(row["model"]),
-    "#elpd, nats": lambda row: nats(row["elpd"]),
-    "#± SE, nats": lambda row: nats(row["se"]),
-    "#difference, nats": lambda row: nats(row["elpd_diff"]),
-    "#± SE of the difference, nats": lambda row: nats(row["diff_se"]),
-    "#weight": lambda row: weight_text(row["weight"]),
-    "#worst k": lambda row: pareto(row["worst_k"]),
-    "#refits": lambda row: number(row["refits"]),
-    "#p_eff": lambda row: nats(row["p_eff"]),
-}
-"""Columns of the ranking."""
+RANKING = {
+    "model": "model", "#elpd, nats": "elpd", "#± SE, nats": "se", "#difference, nats": "elpd_diff",
+    "#± SE of the difference, nats": "diff_se", "#weight": "weight", "#worst k": "worst_k", "#refits": "refits",
+    "#p_eff": "p_eff",
+}  # fmt: skip
+"""Columns of the comparison by their headings in the ranking."""
 
 
 def _ranking(table: pd.DataFrame) -> Section:
     best = {str(table.index[0]), *tied(table)}
+    columns = {heading: compared(name) for heading, name in RANKING.items()}
     drawn = plot_comparison(table)
     caption = f"Left out: {table.attrs['folds']}. Marked: the best model, and those that the data do not tell from it"
     blocks: list[Any] = [
         Pictures([picture(drawn, "Elpd of each model, its difference to the best and its weight", wide=True)]),
-        table_of(records_of(table.rename_axis("model")), RANKING, caption, lambda row: row["model"] in best),
+        table_of(records_of(table.rename_axis("model")), columns, caption, lambda row: row["model"] in best),
     ]
-    notes = list(table.attrs.get("notes", []))
-    if notes:
+    if notes := list(table.attrs.get("notes", [])):
         blocks += [Words("What to beware of:"), Items([("", note) for note in notes])]
+    safe = number(table.attrs["threshold"], 2)
     meaning = [
         ("elpd", "Expected log predictive density: log probability of the data left out, summed; higher is better."),
         ("Difference", f"To the best model. It counts above {TIE_NATS:g} nats and twice its standard error (SE)."),
         ("Weight", "Share of each model in the mixture of models that predicts best (stacking)."),
-        (
-            "Worst k",
-            f"Largest Pareto k among parts left out that were not fitted again; up to "
-            f"{number(table.attrs['threshold'], 2)} is safe. A dash: all were.",
-        ),
+        ("Worst k", f"Largest Pareto k among parts left out that were not fitted again; up to {safe} is safe. A dash: "
+         "all were."),
         ("Refits", "Parts that the model was fitted again without, because k was too large."),
         ("p_eff", "Effective number of sampled parameters."),
-    ]
+    ]  # fmt: skip
     blocks.append(Details("What the columns mean", [Items(meaning)]))
     lead = "Every model is judged on data that its prediction did not use: how probable did it hold what was measured?"
     return Section("ranking", "Which model predicts best?", lead, blocks)
@@ -167,16 +127,7 @@ def _ranking(table: pd.DataFrame) -> Section:
 
 @dataclass(frozen=True)
 class _Estimate:
-    """Coefficient of a term under a model, in words.
-
-    Attributes:
-        key: Equation and term.
-        model: Name of the model.
-        value: Probability that the term matters.
-        probability: The same in words.
-        size: Mean and standard deviation.
-        ends: Ends of the 90 % interval.
-    """
+    """Coefficient of a term, by equation and term, under a model: the probability that it matters, and all in words."""
 
     key: tuple[str, str]
     model: str
@@ -209,7 +160,10 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
     """Return the section of the probability of each term, one column for each model."""
     first, *_ = fits
     data, equations = fits[first].data, fits[first].model.equations
-    by_key = {each.key: {own.model: own for own in estimates if own.key == each.key} for each in estimates}
+    by_key: dict[tuple[str, str], dict[str, _Estimate]] = {}
+    for each in estimates:
+        by_key.setdefault(each.key, {})[each.model] = each
+    likely = _likely(estimates)
     titles = {name: PROBABILITIES[probability_column(inclusion(fit))] for name, fit in fits.items()}
 
     def cell(name: str) -> Callable[[Any], str]:
@@ -224,16 +178,13 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
     def best(key: Any) -> bool:
         return first in by_key[key] and by_key[key][first].value > LIKELY_TO_MATTER
 
-    blocks = folded(
-        _by_whether_it_matters(by_key, estimates),
-        Folding(
-            "Terms more likely to matter than not under some model; those of the best one are marked",
-            "Terms that are likely absent under every model",
-            "{} likely absent under every model",
-            "Under no model is a term more likely to matter than not.",
-        ),
-        lambda keys, caption: table_of(keys, columns, caption, best, equations),
+    captions = (
+        "Terms more likely to matter than not under some model; those of the best one are marked",
+        "Terms that are likely absent under every model",
+        "{} likely absent under every model",
     )
+    nothing = "Under no model is a term more likely to matter than not."
+    blocks = folded(by_key, lambda key: key in likely, columns, equations, captions, nothing, best)
     moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
@@ -253,32 +204,29 @@ def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate])
         "#coefficient": lambda each: each.size,
         "#90 % interval": lambda each: each.ends,
     }
-    blocks = folded(
-        _by_whether_it_matters(estimates, estimates),
-        Folding(
-            "Coefficients of the terms more likely to matter than not under some model",
-            "Coefficients of the other terms",
-            "Coefficients of terms likely absent under every model",
-        ),
-        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
+    captions = (
+        "Coefficients of the terms more likely to matter than not under some model",
+        "Coefficients of the other terms",
+        "Coefficients of terms likely absent under every model",
     )
+    likely = _likely(estimates)
+    blocks = folded(estimates, lambda each: each.key in likely, columns, fit.model.equations, captions)
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
 
-def _by_whether_it_matters(records: Iterable[Any], estimates: Sequence[_Estimate]) -> tuple[list[Any], list[Any]]:
-    """Return the records, by key or with one, of terms that matter under some model, and all others."""
-    likely = {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
-    every = [(each, (each.key if isinstance(each, _Estimate) else each) in likely) for each in records]
-    return [each for each, inside in every if inside], [each for each, inside in every if not inside]
+def _likely(estimates: Sequence[_Estimate]) -> set[tuple[str, str]]:
+    """Return equation and term of the terms that matter under some model."""
+    return {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:
     verdicts = {name: convergence(fit) for name, fit in fits.items()}
+    failings = {name: "converged, few draws" if each.short else "not converged" for name, each in verdicts.items()}
     tables: dict[str, Any] = {name: convergence_table(fit) for name, fit in fits.items()}
     columns = {
         "model": lambda name: name,
-        "result": lambda name: _result(verdicts[name]),
+        "result": lambda name: "converged" if verdicts[name].ok else failings[name],
         "#largest R̂": lambda name: number(tables[name]["r_hat"].max(), 4),
         "#least bulk ESS": lambda name: count_text(tables[name]["ess_bulk"].min()),
         "#least tail ESS": lambda name: count_text(tables[name]["ess_tail"].min()),
@@ -295,10 +243,6 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
         for name, fit in fits.items()
     ]
     return Section("convergence", "Can the sampler be trusted?", "", blocks)
-
-
-def _result(verdict: Verdict) -> str:
-    return "converged" if verdict.ok else "converged, few draws" if verdict.short else "not converged"
 
 
 def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:

@@ -18,16 +18,9 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report import plots as figures
-from bayes_greybox.report.folders.copies import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
+from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.words.fit import (
-    LIKELY_TO_MATTER,
-    is_learned,
-    row_label,
-    size_text,
-    stated_text,
-    term_probability,
-)
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -41,18 +34,9 @@ from bayes_greybox.report.words.formatting import (
     share_text,
 )
 
-from .free_run_section import trial_sections
+from ..words.fit import LIKELY_TO_MATTER, is_learned, row_label, rows_text, size_text, stated_text, term_probability
 from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import (
-    Folding,
-    equations_block,
-    fit_settings,
-    folded,
-    footer,
-    settings_section,
-    settings_table,
-    verdict_blocks,
-)
+from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
 _CHECKS = {
     "LOO-PIT": "Leave-one-out predictions are as wide as they say",
@@ -66,12 +50,7 @@ _TESTS = ("LOO-PIT", "whiteness")
 
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a fit as one HTML file that needs no network.
-
-    Args:
-        fit: The fit.
-        path: Destination.
-        config: Text of the configuration file that asked for it; by default the one that the fit holds.
+    """Write the report of a fit, with the text of its configuration file, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.
@@ -82,6 +61,7 @@ def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = 
 def fit_page(fit: Posterior, config: str | None = None) -> Page:
     """Return the report of a fit; see `fit_html`."""
     verdict, terms, shares = convergence(fit), inclusion(fit), discrepancy_table(fit)
+    written = fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE)
     sections = [
         *_study(fit),
         _coefficients(fit, terms),
@@ -90,11 +70,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         *trial_sections(fit),
         _checks(fit),
         Section("convergence", "Can the sampler be trusted?", "", verdict_blocks(fit)),
-        settings_section(
-            "How this was made",
-            [Details("Model, sampler, seed and versions", [settings_table(fit_settings(fit))])],
-            config or fit.idata.attrs.get(CONFIGURATION_ATTRIBUTE),
-        ),
+        made_section("Model, sampler, seed and versions", fit_settings(fit), config or written),
     ]
     doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
     return Page(
@@ -124,22 +100,21 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     for name in fit.model.equations:
         rows = table.loc[name]
         terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
-        found = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
+        matter = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         discrepancy = ""
         if fit.model.discrepancy:
             left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             discrepancy = f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {row_label(fit, name)}, {found}{discrepancy}.")
+        sentences.append(f"In {row_label(fit, name)}, {matter}{discrepancy}.")
     return " ".join(sentences)
 
 
 def _facts(fit: Posterior) -> list[str]:
     data, sampling = fit.data, fit.sampling
-    runs = f" in {data.n_run} runs" if data.n_run > 1 else ""
-    dropped = f", {data.dropped} dropped" if data.dropped else ""
+    rows = rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
-        f"data: {data.n_obs} rows{runs}{dropped}" if fit.whole is None else f"data: {fit.rows_in_words}",
+        f"data: {rows if fit.whole is None else fit.rows_in_words}",
         f"rows: {fit.model.rows.in_words(data)}",
         f"prior: {fit.model.prior_text}",
         f"discrepancy: {kernel}",
@@ -149,9 +124,8 @@ def _facts(fit: Posterior) -> list[str]:
 
 def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
     cards = []
-    several = len(fit.equations) > 1
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
-        where = f" in {row_label(fit, str(name))}" if several else ""
+        where = f" in {row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
         if row["simulation"] != 0:
             cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
         cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
@@ -193,19 +167,18 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     }
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
-    clear = table[column] > LIKELY_TO_MATTER
 
-    blocks = folded(
-        (records_of(table[clear]), records_of(table[~clear])),
-        Folding(
-            "Terms more likely to matter than not",
-            "Terms that are likely absent, or too small to matter",
-            "{} no more likely to matter than not",
-            "No term is more likely to matter than not.",
-        ),
-        lambda records, caption: table_of(records, columns, caption, equations=fit.model.equations),
+    def matters(row: Any) -> bool:
+        return row[column] > LIKELY_TO_MATTER
+
+    captions = (
+        "Terms more likely to matter than not",
+        "Terms that are likely absent, or too small to matter",
+        "{} no more likely to matter than not",
     )
-    if any(clear):
+    nothing = "No term is more likely to matter than not."
+    blocks = folded(records_of(table), matters, columns, fit.model.equations, captions, nothing)
+    if any(table[column] > LIKELY_TO_MATTER):
         drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
         blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
@@ -215,13 +188,10 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
 
 def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     blocks: list[Any] = []
+    draws = {"over the states": figures.discrepancy_over_states, "along time": figures.discrepancy_over_time}
     for name in fit.model.equations:
-        rate = row_label(fit, name)
-        shown = [
-            picture(figures.discrepancy_over_states(fit, name), f"Discrepancy in {rate} over the states", wide=True),
-            picture(figures.discrepancy_over_time(fit, name), f"Discrepancy in {rate} along time", wide=True),
-        ]
-        blocks.append(Pictures(shown))
+        alt = f"Discrepancy in {row_label(fit, name)}"
+        blocks.append(Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()]))
     columns = {
         "equation": lambda row: row_label(fit, row["equation"]),
         "#share": lambda row: share_text(row["discrepancy"]),
@@ -257,7 +227,7 @@ def _predicted(fit: Posterior) -> Section:
 
 
 def _checks(fit: Posterior) -> Section:
-    found = checks(fit)
+    results = checks(fit)
 
     def value(row: Any) -> str:
         if math.isnan(row["value"]):
@@ -272,10 +242,10 @@ def _checks(fit: Posterior) -> Section:
         "#limit": lambda row: "" if math.isnan(row["limit"]) else number(row["limit"], 2),
     }
     blocks: list[Any] = []
-    if found.reasons:
-        blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in found.reasons])]
+    if results.reasons:
+        blocks += [Words("What the checks say, and what to try:"), Items([("", reason) for reason in results.reasons])]
     caption, equations = "Checks that did not pass are marked", fit.model.equations
-    blocks.append(table_of(records_of(found.table), columns, caption, lambda row: not row["ok"], equations))
+    blocks.append(table_of(records_of(results.table), columns, caption, lambda row: not row["ok"], equations))
     for name in fit.equations:
         rate = row_label(fit, name)
         shown = [
@@ -295,7 +265,7 @@ def _checks(fit: Posterior) -> Section:
     }
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]
     caption = "Change for each doubling of the weight"
-    scaled = table_of(records_of(found.sensitivity), columns, caption, equations=equations)
+    scaled = table_of(records_of(results.sensitivity), columns, caption, equations=equations)
     blocks.append(Details("Sensitivity to prior and likelihood", [Pictures(shown), scaled]))
     lead = (
         "Two tests, each wrong about at most one in a hundred correct models (p-value below its limit), and how much "

@@ -11,20 +11,12 @@ from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.fleet.shared import AssetStudy, Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
-from bayes_greybox.report.plots.fleet import plot_pooled
+from bayes_greybox.report.plots.studies import plot_pooled
 from bayes_greybox.report.plots.style import with_unit
 from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
-from bayes_greybox.report.words.formatting import (
-    estimate,
-    formula,
-    interval,
-    known_share,
-    number,
-    probability_text,
-    unit_text,
-)
 
+from ..words.formatting import estimate, formula, interval, known_share, number, probability_text, unit_text
 from .page import Badge, Card, Page, Pictures, Section, Words, time_picture, write_page
 from .shared import footer
 
@@ -91,19 +83,12 @@ def _cards(cause: Shared | None) -> list[Card]:
     if cause is None or cause.whole is None:
         return []
     whole, unit = cause.whole, f" {unit_text(cause.unit)}".rstrip()
+    mean, between = f"{number(whole.mean)}{unit}", f"{number(whole.between)}{unit}"
+    span = f"{number(whole.between_lower)} to {number(whole.between_upper)}"
+    about = "standard deviation of their coefficients, 90\u00a0% interval"
     return [
-        Card(
-            "Mean",
-            "of the assets that lack it, 90\u00a0% interval",
-            f"{number(whole.mean)}{unit}",
-            note=interval(whole.lower, whole.upper),
-        ),
-        Card(
-            "Between assets",
-            "standard deviation of their coefficients, 90\u00a0% interval",
-            f"{number(whole.between)}{unit}",
-            note=f"{number(whole.between_lower)} to {number(whole.between_upper)}",
-        ),
+        Card("Mean", "of the assets that lack it, 90\u00a0% interval", mean, note=interval(whole.lower, whole.upper)),
+        Card("Between assets", about, between, note=span),
         Card("One coefficient for all", "probability, 0.5 beforehand", probability_text(whole.same)),
     ]
 
@@ -114,7 +99,8 @@ def _shared(fleet: Fleet) -> Section:
     columns: dict[str, Callable[[Shared], str]] = {
         "effect": lambda each: each.name,
         "equation": lambda each: each.equation,
-        "#assets": _assets_text,
+        # Those that have it for sure, and those that may.
+        "#assets": lambda e: f"{len(e.assets)}{f' to {len({*e.assets, *e.possible})}' if e.possible else ''}",
     }
     if any(each.likely for each in fleet.shared):
         columns["#P where not sure"] = lambda each: likely_text(each.likely.values())
@@ -126,15 +112,11 @@ def _shared(fleet: Fleet) -> Section:
         "inner parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
         "unit": unit_of,
     }
-    drawn = [
-        time_picture(
-            partial(_pooled, each, each.whole),
-            f"Coefficient of {within(each.name)} in each asset, its own and pooled",
-            shared_text(each),
-        )
-        for each in fleet.shared[:4]
-        if each.whole is not None
-    ]
+    drawn = []
+    for each in fleet.shared[:4]:
+        if each.whole is not None:
+            alt = f"Coefficient of {within(each.name)} in each asset, its own and pooled"
+            drawn.append(time_picture(partial(_pooled, each, each.whole), alt, shared_text(each)))
     lead = (
         "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
         "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "
@@ -166,11 +148,6 @@ def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     links = [pages.get(each.asset, "") for each in fleet.assets]
     table = replace(table_of(fleet.assets, columns, "All assets"), links=links)
     return Section("assets", "Assets by their gap", lead, [table])
-
-
-def _assets_text(shared: Shared) -> str:
-    """Return the number of assets that have an effect for sure, and of those that may."""
-    return f"{len(shared.assets)}{f' to {len({*shared.assets, *shared.possible})}' if shared.possible else ''}"
 
 
 def _range(low: float, high: float) -> str:

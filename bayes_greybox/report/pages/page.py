@@ -92,14 +92,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Equations:
-    """Learned equations.
-
-    Attributes:
-        equations: The equations.
-        notes: Lines below them, such as values of inner parameters.
-        rule: Rule by which terms stand in them.
-        latex: All of them in LaTeX, to copy.
-    """
+    """Learned equations, notes such as inner parameters, the rule by which terms stand, and all in LaTeX to copy."""
 
     equations: Sequence[Equation]
     notes: Sequence[str]
@@ -147,23 +140,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Page:
-    """A report.
-
-    Attributes:
-        title: Title of the browser's window.
-        kind: Kind of the report.
-        headline: Verdict in one sentence.
-        badges: Verdict in a word, and its qualifications.
-        facts: Data and model, in a few words each.
-        alerts: Warnings that come before everything else.
-        equations: Learned equations.
-        findings: Findings for and against the verdict, within the first screen.
-        findings_title: Heading of the findings.
-        cards: Numbers that matter, before and after.
-        cards_title: Heading of the cards, which says what data they are of.
-        sections: All further sections.
-        footer: Last line, with the program's version.
-    """
+    """A report: the verdict in a sentence and in badges, alerts before all else, then the evidence."""
 
     title: str
     kind: str
@@ -206,10 +183,6 @@ def require_place(path: str | os.PathLike[str]) -> None:
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
     """Write a page beside its destination, then rename it, so that it is never half-written.
 
-    Args:
-        page: The page.
-        path: Destination, usually `*.html`.
-
     Raises:
         InputError: The destination cannot be written.
     """
@@ -228,10 +201,7 @@ def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
     """Return a wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
 
-    Args:
-        draw: Function that draws it at a width in inches.
-        alt: Description for those who cannot see it.
-        caption: Text below it.
+    `draw` draws it at a width in inches.
     """
     return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(PHONE_WIDTH), alt), wide=True)
 

@@ -1,36 +1,41 @@
-"""Parts that the pages of studies, fits and comparisons share: settings, convergence, equations, folded tables."""
+"""Parts that pages share: settings, convergence, equations, folded tables, free runs."""
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any
 
+from matplotlib.figure import Figure
+
+from bayes_greybox.criticism.bands import band_sources
 from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
+from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
+from bayes_greybox.criticism.trial import trial
 from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.report.equations.latex import equations_latex
-from bayes_greybox.report.equations.mathml import equation_mathml
+from bayes_greybox.report import plots as figures
+from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
 from bayes_greybox.report.equations.text import equation_text, inner_text, note
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
-from bayes_greybox.report.words.formatting import count_text, number, unit_text
 
-from .page import Code, Details, Equation, Equations, Items, Section, Words
+from ..words.formatting import count_text, counted, listed, number, percent_text, share_text, unit_text
+from .page import Code, Details, Equation, Equations, Items, Pictures, Section, Words, time_picture
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:
-    """Return the last section of a page: settings, and the configuration file if there was one.
-
-    Args:
-        title: Title of the section.
-        blocks: Settings.
-        config: Text of the configuration file.
-    """
+    """Return the last section of a page: settings, and the configuration file if there was one."""
     file = [Details("Configuration file", [Code(config)])] if config else []
     return Section("settings", title, "", [*blocks, *file])
+
+
+def made_section(opens: str, settings: Mapping[str, Any], config: str | None) -> Section:
+    """Return the last section of the page of one result, whose settings the line `opens` opens."""
+    return settings_section("How this was made", [Details(opens, [settings_table(settings)])], config)
 
 
 def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name") -> Table:
@@ -47,43 +52,30 @@ def fit_settings(fit: Posterior) -> dict[str, Any]:
     """Return model, sampler, seed and versions of a fit."""
     model = describe(fit.model, fit.data)
     model["dictionary"] = {name: [term["expression"] for term in terms] for name, terms in model["dictionary"].items()}
-    made = {
-        key: fit.idata.attrs[key] for key in ("inference_library_version", "python_version") if key in fit.idata.attrs
-    }
+    keys = [key for key in ("inference_library_version", "python_version") if key in fit.idata.attrs]
+    made = {key: fit.idata.attrs[key] for key in keys}
     return {"model": model, "sampling": dataclasses.asdict(fit.sampling), "versions": made}
 
 
-class Folding(NamedTuple):
-    """Words of a table and of the folded one below it.
-
-    Attributes:
-        shown: Caption of the table of what matters.
-        hidden: Caption of the table of all else.
-        opens: Line that opens it, with a place for the number of terms.
-        nothing: Words in the place of the first table where nothing matters; "" for none.
-    """
-
-    shown: str
-    hidden: str
-    opens: str
-    nothing: str = ""
-
-
 def folded(
-    records: tuple[Sequence[Any], Sequence[Any]], words: Folding, table: Callable[[Sequence[Any], str], Table]
+    records: Collection[Any],
+    matters: Callable[[Any], bool],
+    columns: Mapping[str, Callable[[Any], Any]],
+    equations: Sequence[str],
+    captions: tuple[str, str, str],
+    nothing: str = "",
+    marked: Callable[[Any], bool] | None = None,
 ) -> list[Any]:
-    """Return a table of the records that matter, and one of all others that a reader opens.
+    """Return a table of the records that matter, and one of all others that a reader opens, see `table_of`.
 
-    Args:
-        records: Records that matter, and all others.
-        words: Words of both tables.
-        table: Function that makes a table of records and a caption.
+    Captions are those of both tables, and the line that opens the second, with a place for the number of terms.
+    `nothing` stands in the place of the first where nothing matters.
     """
-    shown, hidden = records
-    blocks: list[Any] = [table(shown, words.shown)] if shown else [Words(words.nothing)] if words.nothing else []
-    if hidden:
-        few = f"{len(hidden)} terms" if len(hidden) > 1 else "1 term"
-        blocks.append(Details(words.opens.format(few), [table(hidden, words.hidden)]))
+    shown = table_of([each for each in records if matters(each)], columns, captions[0], marked, equations)
+    hidden = table_of([each for each in records if not matters(each)], columns, captions[1], marked, equations)
+    blocks: list[Any] = [shown] if shown.rows else [Words(nothing)] if nothing else []
+    if hidden.rows:
+        blocks.append(Details(captions[2].format(counted(len(hidden.rows), "term")), [hidden]))
     return blocks
 
 
@@ -91,14 +83,14 @@ def summary_table(fit: Posterior) -> Table:
     """Return every quantity of a fit with R̂ and effective sample sizes."""
     table = summary(fit)
 
-    def rate(row: Any) -> str:
-        return row_label(fit, row["equation"])
-
     def cell(column: Any) -> Callable[[Any], str]:
         return lambda row: _cell(column, row[column])
 
-    heads = {column if column == "unit" else f"#{_HEADS.get(column, column)}": cell(column) for column in table.columns}
-    columns = {"quantity": lambda row: quantity_name(str(row["quantity"])), "equation": rate, **heads}
+    columns = {
+        "quantity": lambda row: quantity_name(str(row["quantity"])),
+        "equation": lambda row: row_label(fit, row["equation"]),
+        **{name if name == "unit" else f"#{_HEADS.get(name, name)}": cell(name) for name in table.columns},
+    }
     caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
     return table_of(records_of(table), columns, caption, equations=list(table.index.unique(0)))
 
@@ -146,3 +138,74 @@ def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], 
         yield path, ", ".join(number(item, 6) for item in value) or "none"
     else:
         yield path, "none" if value is None else number(value, 6)
+
+
+ANCHOR = "free-run"
+
+
+def free_run_section(
+    title: str,
+    lead: str,
+    drawn: Mapping[str, Callable[[float], Figure]],
+    holds: Iterable[str],
+    further: Sequence[Any] = (),
+    shown: str = "against the measurements",
+) -> Section:
+    """Return free runs as a section, with the figure of each state, which a function draws at a width in inches.
+
+    A sentence on the bands follows the lead, with their contents as their legends have them. Further blocks stand
+    above.
+    """
+    pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
+    bands = f" Bands hold 90 % of the posterior draws{_varied(holds)}; a cross marks where a run failed."
+    blocks = [*further, *([Pictures(pictures)] if pictures else [])]
+    return Section(ANCHOR, title, lead + (bands if pictures else ""), blocks)
+
+
+def trial_sections(fit: Posterior) -> list[Section]:
+    """Return the section of a fit's errors and free run on held-out data, or else on the training data.
+
+    There is none for outputs alone, of which none were held out.
+    """
+    tried = trial(fit)
+    run = tried.run
+    rows = []
+    for name, error in tried.nmse.items():
+        predicted = row_label(fit, name, "samples")
+        rows.append((f"mean square error of the predicted {predicted}, over its variance", share_text(error)))
+    for name, error in run.nrmse().items() if run else ():
+        rows.append((f"RMS error of the free run of {name}, over its standard deviation", percent_text(float(error))))
+    if run is None and not (rows or tried.why):
+        return []
+    blocks: list[Any] = [Table(("measure", "#value"), rows)] if rows else []
+    if tried.why and run is None:
+        blocks.append(Words(f"There is no free run. {tried.why}"))
+    size = f"{number(tried.n_obs)} rows{f' in {tried.n_run} runs' if tried.n_run > 1 else ''}"
+    if tried.held_out:
+        title, lead = "How does it do on held-out data?", f"{size} that the model did not learn from."
+    else:
+        title = "Does it follow the measurements by itself?"
+        lead = f"On the training data, {size}, as none were held out."
+    if run is None:
+        return [free_run_section(title, lead, {}, [], blocks)]
+    lead += " The model is started where the measurements start and then left alone."
+    drawn = {state: partial(figures.simulated, run, state) for state in run.states}
+    return [free_run_section(title, lead, drawn, [run.holds], [*blocks, *map(Words, _failures(run))])]
+
+
+def _failures(run: FreeRun) -> list[str]:
+    """Return the runs that blew up, and when, as a sentence."""
+    data, unit = run.data, run.data.unit("t") or ""
+    failed = [
+        f"{percent_text(float(share))} of the draws{f' in run {name}' if data.n_run > 1 else ''} after "
+        f"{number(float(at) - float(data.time[data.run == k][0]))} {unit}".strip()
+        for k, (name, share, at) in enumerate(zip(data.run_names, run.failed, run.failed_at, strict=True))
+        if share > 0
+    ]
+    return [f"The free run blows up: {listed(failed)}."] if failed else []
+
+
+def _varied(holds: Iterable[str]) -> str:
+    """Return the quantities that vary between the draws, as a clause."""
+    held = {band_sources(each) for each in holds} - {""}
+    return f", which vary in {held.pop()}" if held else ""

@@ -5,20 +5,19 @@ import os
 import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.gap import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import is_denied, shown_part
 from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.fit import data_remarks, rows_text
 from bayes_greybox.report.words.formatting import unbroken
-from bayes_greybox.report.words.remarks import data_remarks
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import METRICS, closed_text, metric_value, metric_words
 
 from . import study_sections as rungs
-from .page import Badge, Card, Details, Finding, Page, Section, Words, write_page
-from .shared import equations_block, footer, settings_section, settings_table, verdict_blocks
+from .page import Badge, Card, Finding, Page, Section, Words, write_page
+from .shared import equations_block, footer, made_section, verdict_blocks
 
 BADGES = {
     "no gap": Badge("No gap", "good", "✓"),
@@ -33,12 +32,7 @@ MOST_CARDS = 6
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a study as one HTML file that needs no network.
-
-    Args:
-        study: The study.
-        path: Destination.
-        config: Text of the configuration file that asked for it; that of the study by default.
+    """Write the report of a study, with the text of its configuration file, as one HTML file that needs no network.
 
     Raises:
         InputError: The destination cannot be written.
@@ -49,21 +43,9 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
 def study_page(study: StudyResult, config: str | None = None) -> Page:
     """Return the report of a study; see `study_html`."""
     sections = [
-        rungs.where(study),
-        rungs.what(study),
-        rungs.measurement(study),
-        rungs.how_much(study),
-        rungs.free_runs(study),
-        rungs.gap_numbers(study),
-        rungs.sets(study),
-        _convergence(study),
-        rungs.corrections(study),
-        rungs.ties(study),
-        settings_section(
-            "How this was made",
-            [Details("Settings, seed, versions and times", [settings_table(study.settings)])],
-            config or study.config,
-        ),
+        *(rung(study) for rung in (rungs.where, rungs.what, rungs.measurement, rungs.how_much, rungs.free_runs)),
+        *(rung(study) for rung in (rungs.gap_numbers, rungs.sets, _convergence, rungs.corrections, rungs.ties)),
+        made_section("Settings, seed, versions and times", study.settings, config or study.config),
     ]
     measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
     return Page(
@@ -97,18 +79,15 @@ def _badges(study: StudyResult) -> list[Badge]:
 def _findings(study: StudyResult) -> list[Finding]:
     """Return the findings, those first that speak against the verdict."""
     tones = {True: "bad", None: "quiet", False: "good"}
-    found = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
-    return sorted(found, key=lambda finding: finding.tone != "bad")
+    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
+    return sorted(findings, key=lambda finding: finding.tone != "bad")
 
 
 def _facts(study: StudyResult) -> list[str]:
-    def rows(data: Trajectories) -> str:
-        return f"{data.n_obs} rows in {data.n_run} runs" if data.n_run > 1 else f"{data.n_obs} rows"
-
     equations = ", ".join(map(study.train.target_label, study.maps))
     what = study.base.rows.in_words(study.train)
-    facts = [f"equations: {equations}", f"training data: {rows(study.train)}", f"rows: {what}"]
-    facts.append("held-out data: none" if study.test is None else f"held-out data: {rows(study.test)}")
+    facts = [f"equations: {equations}", f"training data: {rows_text(study.train)}", f"rows: {what}"]
+    facts.append("held-out data: none" if study.test is None else f"held-out data: {rows_text(study.test)}")
     if "catalogue" in study.settings:
         facts.append(f"catalogue: {study.settings['catalogue']}")
     return [*facts, *data_remarks(study.train, study.test)]
@@ -133,16 +112,9 @@ def _cards(study: StudyResult) -> list[Card]:
             before, after = float(row["before"]), float(row["after"])
             title, about = metric_words(study, metric, str(variable))
             left = after / before if metric not in NO_SHARES and before > 0 and np.isfinite(after) else None
-            cards.append(
-                Card(
-                    title=title,
-                    about=about,
-                    before=metric_value(study, metric, before),
-                    after=metric_value(study, metric, after),
-                    note=closed_text(float(row["closed"]), denied),
-                    left=None if left is None else min(left, 1.0),
-                )
-            )
+            ends = {"before": metric_value(study, metric, before), "after": metric_value(study, metric, after)}
+            note = closed_text(float(row["closed"]), denied)
+            cards.append(Card(title, about, **ends, note=note, left=None if left is None else min(left, 1.0)))
     return cards[:MOST_CARDS]
 
 

@@ -16,10 +16,12 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.physics.catalogue.names import listing
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.text import as_simulation
+from bayes_greybox.report.pages.shared import free_run_section
 from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.formatting import (
+    counted,
     estimate,
     formula,
     interval,
@@ -46,7 +48,6 @@ from bayes_greybox.report.words.study import (
     whole_term,
 )
 
-from .free_run_section import free_run_section
 from .page import Code, Details, Items, Picture, Pictures, Section, Words, picture, time_picture
 
 MOST_TIED = 3
@@ -86,22 +87,19 @@ def what(study: StudyResult) -> Section:
         text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))
         if len(rest):
-            blocks.append(Details(_counted(len(rest), "less probable effect"), [_effects(study, rest)]))
+            blocks.append(Details(counted(len(rest), "less probable effect"), [_effects(study, rest)]))
     if len(study.hypotheses):
         table = _hypotheses(study)
         blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
     if study.left_out:
-        left_out = table_of(
-            study.left_out.items(),
-            {
-                "effect": lambda item: name_of(study, item[0][1]),
-                "equation": lambda item: _rate(study, item[0][0]),
-                "reason": lambda item: item[1],
-            },
-            "Effects that were not weighed, and why",
-            equations=list(study.maps),
-        )
-        blocks.append(Details(f"{_counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
+        columns = {
+            "effect": lambda item: name_of(study, item[0][1]),
+            "equation": lambda item: _rate(study, item[0][0]),
+            "reason": lambda item: item[1],
+        }
+        caption = "Effects that were not weighed, and why"
+        left_out = table_of(study.left_out.items(), columns, caption, equations=list(study.maps))
+        blocks.append(Details(f"{counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
@@ -158,11 +156,11 @@ def sets(study: StudyResult) -> Section | None:
         return None
     alt = "Share of the gap that the likeliest set of each size leaves"
     shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
-    known = study.hypotheses["probability"].to_dict()
+    probabilities = study.hypotheses["probability"].to_dict()
 
     def probability(row: Any, name: str, alone: str) -> str:
         # What is unknown has more than the sets without an effect: all that others may imitate.
-        return probability_text(known.get((row["equation"], row[name]), row[alone]))
+        return probability_text(probabilities.get((row["equation"], row[name]), row[alone]))
 
     columns = {
         "equation": lambda row: _rate(study, row["equation"]),
@@ -237,7 +235,7 @@ def corrections(study: StudyResult) -> Section | None:
     blocks = blocks or [Words("None of them is more likely off than not.")]
     if len(right := table[~likely]):
         folded = _table(study, right, columns, "Coefficients that are likely right")
-        blocks.append(Details(f"{_counted(len(right), 'coefficient')} likely right", [folded]))
+        blocks.append(Details(f"{counted(len(right), 'coefficient')} likely right", [folded]))
     lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks)
 
@@ -346,10 +344,6 @@ def _gap(study: StudyResult, part: str, caption: str) -> Table:
 
 def _table(study: StudyResult, rows: pd.DataFrame, columns: Any, caption: str, marked: Any = None) -> Table:
     return table_of(records_of(rows), columns, caption, marked, list(study.maps))
-
-
-def _counted(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def _equations(table: pd.DataFrame) -> list[str]:

@@ -12,25 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
-from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
-from bayes_greybox.report.plots.gap.responses import plot_responses
-from bayes_greybox.report.plots.posterior.calibration import plot_calibration
-from bayes_greybox.report.plots.posterior.checks import (
-    plot_autocorrelation,
-    plot_loo_pit,
-    plot_predictive,
-    plot_sensitivity,
-)
+from bayes_greybox.report.plots.posterior.along_time import plot_discrepancy_over_time, plot_predicted
 from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
-from bayes_greybox.report.plots.posterior.comparison import plot_comparison
-from bayes_greybox.report.plots.posterior.confounding import plot_confounding
+from bayes_greybox.report.plots.posterior.comparison import plot_comparison, plot_confounding
 from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
-from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
-from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
+from bayes_greybox.report.plots.style import save_figures
 
-from .files import save_figures
 from .fits import (
     autocorrelation,
     calibration,
@@ -45,6 +33,8 @@ from .fits import (
     simulated,
     trade_off,
 )
+from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
+from .posterior.checks import plot_autocorrelation, plot_calibration, plot_loo_pit, plot_predictive, plot_sensitivity
 
 if TYPE_CHECKING:
     from .studies import (
@@ -59,65 +49,19 @@ if TYPE_CHECKING:
     )
 
 __all__ = [
-    "Coefficient",
-    "added_coefficients",
-    "autocorrelation",
-    "calibration",
-    "coefficients",
-    "discrepancy_over_states",
-    "discrepancy_over_time",
-    "fit_figures",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "loo_pit",
-    "next_experiment",
-    "plot_autocorrelation",
-    "plot_calibration",
-    "plot_coefficients",
-    "plot_comparison",
-    "plot_confounding",
-    "plot_discrepancy_over_states",
-    "plot_discrepancy_over_time",
-    "plot_free_run",
-    "plot_gap_curve",
-    "plot_gap_map",
-    "plot_gap_over_time",
-    "plot_hypotheses",
-    "plot_loo_pit",
-    "plot_posteriors",
-    "plot_predicted",
-    "plot_predictive",
-    "plot_responses",
-    "plot_rounds",
-    "plot_sensitivity",
-    "plot_tradeoff",
-    "predicted",
-    "predictive",
-    "ranking",
-    "rounds",
-    "save_figures",
-    "sensitivity",
-    "simulated",
-    "study_figures",
-    "trade_off",
-]
-
-_OF_STUDIES = (
-    "added_coefficients",
-    "free_run",
-    "gap_map",
-    "gap_over_time",
-    "next_experiment",
-    "ranking",
-    "rounds",
-    "study_figures",
-)
+    "Coefficient", "added_coefficients", "autocorrelation", "calibration", "coefficients", "discrepancy_over_states",
+    "discrepancy_over_time", "fit_figures", "free_run", "gap_map", "gap_over_time", "loo_pit", "next_experiment",
+    "plot_autocorrelation", "plot_calibration", "plot_coefficients", "plot_comparison", "plot_confounding",
+    "plot_discrepancy_over_states", "plot_discrepancy_over_time", "plot_free_run", "plot_gap_curve", "plot_gap_map",
+    "plot_gap_over_time", "plot_hypotheses", "plot_loo_pit", "plot_posteriors", "plot_predicted", "plot_predictive",
+    "plot_responses", "plot_rounds", "plot_sensitivity", "plot_tradeoff", "predicted", "predictive", "ranking",
+    "rounds", "save_figures", "sensitivity", "simulated", "study_figures", "trade_off",
+]  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
-    # The figures of a fit do without all that a study imports.
-    if name in _OF_STUDIES:
+    # Those of studies: the figures of a fit do without all that a study imports.
+    if name in __all__:
         from . import studies
 
         return getattr(studies, name)

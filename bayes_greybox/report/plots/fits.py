@@ -19,21 +19,15 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, seen_as
-from bayes_greybox.report.plots.posterior.calibration import plot_calibration
-from bayes_greybox.report.plots.posterior.checks import (
-    plot_autocorrelation,
-    plot_loo_pit,
-    plot_predictive,
-    plot_sensitivity,
-)
+from bayes_greybox.report.plots.posterior.along_time import plot_discrepancy_over_time, plot_predicted
 from bayes_greybox.report.plots.posterior.coefficients import plot_coefficients
 from bayes_greybox.report.plots.posterior.over_states import plot_discrepancy_over_states
-from bayes_greybox.report.plots.posterior.over_time import plot_discrepancy_over_time
-from bayes_greybox.report.plots.posterior.predicted import plot_predicted
 from bayes_greybox.report.plots.posterior.tradeoff import plot_tradeoff
 from bayes_greybox.report.words.fit import row_label
 from bayes_greybox.report.words.formatting import formula, probability_column
 from bayes_greybox.running.errors import InputError
+
+from .posterior.checks import plot_autocorrelation, plot_calibration, plot_loo_pit, plot_predictive, plot_sensitivity
 
 
 def fit_figures(fit: Posterior) -> dict[str, Figure]:
@@ -41,9 +35,8 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
     figures = {"coefficients": coefficients(fit)}
     for name in fit.model.equations:
         figures[f"predicted_{name}" if len(fit.model.equations) > 1 else "predicted"] = predicted(fit, name)
-    several = len(fit.equations) > 1
     for name in fit.equations:
-        suffix = f"_{name}" if several else ""
+        suffix = f"_{name}" if len(fit.equations) > 1 else ""
         if fit.equations[name].frame.variables:
             figures[f"discrepancy_states{suffix}"] = discrepancy_over_states(fit, name)
             figures[f"discrepancy_time{suffix}"] = discrepancy_over_time(fit, name)
@@ -83,18 +76,9 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
     """Draw predicted against measured rate, or output, over the training data, with the band of a measurement."""
     equation = equation or fit.model.equations[0]
     shown = predict(fit, fit.data, level)[equation]
-    return plot_predicted(
-        fit.data.time,
-        fit.data.derivatives[equation],
-        shown.rate.mean,
-        shown.measurement.lower,
-        shown.measurement.upper,
-        equation=equation,
-        label=row_label(fit, equation, "samples"),
-        level=level,
-        **_runs(fit.data),
-        **_units(fit, equation),
-    )
+    values = (fit.data.derivatives[equation], shown.rate.mean, shown.measurement.lower, shown.measurement.upper)
+    about = {"label": row_label(fit, equation, "samples"), "level": level, **_along_time(fit, equation)}
+    return plot_predicted(fit.data.time, *values, **about)
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
@@ -126,30 +110,15 @@ def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: fl
     """Draw the posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
     band: Band = predict(fit, fit.data, level)[equation].discrepancy
-    return plot_discrepancy_over_time(
-        fit.data.time,
-        band.mean,
-        band.lower,
-        band.upper,
-        equation=equation,
-        sigma=_noise(fit, equation),
-        level=level,
-        **_runs(fit.data),
-        **_units(fit, equation),
-    )
+    about = {"sigma": _noise(fit, equation), "level": level, **_along_time(fit, equation)}
+    return plot_discrepancy_over_time(fit.data.time, band.mean, band.lower, band.upper, **about)
 
 
 def trade_off(fit: Posterior, equation: str | None = None) -> Figure:
     """Draw posterior pairs of the coefficient that f can stand in for most."""
     pair = strongest_trade_off(fit, equation or next(iter(fit.equations)))
-    return plot_tradeoff(
-        pair.theta,
-        pair.projection,
-        term=formula(pair.term),
-        equation=pair.equation,
-        correlation=pair.correlation,
-        unit=pair.unit,
-    )
+    about: dict[str, Any] = {"equation": pair.equation, "correlation": pair.correlation, "unit": pair.unit}
+    return plot_tradeoff(pair.theta, pair.projection, term=formula(pair.term), **about)
 
 
 def predictive(fit: Posterior, equation: str | None = None) -> Figure:
@@ -164,11 +133,10 @@ def predictive(fit: Posterior, equation: str | None = None) -> Figure:
             "The fit holds no predictive draws of both: its record is too long, an older version saved it, or it was "
             "refined under priors of its own."
         )
-    measured = fit.idata["observed_data"][fit.sites[equation].rate].to_numpy()
-    drawn = {
-        source: fit.idata[f"{source}_predictive"][fit.sites[equation].rate].to_numpy().reshape(-1, len(measured))
-        for source in ("posterior", "prior")
-    }
+    rate = fit.sites[equation].rate
+    measured = fit.idata["observed_data"][rate].to_numpy()
+    groups = {source: fit.idata[f"{source}_predictive"][rate].to_numpy() for source in ("posterior", "prior")}
+    drawn = {source: values.reshape(-1, len(measured)) for source, values in groups.items()}
     label, unit = row_label(fit, equation, "samples"), target_unit(equation, fit.data)
     if fit.data.samples is not None and fit.equations[equation].rows.gain != 1.0:
         units = {fit.data.samples.unit(name) for name in fit.data.samples.state_names}
@@ -185,15 +153,8 @@ def loo_pit(fit: Posterior, equation: str | None = None) -> Figure:
 def autocorrelation(fit: Posterior, equation: str | None = None) -> Figure:
     """Draw the autocorrelation of the whitened residuals."""
     white = checks(fit).whiteness[equation or next(iter(fit.equations))]
-    return plot_autocorrelation(
-        white.lag,
-        white.autocorrelation,
-        white.bound,
-        equation=white.equation,
-        p=white.p,
-        standing_out=white.standing_out,
-        by_frequency=white.by_frequency,
-    )
+    about = {name: getattr(white, name) for name in ("equation", "p", "standing_out", "by_frequency")}
+    return plot_autocorrelation(white.lag, white.autocorrelation, white.bound, **about)
 
 
 def sensitivity(fit: Posterior) -> Figure:
@@ -211,5 +172,6 @@ def _runs(data: Trajectories) -> dict[str, Any]:
     return {} if data.n_run == 1 else {"run": data.run, "run_names": list(data.run_names)}
 
 
-def _units(fit: Posterior, equation: str) -> dict:
-    return {"time_unit": fit.data.unit("t") or "", "unit": target_unit(equation, fit.data)}
+def _along_time(fit: Posterior, equation: str) -> dict[str, Any]:
+    units = {"time_unit": fit.data.unit("t") or "", "unit": target_unit(equation, fit.data)}
+    return {"equation": equation, **units, **_runs(fit.data)}

@@ -1,13 +1,17 @@
-"""Figures of a missing-effect study: they draw the numbers of `discovery`."""
+"""Figures of a missing-effect study, and of a fleet of them: they draw the numbers of `discovery`."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
+from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import (
@@ -21,15 +25,14 @@ from bayes_greybox.discovery.summary import (
     trace_bands,
 )
 from bayes_greybox.discovery.ties import sorted_by_probability
+from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.plots.gap.posteriors import Coefficient, plot_posteriors
-from bayes_greybox.report.plots.gap.ranking import plot_hypotheses, plot_rounds
-from bayes_greybox.report.plots.gap.responses import plot_responses
-from bayes_greybox.report.plots.style import AFTER, BEFORE
 from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.study import name_of, set_label
 from bayes_greybox.running.errors import InputError
+
+from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
 
 MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 """Hypotheses in the ranking's figure; a table has them all."""
@@ -37,13 +40,18 @@ MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
 LEAST_PROBABLE = 0.001
 """Beyond the fewest, hypotheses that are less probable are not drawn."""
 
+MOST_ASSETS = 60
+"""Largest number of assets in one figure; of more, as many from the smallest to the largest."""
+
+LONGEST_ASSET_NAME = 28
+"""Letters of a name in a figure."""
+
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
     """Return every figure of a study by file name: gap, ranking, sets, coefficients, free runs."""
     figures: dict[str, Figure] = {}
-    several = len(study.maps) > 1
     for equation in study.maps:
-        suffix = f"_{equation}" if several else ""
+        suffix = f"_{equation}" if len(study.maps) > 1 else ""
         figures[f"gap_map{suffix}"] = gap_map(study, equation)
         if equation in study.traces:
             figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
@@ -82,15 +90,10 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
             variable=gap.variables[0], variable_unit=gap.units[0], title=f"Gap in the equation for {equation}",
             threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
         )  # fmt: skip
-    shown = {
-        "before": (
-            f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given",
-            gap.before,
-            gap.probability,
-        ),
-        "after": ("After: the amended model", gap.after, gap.after_probability),
-    }
-    looks = {"before": BEFORE, "after": AFTER}
+    title = f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given"
+    after = ("After: the amended model", gap.after, gap.after_probability)
+    shown = {"before": (title, gap.before, gap.probability), "after": after}
+    looks = {"before": style.BEFORE, "after": style.AFTER}
     seen = inside if inside.any() else np.ones_like(inside)
     return plot_gap_map(
         (np.asarray(gap.axes[0]), np.asarray(gap.axes[1])),
@@ -141,15 +144,12 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 def added_coefficients(study: StudyResult) -> Figure:
     """Draw the posterior of the coefficient of each effect that was added."""
     chosen = study.effects.loc[added(study)]
-    return plot_posteriors(
-        [
-            Coefficient(
-                name=row["name"], term=formula(row["expression"]), mean=float(row["mean"]), sd=float(row["sd"]),
-                lower=float(row["lower"]), upper=float(row["upper"]), unit=row["unit"], draws=added_draws(study, place),
-            )
-            for place, row in enumerate(chosen.to_dict("records"))
-        ]
-    )  # fmt: skip
+    coefficients = []
+    for place, row in enumerate(chosen.to_dict("records")):
+        numbers: dict[str, Any] = {name: float(row[name]) for name in ("mean", "sd", "lower", "upper")}
+        about = {"name": row["name"], "term": formula(row["expression"]), "unit": row["unit"]}
+        coefficients.append(Coefficient(**about, **numbers, draws=added_draws(study, place)))
+    return plot_posteriors(coefficients)
 
 
 def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
@@ -188,6 +188,28 @@ def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -
         )
         for channel, bands in shown.bands.items()
     }  # fmt: skip
+
+
+@mpl.rc_context(style.STYLE)
+def plot_pooled(
+    names: Sequence[str], mean: Sequence[float], sd: Sequence[float], whole: Pooled, label: str, width: float = 6.4
+) -> Figure:
+    """Draw a forest of one coefficient: its mean and standard deviation in each asset, the pooled ones, their mean."""
+    order = np.argsort(mean)
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
+    figure = style.new_figure(width, 1.3 + 0.24 * len(order))
+    ax = figure.add_subplot()
+    place = np.arange(len(order))
+    ax.axvspan(whole.lower, whole.upper, color=style.LIGHT, alpha=0.6, lw=0, label="mean, 90 %")
+    means, sds = (np.asarray(each)[order] for each in (mean, sd))
+    pooled, pooled_sds = (np.asarray(each)[order] for each in (whole.each, whole.each_sd))
+    own_bars, pooled_bars = INTERVAL_REACH * sds, INTERVAL_REACH * pooled_sds
+    ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
+    ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
+    ax.set_yticks(place, [style.shortened(str(names[int(i)]), LONGEST_ASSET_NAME) for i in order])
+    ax.set(ylim=(-0.7, len(order) - 0.3), xlabel=style.plain(label))
+    figure.legend(loc="outside lower left", ncols=3)
+    return figure
 
 
 def _rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:

@@ -1,7 +1,9 @@
-"""Style of all figures: colours, text with units, and figures that pyplot does not keep."""
+"""Style of all figures: colours, text with units, figures that pyplot does not keep, and whole files of them."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
@@ -16,6 +18,10 @@ from matplotlib.mathtext import MathTextParser
 
 from bayes_greybox.report.words.formatting import unit_text
 from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.whole_files import whole_file
+
+DASHED = (0, (4, 3))
+"""Line of what is no result, such as a threshold."""
 
 # Okabe & Ito's colour-blind-safe palette; blue and orange also differ in lightness.
 BLUE = "#0072B2"
@@ -33,22 +39,11 @@ SIGNED = "PRGn"
 """Map of signed numbers: safe for colour-blind readers, and of colours that stand for nothing else."""
 
 STYLE: dict[str, Any] = {
-    "font.size": 10,
-    "axes.titlesize": 10.5,
-    "axes.labelsize": 10,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#555555",
-    "axes.titlelocation": "left",
-    "hatch.color": GREY,
-    "hatch.linewidth": 0.5,
-    "text.usetex": False,
-    "figure.facecolor": "white",
-}
+    "font.size": 10, "axes.titlesize": 10.5, "axes.labelsize": 10, "xtick.labelsize": 9, "ytick.labelsize": 9,
+    "legend.fontsize": 9, "legend.frameon": False, "axes.spines.top": False, "axes.spines.right": False,
+    "axes.edgecolor": "#555555", "axes.titlelocation": "left", "hatch.color": GREY, "hatch.linewidth": 0.5,
+    "text.usetex": False, "figure.facecolor": "white",
+}  # fmt: skip
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -83,18 +78,14 @@ def figure_of(ax: Axes) -> Figure:
     return figure
 
 
-def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
+def place_legend(ax: Axes, ours: bool, handles: Sequence[Artist] | None = None, columns: int | None = None) -> None:
     """Place a legend below a figure of our own, clear of its curves; inside the caller's axes otherwise.
 
-    Args:
-        ax: axes whose labelled artists the legend names, and which hold it where the figure is the caller's.
-        own: if true, the figure is ours.
-        handles: labelled artists to name instead of those of the axes.
-        columns: labels in a row; all of them by default.
+    It names the labelled artists of the axes, or the handles that are given, `columns` in a row, by default all.
     """
     shown = list(handles) if handles is not None else ax.get_legend_handles_labels()[0]
     labels = [str(handle.get_label()) for handle in shown]
-    if own:
+    if ours:
         place = {"loc": "outside lower left", "ncols": columns or len(shown), "columnspacing": 1.5}
         legend = figure_of(ax).legend(shown, labels, **place)
     else:
@@ -106,12 +97,7 @@ def place_legend(ax: Axes, own: bool, handles: Sequence[Artist] | None = None, c
 
 
 def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> list[Axes]:
-    """Return the caller's axes as a flat list, checked for their number.
-
-    Args:
-        axes: the axes as given.
-        needed: number of axes that the figure draws into.
-        order: names of the axes, in order, for the message.
+    """Return the caller's axes as a flat list, checked for their number; the message says which they are, in order.
 
     Raises:
         InputError: another number of axes was given.
@@ -125,14 +111,10 @@ def given_axes(axes: Sequence[Axes] | np.ndarray, needed: int, order: str) -> li
 def panels_of(
     axes: Sequence[Axes] | np.ndarray | None, needed: int, order: str, size: tuple[float, float], **subplots: Any
 ) -> list[Axes]:
-    """Return the caller's axes, or those of a new figure.
+    """Return the caller's axes, or those of a new figure, which by default stand in a column.
 
-    Args:
-        axes: Axes as the caller gave them; None for a new figure.
-        needed: Number of axes.
-        order: Names of the axes, in order, for the message.
-        size: Width and height of a new figure in inches.
-        subplots: Arguments of `Figure.subplots` for a new figure; by default the axes stand in a column.
+    `order` names the axes for the message, `size` is that of a new figure in inches, `subplots` are arguments of
+    `Figure.subplots`.
 
     Raises:
         InputError: Another number of axes was given.
@@ -142,9 +124,34 @@ def panels_of(
     return list(np.ravel(new_figure(*size).subplots(**{"nrows": needed, "squeeze": False, **subplots})))
 
 
+def guide_rows(ax: Axes, n: int) -> np.ndarray:
+    """Draw thin lines along which n rows are read, the first on top, and return their places."""
+    rows = np.arange(n)
+    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=LIGHT, linewidth=0.6, zorder=0)
+    ax.set_ylim(n - 0.5, -0.5)
+    ax.tick_params(axis="y", length=0)
+    return rows
+
+
+def rug(ax: Axes, positions: np.ndarray, label: str | None = None) -> None:
+    """Mark positions of data rows by strokes along the lower edge."""
+    ax.plot(positions, np.full(len(positions), 0.02), "|", transform=ax.get_xaxis_transform(), color=DARK, alpha=0.45,
+            markersize=7, markeredgewidth=0.6, label=label)  # fmt: skip
+
+
+def every_nth(n_obs: int, most: int) -> slice:
+    """Return evenly spaced rows, at most about `most` of them."""
+    return slice(None, None, max(1, -(-n_obs // most)))
+
+
 def plain(text: str) -> str:
     """Return text that is drawn as it stands: a dollar sign does not start a formula."""
     return text.replace("$", r"\$")
+
+
+def shortened(name: str, most: int) -> str:
+    """Return a name of at most so many letters as it is drawn."""
+    return plain(name if len(name) <= most else f"{name[: most - 1]}…")
 
 
 def formula_or_name(name: str, latex: str | None) -> str:
@@ -163,3 +170,38 @@ def with_unit(label: str, unit: str | None) -> str:
     """Return a label with its unit in brackets; the label alone where there is no unit."""
     shown = plain(unit_text(unit))
     return f"{plain(label)} [{shown}]" if shown else plain(label)
+
+
+COMPRESSION = 3
+"""Of files, from 1 to 9: at 6, which is usual, they are a tenth smaller and take twice the time."""
+
+
+def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:
+    """Write each figure as `folder/name.png`, beside its final name first and then renamed.
+
+    Args:
+        figures: figures by name; a name is a file name without its ending.
+        folder: where to; made where it is missing.
+
+    Returns:
+        The path of each figure.
+
+    Raises:
+        InputError: a name is not a plain file name, or the folder cannot be written to.
+    """
+    target = Path(folder)
+    for name in figures:
+        if not name or name.startswith(".") or set(name) & set('/\\:*?"<>|\0'):
+            raise InputError(f"{name!r} cannot name a figure's file; use letters, digits, '-' and '_'.")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        return {name: _save(figure, target / f"{name}.png") for name, figure in figures.items()}
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(f"Cannot write figures to {str(target)!r} ({reason}); choose another folder.") from error
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    with whole_file(path) as part, laid_out(figure):
+        figure.savefig(part, format="png", dpi=150, pil_kwargs={"compress_level": COMPRESSION})
+    return path

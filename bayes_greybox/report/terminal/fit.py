@@ -1,4 +1,4 @@
-"""A fit as short tables for a terminal."""
+"""Fits, alone and compared, as short tables for a terminal."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -7,6 +7,7 @@ import pandas as pd
 from rich.console import Group, RenderableType
 from rich.text import Text
 
+from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.equations.learned import INTERVAL_LEVEL
@@ -15,7 +16,8 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.words.fit import is_learned, size_text, stated_text, term_probability
+from bayes_greybox.report.terminal.tables import drawn
+from bayes_greybox.report.words.fit import compared, data_remarks, is_learned, size_text, stated_text, term_probability
 from bayes_greybox.report.words.formatting import (
     PROBABILITIES,
     formula,
@@ -26,22 +28,11 @@ from bayes_greybox.report.words.formatting import (
     share_text,
     unit_text,
 )
-from bayes_greybox.report.words.remarks import data_remarks
-
-from .tables import drawn, verdict_text
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
-    """Yield verdict, learned equations, coefficients, discrepancy and error on held-out data, to print.
-
-    Args:
-        fit: The fit.
-        held_out: Normalised mean squared error by equation, or None.
-
-    Yields:
-        What to print, in order.
-    """
-    yield verdict_text(fit)
+    """Yield verdict, learned equations, coefficients, discrepancy and NMSE on held-out data, by equation, to print."""
+    yield _verdict(fit)
     yield Text("\n".join([fit.rows_in_words, *data_remarks(fit.data)]), style="dim")
     yield Text(f"\n{equations_text(fitted_system(fit))}")
     table = inclusion(fit, INTERVAL_LEVEL)
@@ -87,3 +78,25 @@ def _discrepancy(table: pd.DataFrame) -> RenderableType:
     )
     shown = drawn(table_of(records_of(table), columns, title))
     return Group(shown, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
+
+
+def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Iterator[RenderableType]:
+    """Yield the verdict of each fit, the comparison, best first, and its notes."""
+    for name, fit in fits.items():
+        yield _verdict(fit, f"{name}: ")
+    left_out = f"leaving out {table.attrs['folds']}; " if "folds" in table.attrs else ""
+    columns = {"model": compared("model"), **{f"#{name}": compared(str(name)) for name in table.columns}}
+    title = f"Expected log predictive density (elpd, {left_out}nats; higher is better)"
+    yield drawn(table_of(records_of(table.rename_axis("model")), columns, title))
+    for note in table.attrs.get("notes", []):
+        yield Text(f"Note: {note}")
+
+
+def _verdict(fit: Posterior, label: str = "") -> Text:
+    """Return the result of the convergence checks of a fit; `label` comes before it."""
+    verdict = convergence(fit)
+    first, *rest = str(verdict).splitlines()
+    text = Text(f"{label}{first}", style="green" if verdict.ok else "bold yellow" if verdict.mixed else "bold red")
+    for line in rest:
+        text.append(f"\n{line}", style="not bold default")
+    return text

@@ -1,4 +1,4 @@
-"""A missing-effect study as a sentence and short tables for a terminal."""
+"""Missing-effect studies, one or those of a fleet, as a sentence and short tables for a terminal."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -9,19 +9,21 @@ from rich.text import Text
 from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.contradictions import notable
+from bayes_greybox.discovery.fleet.shared import Fleet
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import shown_part
 from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.terminal.tables import drawn
 from bayes_greybox.report.words.doubts import doubts
-from bayes_greybox.report.words.formatting import estimate, formula, numbers_in, probability_text, share_text
-from bayes_greybox.report.words.remarks import data_remarks
+from bayes_greybox.report.words.fit import data_remarks
+from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, not_pooled
 from bayes_greybox.report.words.sentence import sentence
 from bayes_greybox.report.words.study import closed_share, metric_value, name_of, reversed_text, suspect_size
 
-from .tables import drawn
+from ..words.formatting import estimate, formula, known_share, numbers_in, probability_text, share_text
 
 MOST_EFFECTS = 5
 """Effects shown; the report and the record have them all."""
@@ -123,3 +125,16 @@ def _gap(study: StudyResult) -> Group:
 
 def _table(study: StudyResult, rows: Iterable[Mapping[Any, Any]], columns: Mapping[str, Any], title: str) -> Group:
     return drawn(table_of(rows, columns, title, equations=list(study.maps)))
+
+
+def fleet_tables(fleet: Fleet) -> tuple[Text | Group, ...]:
+    """Return the sentence, the assets by their gap, and the effects that are not pooled."""
+    columns = {
+        "asset": lambda each: each.asset,
+        "verdict": lambda each: each.verdict,
+        "lacks": lambda each: each.sentence if each.failed else lacks_text(each),
+        "#gap": lambda each: known_share(each.gap),
+        "#left": lambda each: known_share(each.left),
+    }
+    table = drawn(table_of(fleet.assets, columns, "Assets by their gap"))
+    return Text(fleet_sentence(fleet), style="bold"), table, *map(Text, not_pooled(fleet))

@@ -1,14 +1,13 @@
-"""Tables and verdicts for a terminal."""
+"""Tables for a terminal, and that of the benchmark data sets."""
 
 from collections.abc import Sequence
 
 import pandas as pd
-from rich.console import Group
+from rich.console import Group, RenderableType
+from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from bayes_greybox.criticism.convergence import convergence
-from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.tables import Table
 from bayes_greybox.report.words.formatting import number
 
@@ -21,13 +20,10 @@ def plain_table(title: str) -> RichTable:
 
 
 def drawn(table: Table, below: str = "", styles: Sequence[str] = (), header: bool = True) -> Group:
-    """Return a table for a terminal, an empty line above it.
+    """Return a table for a terminal, its caption above and an empty line above that.
 
-    Args:
-        table: The table; its caption stands above it.
-        below: Text below it: beside it there is no room on a narrow terminal.
-        styles: Style of the first cell of each row.
-        header: If true, the headings are written.
+    `below` stands under it, as beside it there is no room on a narrow terminal. `styles` are those of the first cell of
+    each row.
     """
     rows = plain_table(table.caption)
     rows.show_header = header
@@ -52,11 +48,16 @@ def frame_table(title: str, table: pd.DataFrame, *, wrap: bool = False) -> RichT
     return rows
 
 
-def verdict_text(fit: Posterior, label: str = "") -> Text:
-    """Return the result of the convergence checks of a fit; `label` comes before it."""
-    verdict = convergence(fit)
-    first, *rest = str(verdict).splitlines()
-    text = Text(f"{label}{first}", style="green" if verdict.ok else "bold yellow" if verdict.mixed else "bold red")
-    for line in rest:
-        text.append(f"\n{line}", style="not bold default")
-    return text
+def datasets_table(table: pd.DataFrame) -> RenderableType:
+    """Return the benchmark data sets one below the other, each with its files: too long for columns."""
+    parts: list[RenderableType] = []
+    for name, entry in table.to_dict("index").items():
+        state = "ready" if entry["verified"] else ("altered" if entry["found"] else "not found")
+        parts.append(Text.assemble((str(name), "bold"), f": {entry['hidden effect']}; {state}"))
+        rows = RichTable.grid("what", "said", padding=(0, 2))
+        rows.columns[1].overflow = "fold"
+        for what in ("files", "found", "source", "terms"):
+            if entry[what]:
+                rows.add_row(what, Text(str(entry[what])))
+        parts.append(Padding(rows, (0, 0, 0, 2)))
+    return Group(*parts)

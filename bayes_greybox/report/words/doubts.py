@@ -52,13 +52,7 @@ SAMPLER_TEXTS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """One thing that could speak against a verdict.
-
-    Attributes:
-        topic: Subject in a word or two.
-        text: Finding in words, with its numbers.
-        against: True if it speaks against the verdict; None if it could not be looked at.
-    """
+    """One thing that could speak against a verdict; `against` is None if it could not be looked at."""
 
     topic: str
     text: str

@@ -6,14 +6,14 @@ from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.fleet.shared import LACKING, ONE_CAUSE, AssetStudy, Fleet, Shared
 from bayes_greybox.physics.catalogue.names import within
 
-from .formatting import formula, listed, number, probability_text, quantity, unit_text
+from .formatting import counted, formula, listed, number, probability_text, quantity, unit_text
 
 
 def fleet_sentence(fleet: Fleet) -> str:
     """Return a fleet in a few words: how many assets lack something, its causes, and other faults."""
     n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
-        return f"None of {_assets(failed)} could be studied."
+        return f"None of {counted(failed, 'asset')} could be studied."
     return f"{_found(fleet)}.{f' {failed} of {n + failed} files could not be studied.' if failed else ''}"
 
 
@@ -29,8 +29,8 @@ def lacks_text(asset: AssetStudy) -> str:
 
 def likely_text(probabilities: Iterable[float]) -> str:
     """Return probabilities in some assets as their range: 0.758, or 0.612 to 0.758; a dash for none."""
-    known = sorted(probabilities)
-    return " to ".join(dict.fromkeys(map(probability_text, (known[0], known[-1])))) if known else "–"
+    ordered = sorted(probabilities)
+    return " to ".join(dict.fromkeys(map(probability_text, (ordered[0], ordered[-1])))) if ordered else "–"
 
 
 def unit_of(shared: Shared) -> str:
@@ -75,7 +75,7 @@ def _found(fleet: Fleet) -> str:
 
 def _lacking(fleet: Fleet) -> str:
     n, k = len(fleet.studied), fleet.lacking
-    have = f"{k} of {_assets(n)} {'lacks' if k == 1 else 'lack'} something"
+    have = f"{k} of {counted(n, 'asset')} {'lacks' if k == 1 else 'lack'} something"
     if not fleet.shared:
         return f"{have} that the catalogue does not have"
     if k == 1:
@@ -84,7 +84,7 @@ def _lacking(fleet: Fleet) -> str:
         perhaps = [_perhaps(each, within(each.name)) for each in fleet.shared if not each.assets]
         return f"{have}: {asset} {listed([*([f'lacks {listed(sure)}'] if sure else []), *perhaps])}"
     if common := fleet.causes or fleet.suspected:
-        causes = [_who(each, "" if place else f" of {_assets(n)}") for place, each in enumerate(common)]
+        causes = [_who(each, "" if place else f" of {counted(n, 'asset')}") for place, each in enumerate(common)]
         return f"{listed(causes)}{_of(common[0]) if len(common) == 1 else ''}"
     names = [within(each.name) for each in fleet.shared]
     effects = [
@@ -136,7 +136,3 @@ def _of(cause: Shared) -> str:
         between = f"a standard deviation of {number(whole.between)} between them"
         return f", with coefficients that differ: {size} in their mean, {between}"
     return f", with a coefficient of {size} in their mean; whether it differs between them these data do not tell"
-
-
-def _assets(n: int) -> str:
-    return f"{n} asset" if n == 1 else f"{n} assets"

@@ -39,12 +39,7 @@ def probability_text(value: float | np.floating) -> str:
 
 
 def percent_text(share: float | np.floating, digits: int | None = None) -> str:
-    """Return a share in percent, never rounded to all or nothing, with spaces that do not break.
-
-    Args:
-        share: The share, 1 being all.
-        digits: Decimals; a sensible number by default.
-    """
+    """Return a share in percent, never rounded to all or nothing, with spaces that do not break."""
     if not np.isfinite(share):
         return "–"
     percent = 100 * float(share)
@@ -179,16 +174,11 @@ def _times(power: int) -> str:
 
 def _alike(lower: float, upper: float, decimals: int) -> tuple[str, str]:
     """Return both ends with the same decimals, without zeros that neither needs; nothing is a plain zero."""
-    while (
-        decimals > 0
-        and round(lower, decimals - 1) == round(lower, decimals)
-        and (round(upper, decimals - 1) == round(upper, decimals))
-    ):
+    ends = (lower, upper)
+    while decimals > 0 and all(round(end, decimals - 1) == round(end, decimals) for end in ends):
         decimals -= 1
-    decimals = max(decimals, 0)
-    low, high = (
-        "0" if round(end, decimals) == 0 else f"{end:.{decimals}f}".replace("-", "−") for end in (lower, upper)
-    )
+    places = max(decimals, 0)
+    low, high = ("0" if round(end, places) == 0 else f"{end:.{places}f}".replace("-", "−") for end in ends)
     return low, high
 
 
@@ -203,16 +193,10 @@ class Concise(NamedTuple):
 
 
 def concise(mean: float, sd: float) -> tuple[bool, Concise]:
-    """Return a coefficient with its standard deviation in units of the last digit: −1.001(2) is −1.001 ± 0.002.
+    """Return whether a coefficient is negative, and its size with its standard deviation: −1.001(2) is −1.001 ± 0.002.
 
-    The standard deviation has one digit, two where the first is 1, as rounding would change that too much.
-
-    Args:
-        mean: The number.
-        sd: Its standard deviation; nothing is put in brackets where it is zero or not known.
-
-    Returns:
-        Whether it is negative, and its size.
+    The standard deviation is in units of the last digit, with one digit, two where the first is 1, as rounding would
+    change that too much. Nothing is put in brackets where it is zero or not known.
     """
     size = abs(mean)
     if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0):
@@ -266,6 +250,11 @@ def interval(lower: float, upper: float) -> str:
 def probability_column(inclusion: pd.DataFrame) -> str:
     """Return the column of an inclusion table that holds the probability of each term."""
     return next((name for name in PROBABILITIES if name in inclusion), "outside_rope")
+
+
+def counted(count: int, what: str) -> str:
+    """Return a number of things: 1 asset, 2 assets."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -57,13 +57,7 @@ def measurement_in_words(study: StudyResult) -> list[str]:
 
 
 def closed_in_words(gap: pd.DataFrame, what: str = "the rate", criteria: Criteria = CRITERIA) -> str:
-    """Return what became of the gap, on held-out data where the rates were measured there.
-
-    Args:
-        gap: Gap table of a study, before and after.
-        what: Name of what is explained or not: the rate, or outputs by name.
-        criteria: Numbers that decide.
-    """
+    """Return what became of the gap, on held-out data where the rates were measured there."""
     change = gap_change(gap, criteria)
     where = "held-out data" if change.part == "test" else "the training data"
     if change.code == "none shown":

@@ -7,18 +7,7 @@ from typing import Any
 
 from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE
-from bayes_greybox.discovery.sensor_errors import bends
-from bayes_greybox.discovery.sensor_errors.channels import (
-    DELAY,
-    DELAY_STEPS,
-    DRIFT,
-    GAIN,
-    GAIN_SD,
-    LAG,
-    OFFSET,
-    OFFSET_SD,
-    STATES,
-)
+from bayes_greybox.discovery.sensor_errors import bends, channels
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import LEAST_CLOSED, QUANTITY, channels_weighed, remainders, same_as
 from bayes_greybox.physics.catalogue.loading import load_catalogue
@@ -37,33 +26,22 @@ from .formatting import (
 )
 
 METRICS: dict[str, tuple[str, str]] = {
-    "unexplained share": (
-        "Unexplained part of {target}",
-        "Share of the measured {rate} that neither the model nor the noise explains.",
-    ),
-    "free-run NRMSE": (
-        "Error of a free run, {variable}",
-        "Started from a measured state and left alone: RMS error over the standard deviation of the measurement.",
-    ),
-    "derivative NMSE": (
-        "Error of the predicted rate {target}",
-        "Mean square error over the variance of the measured rate.",
-    ),
-    "output NMSE": ("Error of the predicted {target}", "Mean square error over the variance of the measured {target}."),
-    "sample NMSE": (
-        "Error of the predicted samples, as forces on {target}",
-        "Mean square error over the variance of the samples, whatever the path started from.",
-    ),
-    MISFIT: (
-        "Error of the predicted samples over their noise, {target}",
-        "One where the model explains all but the noise, and what its coefficients leave open.",
-    ),
-    NAMES_ALONE: (
-        "Unexplained part of {target}, by names alone",
-        "The same by what has a name, without the f of any shape that the amended model holds beside it.",
-    ),
+    "unexplained share": ("Unexplained part of {target}",
+        "Share of the measured {rate} that neither the model nor the noise explains."),
+    "free-run NRMSE": ("Error of a free run, {variable}",
+        "Started from a measured state and left alone: RMS error over the standard deviation of the measurement."),
+    "derivative NMSE": ("Error of the predicted rate {target}",
+        "Mean square error over the variance of the measured rate."),
+    "output NMSE": ("Error of the predicted {target}",
+        "Mean square error over the variance of the measured {target}."),
+    "sample NMSE": ("Error of the predicted samples, as forces on {target}",
+        "Mean square error over the variance of the samples, whatever the path started from."),
+    MISFIT: ("Error of the predicted samples over their noise, {target}",
+        "One where the model explains all but the noise, and what its coefficients leave open."),
+    NAMES_ALONE: ("Unexplained part of {target}, by names alone",
+        "The same by what has a name, without the f of any shape that the amended model holds beside it."),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
-}
+}  # fmt: skip
 """Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""
 
 NAMES = {
@@ -106,12 +84,7 @@ def name_of(study: StudyResult, name: str) -> str:
 
 
 def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
-    """Return the plain name of an effect, with its columns where another row of the table is the same on others.
-
-    Args:
-        study: The study.
-        row: Row of its table of effects.
-    """
+    """Return the plain name of an effect, with its columns where another row of the table is the same on others."""
     table = study.effects
     alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
     columns = row.get("quantity", "").split(", ")
@@ -121,17 +94,13 @@ def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
 @cache
 def _catalogued(slug: str) -> str:
     """Return the name in the package's catalogue; that of an effect of a user's own file is its slug as words."""
-    known = {effect.slug: effect.name for effect in load_catalogue("all")}
+    catalogue = {effect.slug: effect.name for effect in load_catalogue("all")}
     words = slug.replace("-", " ")
-    return known.get(slug, words[:1].upper() + words[1:])
+    return catalogue.get(slug, words[:1].upper() + words[1:])
 
 
 def reversed_text(row: Mapping[str, Any]) -> str:
-    """Return that an effect has the opposite of its usual sign, and what it then does; "" where it has not.
-
-    Args:
-        row: Row of the table of effects; older files say nothing of signs.
-    """
+    """Return that an effect has the opposite of its usual sign, and what it then does; "" where it has not."""
     return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
@@ -141,12 +110,7 @@ def set_label(study: StudyResult, name: str) -> str:
 
 
 def remembered(study: StudyResult, equation: str) -> str:
-    """Return what something without a name likely does, "is a law of y (probability 0.97)"; "" if it is not known.
-
-    Args:
-        study: The study.
-        equation: Equation that lacks it.
-    """
+    """Return what something without a name likely does, "is a law of y (probability 0.97)"; "" if it is not known."""
     statements = remainders(study, equation)
     laws = [
         f"a law of {each.of.replace(', ', ' and ')} (probability {probability_text(each.probability)})"
@@ -200,11 +164,7 @@ def closed_share(closed: float) -> str:
 
 
 def risen(ratio: float) -> str:
-    """Return by how much something rose: in per cent below twice what it was, from there on as a multiple.
-
-    Args:
-        ratio: After over before, above one.
-    """
+    """Return by how much something rose: in per cent below twice what it was, from there on as a multiple."""
     return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_multiple(ratio)} what it was"
 
 
@@ -232,7 +192,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
 
 def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return the size of a sensor error, its 90 % interval in the same unit, and both in samples for a delay."""
-    if row["suspect"] == GAIN:
+    if row["suspect"] == channels.GAIN:
         span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
         return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
     if math.isnan(row["sd"]):
@@ -250,19 +210,20 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         return []
     odds, labels = study.settings["prior odds"], [study.train.target_label(name) for name in study.maps]
     each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
-    of_rms = f"±\u00a0{percent_text(OFFSET_SD, 0)} of the channel's RMS"
+    of_rms = f"±\u00a0{percent_text(channels.OFFSET_SD, 0)} of the channel's RMS"
     sizes = {
-        DELAY: f"±\u00a0{DELAY_STEPS:g}\u00a0samples", GAIN: f"±\u00a0{percent_text(GAIN_SD, 0)}",
-        **dict.fromkeys((OFFSET, DRIFT), of_rms),
+        channels.DELAY: f"±\u00a0{channels.DELAY_STEPS:g}\u00a0samples",
+        channels.GAIN: f"±\u00a0{percent_text(channels.GAIN_SD, 0)}",
+        **dict.fromkeys((channels.OFFSET, channels.DRIFT), of_rms),
         **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"),
-    }  # fmt: skip
-    rows = [
-        (f"{kind.capitalize()} of {', '.join('all states together' if name == STATES else name for name in channels)}",
-         f"{each} each; size {sizes[kind]}")
-        for kind, channels in weighed.items() if kind != LAG
-    ]  # fmt: skip
+    }
+    rows = []
+    for kind, names in weighed.items():
+        if kind != channels.LAG:
+            named = ", ".join("all states together" if name == channels.STATES else name for name in names)
+            rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
     share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
-    rows += [(f"Lag of {name}", share) for name in weighed.get(LAG, ())]
+    rows += [(f"Lag of {name}", share) for name in weighed.get(channels.LAG, ())]
     for equation, rate in zip(study.maps, labels, strict=True):
         where = f" in {rate}" if len(labels) > 1 else ""
         rows += [

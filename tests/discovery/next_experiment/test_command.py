@@ -36,7 +36,7 @@ def test_what_there_is_not_is_refused(study, tmp_path, capsys, words, message):
 
 
 def test_a_fit_is_no_study(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("bayes_greybox.cli.next_experiment.load", lambda file: object())
+    monkeypatch.setattr("bayes_greybox.cli.studying.load", lambda file: object())
     assert cli.main(["next", str(tmp_path / "run.nc")]) != 0
     assert "holds a fit and no study" in " ".join(capsys.readouterr().err.split())
 
@@ -49,7 +49,7 @@ def test_a_configuration_says_what_can_be_done_and_options_go_before_it(study, t
     known = '[simulation]\ny = "v"\nv = "F - 4*y - 0.5*v"\n[dictionary]\nv = []\n'
     asked = '[next]\nsignals = ["step"]\namplitudes = [3]\nbatch = 2\n'
     (tmp_path / "my.toml").write_text(table + known + asked)
-    monkeypatch.setattr("bayes_greybox.cli.next_experiment.find_missing_effects", lambda *_, **__: study)
+    monkeypatch.setattr("bayes_greybox.cli.studying.find_missing_effects", lambda *_, **__: study)
     assert cli.main(["next", str(tmp_path / "my.toml"), "--batch", "1", "--no-progress"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert out.startswith("Measure next: (F: step from")

@@ -8,15 +8,16 @@ import subprocess
 import tempfile
 import zipfile
 from collections.abc import Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
+from bayes_greybox.data.writing import unit_text
+from bayes_greybox.report.exports.languages import c_program, uncertainty
+from bayes_greybox.report.exports.model import ExportedModel
+from bayes_greybox.report.exports.printers import identifiers, one_line
 from bayes_greybox.running.errors import InputError
-
-from ..languages import c_program
-from ..model import ExportedModel
-from ..names import identifiers
-from .description import description
 
 COMPILERS = ("cc", "gcc", "clang")
 """Names of C compilers that are looked for, in order."""
@@ -34,13 +35,13 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
     program = c_program(model, "model", tunable=True)
     called = next(iter(identifiers([name], ()).values()))
     fmpy, compiler = installed_fmpy(), c_compiler()
-    own = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
-    own["model.c"] = program.encode()
+    files = {each: Path(__file__).with_name(each).read_bytes() for each in ("fmi2.c", "step.c")}
+    files["model.c"] = program.encode()
     about = model.notes.verdict or f"The equations of a {model.origin}"
     # Of all that may differ, as importers keep what they know by it.
-    every = [*own.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
+    every = [*files.values(), _sizes(model, program, "").encode(), description(model, name, called, "", about)]
     guid = hashlib.sha256(b"\n".join(every)).hexdigest()[:32]
-    sources = {**standard_headers(fmpy), **own, "model.h": _sizes(model, program, guid).encode()}
+    sources = {**standard_headers(fmpy), **files, "model.h": _sizes(model, program, guid).encode()}
     content = {"modelDescription.xml": description(model, name, called, guid, about)}
     library = f"binaries/{fmpy.platform}/{called}{fmpy.sharedLibraryExtension}"
     content[library] = compiled(compiler, sources, "fmi2.c")
@@ -49,11 +50,7 @@ def fmu_archive(model: ExportedModel, name: str) -> bytes:
 
 
 def packed(content: Mapping[str, bytes]) -> bytes:
-    """Return an FMU of its files by their names, without times, so that the same files give the same FMU.
-
-    Args:
-        content: Files.
-    """
+    """Return an FMU of its files by their names, without times, so that the same files give the same FMU."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as opened:
         for each, data in content.items():
@@ -62,12 +59,7 @@ def packed(content: Mapping[str, bytes]) -> bytes:
 
 
 def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
-    """Return the library that a C compiler makes of sources.
-
-    Args:
-        compiler: The compiler.
-        sources: Files by name, headers among them.
-        main: The one that is compiled.
+    """Return the library that a C compiler makes of the file `main` among sources and headers by name.
 
     Raises:
         InputError: It cannot compile them.
@@ -115,11 +107,7 @@ def installed_fmpy() -> Any:
 
 
 def standard_headers(fmpy: Any) -> dict[str, bytes]:
-    """Return the headers of the standard by name.
-
-    Args:
-        fmpy: Package that `installed_fmpy` returned.
-    """
+    """Return the headers of the standard by name, which are in the package `installed_fmpy`."""
     folder = Path(fmpy.__file__).parent / "c-code"
     return {each: (folder / each).read_bytes() for each in HEADERS}
 
@@ -137,23 +125,78 @@ def _sizes(model: ExportedModel, program: str, guid: str) -> str:
         next((f"{each}(t, x, u, p, y)" for each in defined if each.endswith(kind)), "((void)0)")
         for kind in ("_rhs", "_outputs")
     )
-    return "\n".join(
-        [
-            f'#define GUID "{guid}"',
-            *(
-                f"#define N_{kind} {len(group)}"
-                for kind, group in (
-                    ("STATE", model.states),
-                    ("INPUT", model.inputs),
-                    ("OUTPUT", model.outputs),
-                    ("FACTOR", model.factors),
-                )
-            ),
-            f"#define RHS(t, x, u, p, y) {rhs}",
-            f"#define GIVEN(t, x, u, p, y) {given}",
-            array("double", "START", [float(each.start) for each in model.states]),
-            array("double", "FACTOR", [float(each.value.mean) for each in model.factors]),
-            array("int", "FOLLOWS", [place[each.follows] if each.follows else -1 for each in model.states]),
-            "",
-        ]
-    )
+    groups = {"STATE": model.states, "INPUT": model.inputs, "OUTPUT": model.outputs, "FACTOR": model.factors}
+    lines = [
+        f'#define GUID "{guid}"',
+        *(f"#define N_{kind} {len(group)}" for kind, group in groups.items()),
+        f"#define RHS(t, x, u, p, y) {rhs}",
+        f"#define GIVEN(t, x, u, p, y) {given}",
+        array("double", "START", [float(each.start) for each in model.states]),
+        array("double", "FACTOR", [float(each.value.mean) for each in model.factors]),
+        array("int", "FOLLOWS", [place[each.follows] if each.follows else -1 for each in model.states]),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def description(model: ExportedModel, name: str, called: str, guid: str, about: str) -> bytes:
+    """Return the text of modelDescription.xml; value references are those of fmi2.c.
+
+    `name` is for users, `called` that of the library, and library and description recognise each other by the guid.
+    """
+    root = ElementTree.Element(
+        "fmiModelDescription", fmiVersion="2.0", modelName=one_line(name), guid=guid, description=one_line(about),
+        generationTool=f"bayes_greybox {version('bayes-greybox')}", variableNamingConvention="flat",
+        numberOfEventIndicators="0",
+    )  # fmt: skip
+    for kind, able in (("ModelExchange", {}), ("CoSimulation", {"canHandleVariableCommunicationStepSize": "true"})):
+        shared = {"modelIdentifier": called, "canNotUseMemoryManagementFunctions": "true"}
+        offered = ElementTree.SubElement(root, kind, {**shared, **able})
+        ElementTree.SubElement(ElementTree.SubElement(offered, "SourceFiles"), "File", name="fmi2.c")
+    units = [each.unit for each in (*model.quantities, *model.formulas, *model.factors)]
+    if named := dict.fromkeys(text for text in map(unit_text, units) if text):
+        definitions = ElementTree.SubElement(root, "UnitDefinitions")
+        for text in named:
+            ElementTree.SubElement(definitions, "Unit", name=text)
+    variables = ElementTree.SubElement(root, "ModelVariables")
+
+    def variable(name: str, about: str, unit: str, number: dict[str, str], **kind: str) -> None:
+        attributes = {"name": name, "valueReference": str(len(variables)), "description": one_line(about), **kind}
+        scalar = ElementTree.SubElement(variables, "ScalarVariable", attributes)
+        text = unit_text(unit)
+        ElementTree.SubElement(scalar, "Real", {**number, **({"unit": text} if text else {})})
+
+    for each in model.states:
+        # One that moves along with another where a run starts is calculated from it.
+        known = {} if each.follows else {"start": repr(each.start)}
+        variable(
+            each.name, each.about, each.unit, known, causality="output", variability="continuous",
+            initial="calculated" if each.follows else "exact",
+        )  # fmt: skip
+    for k, each in enumerate(model.rates):
+        of = {"derivative": str(k + 1)}
+        # Per second, whatever the data's time is in.
+        unit = each.unit if model.per_second == 1.0 else ""
+        variable(f"der({each.name})", "", unit, of, causality="local", variability="continuous")
+    for each in model.inputs:
+        variable(each.name, each.about, each.unit, {"start": "0.0"}, causality="input", variability="continuous")
+    for each in model.outputs:
+        variable(each.name, each.about, each.unit, {}, causality="output", variability="continuous")
+    for each in model.factors:
+        mean = {"start": repr(float(each.value.mean))}
+        variable(
+            each.name, uncertainty(each), each.unit, mean, causality="parameter", variability="tunable", initial="exact"
+        )
+
+    n, inputs = len(model.states), len(model.inputs)
+    states, rates = range(1, n + 1), range(n + 1, 2 * n + 1)
+    outputs = range(2 * n + inputs + 1, 2 * n + inputs + len(model.outputs) + 1)
+    following = [k for k, each in zip(states, model.states, strict=True) if each.follows]
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    groups = {"Outputs": [*states, *outputs], "Derivatives": rates, "InitialUnknowns": [*following, *rates, *outputs]}
+    for group, places in groups.items():
+        if places:
+            parent = ElementTree.SubElement(structure, group)
+            for place in sorted(places):
+                ElementTree.SubElement(parent, "Unknown", index=str(place))
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="UTF-8", xml_declaration=True)

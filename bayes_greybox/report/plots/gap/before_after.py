@@ -1,6 +1,6 @@
 """Before and after the missing effects were added, along time: the gap, and the free run of the model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 from typing import Any
 
@@ -12,10 +12,9 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.posterior.over_time import RECORD_BINS, name_run, rows_of_runs
-from bayes_greybox.report.plots.thinning import extreme_rows, outer_band
 
-from .gap_map import SURE_GAP, draw_threshold
+from ..posterior.along_time import draw_band, draw_threshold, each_run, extreme_rows, label_axes, rows_of_runs
+from .gap_map import SURE_GAP
 
 UNSEEN_STATE = "path through the samples"
 """Name of the curve that runs of a state without a sensor are compared with."""
@@ -70,25 +69,23 @@ def plot_gap_over_time(
     panels = _panels(rows, width, axes)
     # One line over the other would hide it, and the legend speak of what nobody sees.
     same = np.allclose(before, after, rtol=1e-6, atol=1e-6 * float(np.nanmax(np.abs(after))), equal_nan=True)
-    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+    for ax, chosen in each_run(panels, rows, run_names):
         ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
         draw_threshold(ax, threshold)
         if same:
-            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
+            draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "before and after")
         else:
-            _draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
-            _draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
+            draw_band(ax, time[chosen], before[:, chosen], style.BEFORE, "before")
+            draw_band(ax, time[chosen], after[:, chosen], style.AFTER, "after")
         if probability is not None:
             sure = probability[chosen] > SURE_GAP
             stretches = _stretches(time[chosen], sure)
             at, label = np.full(len(stretches), 0.02), f"P(beyond threshold) > {SURE_GAP:g}"
             ax.hlines(at, stretches[:, 0], stretches[:, 1], transform=ax.get_xaxis_transform(), color=style.DARK,
                       linewidth=5, label=label if len(stretches) else "")  # fmt: skip
-        if len(rows) > 1:
-            name_run(ax, index, run_names)
-        ax.margins(x=0.01, y=0.12)
+        ax.margins(y=0.12)
     panels[0].set_title(f"Gap in the equation for {style.plain(equation)}{note}")
-    _label(panels, style.with_unit("gap", unit), style.with_unit("time", time_unit), axes is None)
+    _label(panels, style.with_unit("gap", unit), time_unit, axes is None)
     return style.figure_of(panels[0])
 
 
@@ -133,7 +130,7 @@ def plot_free_run(
     rows, note = rows_of_runs(len(time), run)
     closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG_RUN
     if closer:
-        rows = [rows[0], rows[0][-_LAST_ROWS:]]
+        rows, run_names = [rows[0], rows[0][-_LAST_ROWS:]], ["whole run", f"its last {_LAST_ROWS} samples"]
     panels = _panels(rows, width, axes)
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
@@ -142,37 +139,26 @@ def plot_free_run(
     shown = [(after, style.AFTER, "model" if before is None else "after", holds)]
     if before is not None:
         shown.insert(0, (before, style.BEFORE, "before", ""))
-    for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
+    for ax, chosen in each_run(panels, rows, run_names):
         t, seen = time[chosen], measured[chosen]
-        for values, look, label, band in shown:
-            _draw_band(ax, t, values[:, chosen], look, label, band)
+        for values, model_look, label, band in shown:
+            draw_band(ax, t, values[:, chosen], model_look, label, band)
+        look: dict[str, Any] = {"color": style.DARK, "zorder": 4, "label": seen_as}
         if len(t) <= _MOST_RUN_MARKERS:
-            ax.plot(t, seen, "o", color=style.DARK, markersize=2.2, markeredgewidth=0, zorder=4, label=seen_as)
+            ax.plot(t, seen, "o", markersize=2.2, markeredgewidth=0, **look)
         else:
-            kept = extreme_rows(seen, RECORD_BINS)
-            ax.plot(
-                t[kept], seen[kept], color=style.DARK, linewidth=0.9, linestyle=(0, (2, 1.5)), zorder=4, label=seen_as
-            )
+            kept = extreme_rows(seen)
+            ax.plot(t[kept], seen[kept], linewidth=0.9, linestyle=(0, (2, 1.5)), **look)
         ax.set_ylim(low - margin, high + margin)
-        for values, look, *_ in shown:
-            _mark_failure(ax, t, values[0, chosen], look["color"])
-        if closer:
-            name_run(ax, index, ["whole run", f"its last {_LAST_ROWS} samples"])
-        elif len(rows) > 1:
-            name_run(ax, index, run_names)
-        ax.margins(x=0.01)
+        for values, model_look, *_ in shown:
+            _mark_failure(ax, t, values[0, chosen], model_look["color"])
     panels[0].set_title(f"Free run of {style.plain(state)}{note}")
-    _label(panels, style.with_unit(state, unit), style.with_unit("time", time_unit), axes is None)
+    _label(panels, style.with_unit(state, unit), time_unit, axes is None)
     return style.figure_of(panels[0])
 
 
 def seen_as(data: Trajectories, state: str) -> str:
-    """Return the name of the curve that free runs of a state are compared with: a measurement if it has a sensor.
-
-    Args:
-        data: The runs.
-        state: One of their states.
-    """
+    """Return the name of the curve that free runs of a state are compared with: a measurement if it has a sensor."""
     return "measured" if state in (data.samples or data).states else UNSEEN_STATE
 
 
@@ -181,36 +167,14 @@ def _panels(rows: list[np.ndarray], width: float, axes: Sequence[Axes] | np.ndar
     return style.panels_of(axes, len(rows), "one a run", (width, height), sharey=True)
 
 
-def _draw_band(
-    ax: Axes,
-    time: Float[np.ndarray, " n_obs"],
-    values: Float[np.ndarray, "3 n_obs"],
-    look: Mapping[str, Any],
-    label: str,
-    band: str = "",
-) -> None:
-    alive = np.isfinite(values).all(axis=0)
-    if not alive.any():
-        return
-    time, (mean, lower, upper) = time[alive], values[:, alive]
-    band_time, low, high = outer_band(time, lower, upper, RECORD_BINS)
-    ax.fill_between(band_time, low, high, color=look["color"], alpha=0.25, linewidth=0, label=band or None)
-    kept = extreme_rows(mean, RECORD_BINS)
-    whole = len(kept) == len(mean)
-    # Dashes of swings that are too many to be told apart are noise.
-    line = {"linewidth": 1.4} if whole else {"linewidth": 0.9, "linestyle": "-"}
-    ax.plot(time[kept], mean[kept], zorder=3, label=label, **{**look, **line})
-
-
 def _mark_failure(ax: Axes, time: np.ndarray, path: np.ndarray, colour: str) -> None:
     alive = np.flatnonzero(np.isfinite(path))
     if len(alive) in (0, len(path)):
         return
     end, at = float(time[alive[-1]]), float(np.clip(path[alive[-1]], *ax.get_ylim()))
     ax.plot([end], [at], "X", color=colour, markersize=9, markeredgecolor="white", zorder=5, clip_on=False)
-    ax.annotate("fails",
-        (end, at), xytext=(7, 0), textcoords="offset points", va="center", fontsize=9,
-                color=colour)  # fmt: skip
+    beside: dict[str, Any] = {"xytext": (7, 0), "textcoords": "offset points", "va": "center"}
+    ax.annotate("fails", (end, at), fontsize=9, color=colour, **beside)
 
 
 def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]) -> Float[np.ndarray, "n_stretch 2"]:
@@ -226,12 +190,8 @@ def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]
     return np.reshape(np.array(joined), (-1, 2))
 
 
-def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
-    panels[-1].set_xlabel(time)
-    if own and len(panels) > 1:
-        style.figure_of(panels[0]).supylabel(quantity, fontsize=10)
-    else:
-        panels[0].set_ylabel(quantity)
+def _label(panels: list[Axes], quantity: str, time_unit: str | None, ours: bool) -> None:
+    label_axes(panels, quantity, time_unit, ours)
     handles = {str(h.get_label()): h for ax in reversed(panels) for h in ax.get_legend_handles_labels()[0]}
     first = ("measured", UNSEEN_STATE, "before", "after", "before and after", "model", "± threshold")
     order = [label for label in first if label in handles]
@@ -239,9 +199,5 @@ def _label(panels: list[Axes], quantity: str, time: str, own: bool) -> None:
     # What a band holds is a long label.
     widest = _NARROW_LEGEND + 0.06 * max(0, sum(map(len, order)) - 50)
     narrow = style.figure_of(panels[0]).get_figwidth() < widest
-    style.place_legend(
-        panels[0],
-        own,
-        [handles[label] for label in order],
-        2 if narrow and (len(order) > 3 or sum(map(len, order)) > _LEGEND_CHARACTERS) else None,
-    )
+    columns = 2 if narrow and (len(order) > 3 or sum(map(len, order)) > _LEGEND_CHARACTERS) else None
+    style.place_legend(panels[0], ours, [handles[label] for label in order], columns)

@@ -9,17 +9,15 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.posterior.over_states import draw_map, fade_outside, outline
-from bayes_greybox.report.plots.thinning import every_nth
+from bayes_greybox.report.plots.posterior.along_time import draw_threshold
 from bayes_greybox.report.words.formatting import quantity
+
+from ..posterior.over_states import MOST_DATA_POINTS, draw_map, fade_outside, finish_map, legend_mark, outline
 
 SURE_GAP = 0.9
 """Probability from which a gap counts as there, in every figure."""
-
-_MOST_SAMPLES = 2000
 
 
 @mpl.rc_context(style.STYLE)
@@ -59,18 +57,22 @@ def plot_gap_map(
     bold = False
     framed = colours if colours is not None else [None] * len(maps)
     for ax, colour, (title, (gap, probability)) in zip(panels, framed, maps.items(), strict=True):
-        bold = _draw_map(ax, grid, gap, probability, seen, end, style.with_unit("gap", unit)) or bold
-        if samples is not None:
-            shown = samples[every_nth(len(samples), _MOST_SAMPLES)]
-            ax.plot(shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0)
-        ax.set_xlabel(style.with_unit(variables[0], units[0]))
-        ax.set_ylabel(style.with_unit(variables[1], units[1]))
+        draw_map(ax, grid, gap, style.SIGNED, (-end, end), style.with_unit("gap", unit))
+        fade_outside(ax, grid, seen)
+        bold = outline(ax, grid, probability, SURE_GAP, seen) or bold
+        finish_map(ax, grid, variables, units, samples)
         ax.set_title(title)
         if colour is not None:
             ax.set_title(title, color=colour, fontweight="bold")
             ax.spines[:].set(visible=True, edgecolor=colour, linewidth=2.0)
-    event = f"|gap| > {quantity(threshold, unit)}"
-    _explain(panels[0], bold, event, samples is not None, not seen.all(), axes is None)
+    event = style.plain(f"around P(|gap| > {quantity(threshold, unit)}) > {SURE_GAP:g}")
+    handles = [legend_mark("outline", event)] if bold else []
+    if samples is not None:
+        handles.append(legend_mark("data", "data"))
+    if not seen.all():
+        handles.append(legend_mark("outside", "no data"))
+    if handles:
+        style.place_legend(panels[0], axes is None, handles)
     return style.figure_of(panels[0])
 
 
@@ -122,56 +124,14 @@ def plot_gap_curve(
         bold = np.where(seen & sure, values, np.nan)
         ax.plot(grid, bold, linewidth=3.4, solid_capstyle="butt", dash_capstyle="butt", **look)
     if samples is not None:
-        shown = samples[every_nth(len(samples), _MOST_SAMPLES)]
-        ax.plot(shown, np.full(len(shown), 0.02), "|", transform=ax.get_xaxis_transform(), color=style.DARK, alpha=0.45,
-                markersize=7, markeredgewidth=0.6)  # fmt: skip
+        style.rug(ax, samples[style.every_nth(len(samples), MOST_DATA_POINTS)])
     ax.margins(x=0.02)
-    ax.set_xlabel(style.with_unit(variable, variable_unit))
-    ax.set_ylabel(style.with_unit("gap", unit))
-    ax.set_title(title)
+    ax.set(xlabel=style.with_unit(variable, variable_unit), ylabel=style.with_unit("gap", unit), title=title)
     handles: list[Artist] = [*ax.get_legend_handles_labels()[0]]
     handles.append(Line2D([], [], color=style.GREY, linewidth=3.4, label=f"P(beyond threshold) > {SURE_GAP:g}"))
     style.place_legend(ax, axes is None, handles)
     return style.figure_of(ax)
 
 
-def draw_threshold(ax: Axes, threshold: float | np.floating) -> None:
-    """Draw the pair of lines that a gap has to leave to count as one."""
-    for sign, label in ((1.0, "± threshold"), (-1.0, "_")):
-        ax.axhline(sign * float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
-
-
 def _seen(inside: np.ndarray | None, shape: tuple[int, ...]) -> np.ndarray:
     return np.ones(shape, bool) if inside is None or not inside.any() else inside
-
-
-def _draw_map(
-    ax: Axes,
-    grid: tuple[np.ndarray, np.ndarray],
-    gap: np.ndarray,
-    probability: np.ndarray,
-    seen: np.ndarray,
-    end: float,
-    label: str,
-) -> bool:
-    """Draw one map, and return whether it has an outline."""
-    x, y = grid
-    draw_map(ax, grid, gap, style.SIGNED, (-end, end), label)
-    fade_outside(ax, x, y, seen)
-    ax.set_xlim(x[0], x[-1])
-    ax.set_ylim(y[0], y[-1])
-    return outline(ax, x, y, probability, SURE_GAP, seen)
-
-
-def _explain(ax: Axes, bold: bool, event: str, samples: bool, outside: bool, own: bool) -> None:
-    handles: list[Artist] = []
-    if bold:
-        handles.append(
-            Line2D([], [], color=style.DARK, linewidth=2.0, label=style.plain(f"around P({event}) > {SURE_GAP:g}"))
-        )
-    if samples:
-        handles.append(Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data"))
-    if outside:
-        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data"))
-    if handles:
-        style.place_legend(ax, own, handles)

@@ -1,6 +1,7 @@
-"""Figures of the checks: predictive distributions, LOO-PIT, autocorrelation of the residuals, prior sensitivity."""
+"""Figures of the checks: predictive distributions, LOO-PIT, residuals, prior sensitivity, calibration by simulation."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -11,7 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.words.formatting import formula, p_text
+from bayes_greybox.report.words.formatting import formula, number, p_text
+from bayes_greybox.running.errors import InputError
 
 _MOST_CURVES = 60
 
@@ -45,8 +47,7 @@ def plot_predictive(
         for i, values in enumerate(np.sort(shown, axis=1)):
             ax.plot(values, steps, color=style.SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
         ax.plot(np.sort(measured), steps, color=style.DARK, linewidth=1.6, label="measured")
-        ax.set_title(f"Drawn from the {name}")
-        ax.set_xlabel(style.with_unit(label or f"d({equation})/dt", unit))
+        ax.set(title=f"Drawn from the {name}", xlabel=style.with_unit(label or f"d({equation})/dt", unit))
         ax.xaxis.set_major_locator(MaxNLocator(5))
     # Priors with heavy tails would leave nothing to see of the data.
     reach = np.quantile(prior, [0.02, 0.98])
@@ -84,9 +85,7 @@ def plot_loo_pit(
     ax.axhspan(-float(band), float(band), color=style.LIGHT, alpha=0.6, linewidth=0, label="99 % band")
     ax.axhline(0.0, color=style.GREY, linewidth=0.8)
     ax.plot(u, share - u, color=style.BLUE, linewidth=1.4, label="LOO-PIT")
-    ax.set_xlim(0.0, 1.0)
-    ax.set_xlabel("LOO-PIT value")
-    ax.set_ylabel("share below, less uniform")
+    ax.set(xlim=(0.0, 1.0), xlabel="LOO-PIT value", ylabel="share below, less uniform")
     ax.set_title(f"Leave-one-out predictions of {style.plain(equation)} ({p_text(float(p))})")
     style.place_legend(ax, axes is None)
     return style.figure_of(ax)
@@ -125,8 +124,7 @@ def plot_autocorrelation(
             ax.vlines(lag[chosen], 0.0, autocorrelation[chosen], color=colour, linewidth=2.0)
             ax.plot(lag[chosen], autocorrelation[chosen], "o", color=colour, markersize=4, label=name)
     ax.xaxis.set_major_locator(MaxNLocator(integer=True))
-    ax.set_xlabel("lag [frequencies]" if by_frequency else "lag [rows]")
-    ax.set_ylabel("autocorrelation")
+    ax.set(xlabel="lag [frequencies]" if by_frequency else "lag [rows]", ylabel="autocorrelation")
     ax.set_title(f"Whitened residuals of {style.plain(equation)} ({p_text(float(p))})")
     style.place_legend(ax, axes is None)
     return style.figure_of(ax)
@@ -149,33 +147,96 @@ def plot_sensitivity(
         axes: axes to draw into, one.
     """
     (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
-    rows = np.arange(len(table))
     equations = list(dict.fromkeys(table.index.get_level_values(0)))
     labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
-    several = len(equations) > 1
-    names = [formula(str(quantity)) for _, quantity in table.index]
-    if several:
-        names = [f"{name} in {labels[equation]}" for name, (equation, _) in zip(names, table.index, strict=True)]
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
-    ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="threshold")
+    where = {name: f" in {labels[name]}" if len(equations) > 1 else "" for name in equations}
+    names = [f"{formula(str(quantity))}{where[equation]}" for equation, quantity in table.index]
+    rows = style.guide_rows(ax, len(table))
+    ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="threshold")
     likelihood, prior = table["likelihood"].to_numpy(float), table["prior"].to_numpy(float)
-    ax.plot(
-        likelihood,
-        rows,
-        "o",
-        color=style.GREY,
-        markersize=5,
-        markerfacecolor="none",
-        clip_on=False,
-        label="to the likelihood",
-    )
+    hollow: dict[str, Any] = {"color": style.GREY, "markersize": 5, "markerfacecolor": "none"}
+    ax.plot(likelihood, rows, "o", clip_on=False, label="to the likelihood", **hollow)
     ax.plot(prior, rows, "o", color=style.BLUE, markersize=5.5, clip_on=False, label="to the prior")
     ax.set_yticks(rows, [style.plain(name) for name in names])
-    ax.set_ylim(len(rows) - 0.5, -0.5)
     ax.set_xlim(left=0.0)
-    ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    ax.set_xlabel("change for each doubling of its weight")
-    ax.set_title("Power-scaling sensitivity")
+    ax.set(xlabel="change for each doubling of its weight", title="Power-scaling sensitivity")
     style.place_legend(ax, axes is None)
     return style.figure_of(ax)
+
+
+_ACROSS = 4
+"""Panels in a row."""
+
+
+@mpl.rc_context(style.STYLE)
+def plot_calibration(
+    differences: pd.DataFrame,
+    lower: Float[np.ndarray, " n_point"],
+    upper: Float[np.ndarray, " n_point"],
+    tests: pd.DataFrame,
+    reliability: Mapping[str, pd.DataFrame] | None = None,
+) -> Figure:
+    """Draw a panel for each ranked quantity, then one for the inclusion probabilities of each equation.
+
+    A curve that leaves the band, drawn in orange where its test failed, says that the posterior is wrong: an arch above
+    zero that the draws are too large, one below that they are too small, an S that they are too wide or too narrow.
+
+    Args:
+        differences: ECDF of the ranks less that of uniform values, one column a quantity, indexed by where.
+        lower: Least difference inside the simultaneous band.
+        upper: Largest.
+        tests: By quantity: adjusted p and passed.
+        reliability: By equation: low, high, count, predicted and observed share of included terms, lower and upper.
+
+    Raises:
+        InputError: Nothing to draw, or a column is missing.
+    """
+    reliability = reliability or {}
+    if differences.empty:
+        raise InputError("There are no ranks to draw; pass what calibrate() returns.")
+    for table in reliability.values():
+        missing = {"predicted", "observed", "lower", "upper", "count"} - set(table.columns)
+        if missing:
+            raise InputError(f"The reliability table lacks the column {min(missing)!r}; pass that of calibrate().")
+    n_panel = differences.shape[1] + len(reliability)
+    down = -(-n_panel // _ACROSS)
+    figure = style.new_figure(10.5, 0.4 + 2.0 * down)
+    panels = figure.subplots(down, _ACROSS, squeeze=False).ravel()
+    at = differences.index.to_numpy(float)
+    reach = 1.15 * max(float(np.abs(differences.to_numpy()).max()), float(-lower.min()), float(upper.max()))
+    for ax, name in zip(panels, differences, strict=False):
+        passed, adjusted = bool(tests.loc[name, "passed"]), float(np.asarray(tests.loc[name, "adjusted"]))
+        ax.fill_between(at, lower, upper, color=style.LIGHT, linewidth=0, label="band")
+        ax.axhline(0.0, color=style.GREY, linewidth=0.6)
+        colour = style.BLUE if passed else style.ORANGE
+        ax.plot(at, differences[name].to_numpy(float), color=colour, linewidth=1.3, label="ECDF")
+        ax.set_ylim(-reach, reach)
+        _finish(ax, str(name), f"adjusted p = {number(adjusted, 2)}")
+    for ax, (name, table) in zip(panels[differences.shape[1] :], reliability.items(), strict=False):
+        _draw_reliability(ax, table)
+        _finish(ax, f"{name}: P(included)", "")
+    for ax in panels[n_panel:]:
+        ax.set_visible(False)
+    figure.supxlabel("rank of the truth / number of draws", fontsize=10)
+    figure.supylabel("ECDF − uniform", fontsize=10)
+    return figure
+
+
+def _draw_reliability(ax: Axes, table: pd.DataFrame) -> None:
+    shown = table.loc[table["count"].to_numpy() > 0]
+    predicted, observed = shown["predicted"].to_numpy(float), shown["observed"].to_numpy(float)
+    ax.plot([0, 1], [0, 1], color=style.GREY, linewidth=0.6)
+    ax.vlines(predicted, shown["lower"].to_numpy(float), shown["upper"].to_numpy(float), color=style.LIGHT, linewidth=5)
+    ax.plot(predicted, observed, "o", color=style.BLUE, markersize=4, label="observed share")
+    ax.set_ylim(-0.05, 1.05)
+    ax.set_xlabel("predicted", fontsize=9)
+    ax.set_ylabel("observed", fontsize=9)
+
+
+def _finish(ax: Axes, title: str, note: str) -> None:
+    ax.set_title(style.plain(title), fontsize=9)
+    ax.set_xlim(0, 1)
+    ax.set_xticks([0, 0.5, 1], ["0", "½", "1"])
+    ax.yaxis.set_major_locator(MaxNLocator(4))
+    ax.text(0.98, 0.04, note, transform=ax.transAxes, ha="right", va="bottom", fontsize=8, color=style.DARK)

@@ -78,12 +78,12 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
     if missing:
         raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass inclusion(fit).")
-    known = list(dict.fromkeys(table.index.get_level_values(0)))
-    if equation is not None and equation not in known:
-        raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(known)}.")
-    if not known:
+    names = list(dict.fromkeys(table.index.get_level_values(0)))
+    if equation is not None and equation not in names:
+        raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(names)}.")
+    if not names:
         raise InputError("The coefficient table has no rows, so there is nothing to draw.")
-    return known if equation is None else [equation]
+    return names if equation is None else [equation]
 
 
 def _by_unit(
@@ -92,8 +92,8 @@ def _by_unit(
     """Return each equation's terms by the unit of their coefficients, in the order in which the units come."""
     parts = []
     for name, block in zip(names, blocks, strict=True):
-        known = _units_of(name, block, units)
-        of = [unit_text(known.get(str(term))) for term in block.index]
+        by_term = _units_of(name, block, units)
+        of = [unit_text(by_term.get(str(term))) for term in block.index]
         parts += [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
     return [name for name, _ in parts], [block for _, block in parts]
 
@@ -159,16 +159,8 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
     ax.hlines(rows, lower, upper, color=style.BLUE, linewidth=2.2, zorder=2)
     ax.plot(mean, rows, "o", color=style.BLUE, markersize=5.5, zorder=3, label="mean")
     if np.isfinite(true).any():
-        ax.plot(
-            true,
-            rows,
-            "D",
-            markersize=9,
-            markerfacecolor="none",
-            markeredgecolor=style.ORANGE,
-            zorder=4,
-            label="true value",
-        )
+        hollow: dict[str, Any] = {"markersize": 9, "markerfacecolor": "none", "markeredgecolor": style.ORANGE}
+        ax.plot(true, rows, "D", zorder=4, label="true value", **hollow)
     for row, (term, value, sd) in enumerate(zip(terms, mean, block["sd"], strict=True)):
         text = style.plain(estimate(value, sd, units.get(term) if several else ""))
         ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=style.DARK)
@@ -224,8 +216,5 @@ def _draw_bars(ax: Axes, block: pd.DataFrame, source: str | None) -> None:
     for row, value in enumerate(probability):
         text = "given" if given[row] else probability_text(value)
         ax.text(1.04, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9)
-    ax.set_xlim(0, 1)
+    ax.set(xlim=(0, 1), ylim=(len(block) - 0.4, -0.6), yticks=[], xlabel=PROBABILITIES[source])
     ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
-    ax.set_ylim(len(block) - 0.4, -0.6)
-    ax.set_yticks([])
-    ax.set_xlabel(PROBABILITIES[source])

@@ -1,10 +1,11 @@
 """The discrepancy over one or two variables of the state space."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
@@ -14,11 +15,13 @@ from matplotlib.patches import Patch
 
 from bayes_greybox.criticism.discrepancy import DiscrepancyGrid
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import level_text, number
 from bayes_greybox.running.errors import InputError
 
-_MOST_DATA_POINTS = 2000
+MOST_DATA_POINTS = 2000
+
+_PALE = LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
+"""White to middle purple: points stay visible on it, and it is ordered in grayscale."""
 
 
 @mpl.rc_context(style.STYLE)
@@ -63,63 +66,47 @@ def _title(grid: DiscrepancyGrid, what: str) -> str:
     return f"{title}\nheld: {held}" if held else title
 
 
-def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, own: bool) -> None:
+def _draw_curve(ax: Axes, grid: DiscrepancyGrid, points: np.ndarray, ours: bool) -> None:
     x = grid.axes[0]
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     # The faded copy runs underneath everywhere, so the two parts meet without a gap.
     ax.fill_between(x, grid.lower, grid.upper, color=style.BLUE, alpha=0.12, linewidth=0)
     ax.plot(x, grid.mean, color=style.BLUE, linewidth=1.2, linestyle=(0, (3, 2)), label="mean, extrapolated")
-    band = ax.fill_between(
-        x, grid.lower, grid.upper, where=grid.inside.tolist(), color=style.BLUE, alpha=0.28, linewidth=0
-    )
-    band.set_label(f"{level_text(grid.level)} interval")
+    look: dict[str, Any] = {"color": style.BLUE, "linewidth": 0, "label": f"{level_text(grid.level)} interval"}
+    ax.fill_between(x, grid.lower, grid.upper, where=grid.inside.tolist(), alpha=0.28, **look)
     ax.plot(x, np.where(grid.inside, grid.mean, np.nan), color=style.BLUE, linewidth=2.0, label="mean")
     ax.margins(x=0.02)
-    shown = points[every_nth(len(points), _MOST_DATA_POINTS), 0]
-    ax.plot(
-        shown,
-        np.full(len(shown), 0.02),
-        "|",
-        transform=ax.get_xaxis_transform(),
-        color=style.DARK,
-        alpha=0.45,
-        markersize=7,
-        markeredgewidth=0.6,
-        label="data",
-    )
+    style.rug(ax, points[style.every_nth(len(points), MOST_DATA_POINTS), 0], "data")
     ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
     ax.set_ylabel(style.with_unit("discrepancy f", grid.unit))
     ax.set_title(_title(grid, "Discrepancy"))
-    wanted = ["mean", band.get_label(), "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
-    known = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
-    style.place_legend(ax, own, [known[label] for label in wanted])
+    wanted = ["mean", look["label"], "data"] + ([] if grid.inside.all() else ["mean, extrapolated"])
+    artists = {artist.get_label(): artist for artist in ax.get_legend_handles_labels()[0]}
+    style.place_legend(ax, ours, [artists[label] for label in wanted])
 
 
-def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, own: bool) -> None:
-    x, y = grid.axes
+def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, noise: float, ours: bool) -> None:
     seen = grid.inside if grid.inside.any() else np.ones_like(grid.inside)
     limit = max(noise, _first_positive(np.abs(grid.mean[seen]), np.abs(grid.sd[seen])))
     draw_map(panels[0], grid.axes, grid.mean, style.SIGNED, (-limit, limit), style.with_unit("mean of f", grid.unit))
-    fade_outside(panels[0], x, y, grid.inside)
+    fade_outside(panels[0], grid.axes, grid.inside)
     largest = max(noise, _first_positive(grid.sd[seen]))
-    draw_map(panels[1], grid.axes, grid.sd, _pale_map(), (0.0, largest), style.with_unit("sd of f", grid.unit))
-    fade_outside(panels[1], x, y, grid.inside)
+    draw_map(panels[1], grid.axes, grid.sd, _PALE, (0.0, largest), style.with_unit("sd of f", grid.unit))
+    fade_outside(panels[1], grid.axes, grid.inside)
     _draw_lines(panels[0], grid, np.linspace(-limit, limit, 9))
     # Positive where the interval lies on one side of zero.
     beyond = np.maximum(grid.lower, -grid.upper)
-    bold = outline(panels[0], x, y, beyond, 0.0, seen)
+    bold = outline(panels[0], grid.axes, beyond, 0.0, seen)
     for ax in panels:
-        shown = points[every_nth(len(points), _MOST_DATA_POINTS)]
-        ax.plot(
-            shown[:, 0], shown[:, 1], "o", color=style.DARK, markersize=1.6, alpha=0.35, markeredgewidth=0, label="data"
-        )
-        ax.set_xlabel(style.with_unit(grid.variables[0], grid.units[0]))
-        ax.set_ylabel(style.with_unit(grid.variables[1], grid.units[1]))
-        ax.set_xlim(x[0], x[-1])
-        ax.set_ylim(y[0], y[-1])
+        finish_map(ax, grid.axes, grid.variables, grid.units, points, "data")
     panels[0].set_title(_title(grid, "Discrepancy f"))
     panels[1].set_title("Its uncertainty" + ("\n" if grid.fixed else ""))
-    _explain(panels[0], grid, bold, own)
+    handles = [legend_mark("data", "data")]
+    if bold:
+        handles.append(legend_mark("outline", f"edge of where the {level_text(grid.level)} interval excludes 0"))
+    if not grid.inside.all():
+        handles.append(legend_mark("outside", "no data: extrapolated"))
+    style.place_legend(panels[0], ours, handles)
 
 
 def _first_positive(*candidates: np.ndarray) -> float:
@@ -143,14 +130,35 @@ def draw_map(
     style.figure_of(ax).colorbar(mesh, ax=ax, label=label, extend=extend)
 
 
-def outline(
+def finish_map(
     ax: Axes,
-    x: Float[np.ndarray, " n_0"],
-    y: Float[np.ndarray, " n_1"],
-    values: Float[np.ndarray, "n_0 n_1"],
-    level: float,
-    seen: Bool[np.ndarray, "n_0 n_1"],
-) -> bool:
+    grid: Sequence[np.ndarray],
+    variables: Sequence[str],
+    units: Sequence[str],
+    points: Float[np.ndarray, "n_obs 2"] | None,
+    label: str | None = None,
+) -> None:
+    """Mark the data rows on a map of two variables, name these, and end it where the grid does."""
+    if points is not None:
+        shown = points[style.every_nth(len(points), MOST_DATA_POINTS)]
+        look: dict[str, Any] = {"color": style.DARK, "markersize": 1.6, "alpha": 0.35, "markeredgewidth": 0}
+        ax.plot(shown[:, 0], shown[:, 1], "o", label=label, **look)
+    (x, y), (x_label, y_label) = grid, map(style.with_unit, variables, units)
+    ax.set(xlim=(x[0], x[-1]), ylim=(y[0], y[-1]), xlabel=x_label, ylabel=y_label)
+
+
+def legend_mark(kind: str, label: str) -> Artist:
+    """Return a legend's entry for the outline of a map, its marked data rows, or where there are none ("outside")."""
+    if kind == "outside":
+        return Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label=label)
+    looks: dict[str, Any] = {
+        "outline": {"linewidth": 2.0},
+        "data": {"marker": "o", "linestyle": "none", "markersize": 2.5},
+    }
+    return Line2D([], [], color=style.DARK, label=label, **looks[kind])
+
+
+def outline(ax: Axes, grid: Sequence[np.ndarray], values: np.ndarray, level: float, seen: np.ndarray) -> bool:
     """Draw a bold closed line around values above a level where there are data, and return whether there are any."""
     top = float(values[seen].max())
     if not top > level:
@@ -158,21 +166,19 @@ def outline(
     # Below the level outside, so that the line closes at the edge of the data and of the map.
     below = 2 * level - top
     framed = np.pad(np.where(seen, values, below), 1, constant_values=below)
-    along, across = (np.concatenate([[a[0] - 1e-3 * step], a, [a[-1] + 1e-3 * step]])
-                     for a, step in ((x, x[1] - x[0]), (y, y[1] - y[0])))  # fmt: skip
+    edges = [(a[0] - 1e-3 * (a[1] - a[0]), a[-1] + 1e-3 * (a[1] - a[0])) for a in grid]
+    along, across = (np.concatenate([[first], a, [last]]) for a, (first, last) in zip(grid, edges, strict=True))
     ax.contour(along, across, framed.T, levels=[level], colors=[style.DARK], linewidths=2.0)
     return True
 
 
-def fade_outside(
-    ax: Axes, x: Float[np.ndarray, " n_0"], y: Float[np.ndarray, " n_1"], inside: Bool[np.ndarray, "n_0 n_1"]
-) -> None:
+def fade_outside(ax: Axes, grid: Sequence[np.ndarray], inside: np.ndarray) -> None:
     """Hatch a map and make it pale where there are no data."""
     if inside.all():
         return
     outside = (~inside).T.astype(float)
-    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
-    ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
+    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
+    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
 
 
 def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
@@ -182,22 +188,3 @@ def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
     if inner.size:
         # Negative levels are dashed, so that the sign survives in grayscale.
         ax.contour(*grid.axes, shown.T, levels=inner, colors=[style.DARK], linewidths=0.6)
-
-
-def _pale_map() -> Colormap:
-    """Return white to middle purple: points stay visible on it, and it is ordered in grayscale."""
-    return LinearSegmentedColormap.from_list("uncertainty", ["#FCFBFD", "#BCBDDC", "#807DBA"])
-
-
-def _explain(ax: Axes, grid: DiscrepancyGrid, bold: bool, own: bool) -> None:
-    handles: list[Artist] = [
-        Line2D([], [], marker="o", color=style.DARK, linestyle="none", markersize=2.5, label="data")
-    ]
-    level = level_text(grid.level)
-    if bold:
-        handles.append(
-            Line2D([], [], color=style.DARK, linewidth=2.0, label=f"edge of where the {level} interval excludes 0")
-        )
-    if not grid.inside.all():
-        handles.append(Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label="no data: extrapolated"))
-    style.place_legend(ax, own, handles)

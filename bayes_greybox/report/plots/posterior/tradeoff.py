@@ -1,16 +1,17 @@
 """The posterior of one coefficient beside the part of the discrepancy that imitates its term."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import convolve1d
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.plots.thinning import every_nth
 from bayes_greybox.report.words.formatting import number
 
 _MOST_DRAWS = 4000
@@ -51,47 +52,36 @@ def plot_tradeoff(
         right = figure.add_subplot(layout[1, 1])
     else:
         pairs, above, right = style.given_axes(axes, 3, "pairs, θ above, f at the right")
-    width = 1.12 * max(np.ptp(theta), np.ptp(projection)) or 2.0 * max(np.max(np.abs(theta)), 1.0)
+    width = float(1.12 * max(np.ptp(theta), np.ptp(projection)) or 2.0 * max(np.max(np.abs(theta)), 1.0))
     # Rounding noise around an exact zero is drawn at zero, not magnified by its own range.
     x_view, y_view = _view(theta, width), _view(projection, width)
     zero = theta == 0.0
     _draw_pairs(pairs, theta, projection, zero, width)
-    pairs.set_xlim(*x_view)
-    pairs.set_ylim(*y_view)
+    pairs.set(xlim=x_view, ylim=y_view)
     # Five digits a label, where θ is known that well, leave room for no more.
     pairs.xaxis.set_major_locator(MaxNLocator(4))
     pairs.set_xlabel(style.with_unit(f"θ: coefficient of {term}", unit))
     pairs.set_ylabel(style.with_unit(f"amount of {term} that f imitates", unit))
     _draw_marginal(above, theta, zero, x_view, "vertical")
     _draw_marginal(right, projection, zero, y_view, "horizontal")
-    above.set_title(f"θ–f trade-off in the equation for {style.plain(equation)}{_correlation_text(correlation)}")
+    title = f"θ–f trade-off in the equation for {style.plain(equation)}"
+    if correlation is not None:
+        undefined = "not defined: one of the two does not vary"
+        title += f"\ncorrelation {number(correlation, 2) if np.isfinite(correlation) else undefined}"
+    above.set_title(title)
     return style.figure_of(pairs)
 
 
-def _view(draws: Float[np.ndarray, " n_draw"], width: float | np.floating) -> tuple[float, float]:
+def _view(draws: np.ndarray, width: float) -> tuple[float, float]:
     centre = 0.5 * (float(draws.min()) + float(draws.max()))
-    return centre - 0.5 * float(width), centre + 0.5 * float(width)
+    return centre - 0.5 * width, centre + 0.5 * width
 
 
-def _correlation_text(correlation: float | np.floating | None) -> str:
-    if correlation is None:
-        return ""
-    if not np.isfinite(correlation):
-        return "\ncorrelation not defined: one of the two does not vary"
-    return f"\ncorrelation {number(correlation, 2)}"
-
-
-def _draw_pairs(
-    ax: Axes,
-    theta: Float[np.ndarray, " n_draw"],
-    projection: Float[np.ndarray, " n_draw"],
-    zero: Bool[np.ndarray, " n_draw"],
-    width: float | np.floating,
-) -> None:
+def _draw_pairs(ax: Axes, theta: np.ndarray, projection: np.ndarray, zero: np.ndarray, width: float) -> None:
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     on_line = (0.0, float(np.median(theta + projection)))
-    ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=(0, (4, 3)), label="θ + f = constant")
-    kept = every_nth(len(theta), _MOST_DRAWS)
+    ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="θ + f = constant")
+    kept = style.every_nth(len(theta), _MOST_DRAWS)
     for chosen, colour, label in ((~zero, style.BLUE, "draws"), (zero, style.ORANGE, "draws with θ exactly 0")):
         if chosen.any():
             x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
@@ -99,14 +89,11 @@ def _draw_pairs(
     _draw_contours(ax, theta[~zero], projection[~zero], width)
     # θ + f = constant falls to the right, and leaves this corner.
     legend = ax.legend(loc="lower left", handletextpad=0.4)
-    for handle in legend.legend_handles:
-        if handle is not None:
-            handle.set_alpha(1.0)
+    for handle in filter(None, legend.legend_handles):
+        handle.set_alpha(1.0)
 
 
-def _draw_contours(
-    ax: Axes, x: Float[np.ndarray, " n_draw"], y: Float[np.ndarray, " n_draw"], width: float | np.floating
-) -> None:
+def _draw_contours(ax: Axes, x: np.ndarray, y: np.ndarray, width: float) -> None:
     """Draw outlines of the densest cells that hold half and nine tenths of the draws."""
     if len(x) < 200 or min(np.ptp(x), np.ptp(y)) < 0.01 * width:
         return
@@ -120,9 +107,7 @@ def _draw_contours(
     reach = 1.1 * float(np.abs(whitened).max())
     count, edge, _ = np.histogram2d(*whitened.T, bins=_N_CELL, range=[(-reach, reach)] * 2)
     for axis in (0, 1, 0, 1, 0, 1):
-        padded = np.pad(count, [(1, 1) if i == axis else (0, 0) for i in (0, 1)])
-        before, here, after = (np.take(padded, np.arange(_N_CELL) + i, axis) for i in range(3))
-        count = 0.25 * before + 0.5 * here + 0.25 * after
+        count = convolve1d(count, [0.25, 0.5, 0.25], axis, mode="constant")
     ordered = np.sort(count.ravel())[::-1]
     share = np.cumsum(ordered) / ordered.sum()
     levels = [float(ordered[np.searchsorted(share, held)]) for held in (0.9, 0.5)]
@@ -133,24 +118,9 @@ def _draw_contours(
 
 
 def _draw_marginal(
-    ax: Axes,
-    draws: Float[np.ndarray, " n_draw"],
-    zero: Bool[np.ndarray, " n_draw"],
-    view: tuple[float, float],
-    orientation: str,
+    ax: Axes, draws: np.ndarray, zero: np.ndarray, view: tuple[float, float], side: Literal["vertical", "horizontal"]
 ) -> None:
-    ax.hist(
-        [draws[~zero], draws[zero]],
-        bins=np.linspace(*view, _MARGINAL_BINS + 2).tolist(),
-        color=[style.BLUE, style.ORANGE],
-        stacked=True,
-        orientation="vertical" if orientation == "vertical" else "horizontal",
-    )
-    if orientation == "vertical":
-        ax.set_xlim(*view)
-    else:
-        ax.set_ylim(*view)
-    ax.set_xticks([])
-    ax.set_yticks([])
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+    parts, bins = [draws[~zero], draws[zero]], np.linspace(*view, _MARGINAL_BINS + 2).tolist()
+    ax.hist(parts, bins=bins, color=[style.BLUE, style.ORANGE], stacked=True, orientation=side)
+    ax.set(**{"xlim" if side == "vertical" else "ylim": view}, xticks=[], yticks=[])
+    ax.spines[:].set_visible(False)
