@@ -46,6 +46,7 @@ def kills_survived(count: int, seed: int, draws: int, cache: Path) -> str:
 needs_forks = pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="the script asks /proc for times")
 
 
+@pytest.mark.slow
 @needs_forks
 def test_a_killed_fit_goes_on_to_the_same_draws(request):
     cache = Path(request.config.rootpath) / ".pytest_cache" / "killed"

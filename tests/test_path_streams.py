@@ -29,6 +29,7 @@ def test_it_says_how_many_samples_there_are_and_how_many_are_looked_at(fit):
     assert set(fit.checks().table.index.get_level_values("check")) >= {"LOO-PIT", "whiteness"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [weak, path_of])
 def test_its_posterior_is_that_of_the_same_runs_in_memory(make):
     runs = animals() if make is weak else oscillations()

@@ -51,6 +51,7 @@ def test_the_shipped_defaults_are_calibrated(shipped):
     assert shipped.ranks.shape == shipped.kept.shape == shipped.pit.shape == (40, len(shipped.ess))
 
 
+@pytest.mark.slow
 def test_bands_of_f_hold_it_at_the_data_away_from_them_and_beyond(shipped):
     table = shipped.coverage.loc["x"]
     assert list(table.index.get_level_values("region").unique()) == ["data", "box", "beyond"]

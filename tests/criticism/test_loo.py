@@ -200,6 +200,7 @@ def log_prior(nodes):
     return half_normal(noise) + half_normal(amplitude) + log_normal(length_scale) + log_normal(tau)
 
 
+@pytest.mark.slow
 def test_one_run_equals_thirty_exact_refits():
     """Every refit is exact: p(y_i | y₋ᵢ) = p(y)/p(y₋ᵢ), both integrated over η by a trapezoid rule.
 

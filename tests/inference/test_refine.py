@@ -70,7 +70,8 @@ def by_quadrature():
     return means, [float(np.sqrt(np.sum(weight * (q - m) ** 2))) for q, m in zip((k, x0, s), means, strict=True)]
 
 
-@pytest.mark.parametrize("method", [pytest.param("given steps", marks=pytest.mark.slow), "steps as they come"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["given steps", "steps as they come"])
 def test_it_is_the_posterior_that_quadrature_finds(bent, method, monkeypatch):
     if method == "steps as they come":
         monkeypatch.setattr(Course, "methods", property(stepwise))

@@ -135,6 +135,7 @@ def test_so_it_does_in_a_fit():
     assert np.abs(theta(shrunk)).max() < 1e-3 < 0.1 < np.abs(theta(fitted(prior=prior))).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "parts", [{"prior": Listed()}, {"discrepancy": bg.OrthogonalGP(variables=["y"], features=[4])}]
 )

@@ -114,7 +114,8 @@ def summed(prior, data, batch):
     return np.array([mean_own, mean_shared, inside.sum() / total])
 
 
-@pytest.mark.parametrize("name", ["slab", *(pytest.param(n, marks=pytest.mark.slow) for n in PRIORS if n != "slab")])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PRIORS)
 def test_the_posterior_is_that_of_sums_on_a_grid(name, data):
     """Four batches of scales of the prior say how exact the sums are; where no term can be out, P(γ) is one."""
     from arviz_stats.base.array import array_stats

@@ -159,6 +159,7 @@ def test_a_bound_that_leaves_zero_out_keeps_the_term_in(every_kind):
     assert every_kind.inclusion().loc[("ydot", "ydot**3"), "inclusion"] == 1.0
 
 
+@pytest.mark.slow
 def test_a_prior_of_its_own_keeps_the_term_in(every_kind):
     assert np.all(every_kind.inclusion().loc[("ydot", "y"), "inclusion"] == 1.0)
     assert np.all(np.isfinite(every_kind.sensitivity()[["prior", "likelihood"]].dropna()))

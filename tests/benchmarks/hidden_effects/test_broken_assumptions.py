@@ -237,6 +237,7 @@ def test_what_is_not_measured_is_not_handed_out(host):
     assert rms(data.gap()) > 3 * data.sigma
 
 
+@pytest.mark.slow
 def test_hysteresis_is_missing_and_has_no_name():
     data = made(one("memory", "Bouc-Wen strong", host="swept-oscillator"))
     assert data.effects == () and data.silent == ()

@@ -71,6 +71,7 @@ def test_what_can_be_seen_is_the_coefficient_over_its_standard_error(cubic, few)
     assert sum(found["oracle"].values()) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_loud_effect_is_named_and_silence_kept(few):
     for slug in ("cubic-stiffness", None):
         kept = displacement_oracle.ask(data_of(slug), 0.01)

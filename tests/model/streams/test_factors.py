@@ -157,6 +157,7 @@ def test_workers_give_the_same_to_the_last_bit():
     assert here.digest == there.digest and np.array_equal(here.factor, there.factor)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a signal that kills")
 def test_a_worker_that_is_killed_within_a_pass_changes_no_bit(tmp_path):
     pytest.importorskip("distributed")

@@ -41,7 +41,9 @@ def statistics(model, stream):
     return fitted, equation
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow) if case == "path" else case for case in CASES]
+)
 def test_they_are_those_of_all_runs_in_memory(case):
     make, settings, runs = CASES[case]
     given = replace(weak(), **settings) if make is weak else make(**settings)

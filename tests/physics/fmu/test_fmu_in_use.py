@@ -111,6 +111,7 @@ def fits(plant):
     }
 
 
+@pytest.mark.slow
 def test_outputs_of_an_fmu_are_functions_too(fits):
     x = np.array([[0.5, 1.0], [1.0, -2.0]])
     expected = -10 * (x[:, 0] - 1.1) - 0.4 * x[:, 1]
