@@ -67,6 +67,11 @@ class Hypothesis:
         )  # fmt: skip
 
     @property
+    def complete(self) -> bool:
+        """Return true if it is likelier than not that nothing without a name is beside it."""
+        return sum(self.kinds[kind] for kind in UNNAMED) < 0.5
+
+    @property
     def sd(self) -> Float[np.ndarray, " k"]:
         """Return the posterior standard deviations of its coefficients."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
@@ -153,17 +158,19 @@ class Weighed:
 
 def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
-    seed: int = 0, window: Window | None = None,
+    seed: int = 0, window: Window | None = None, complete: bool = False,
 ) -> Weighed:  # fmt: skip
     """Return the hypotheses of a table, with the forces and the added log priors of further noise shapes.
 
-    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records.
+    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records. If
+    `complete`, only hypotheses that leave nothing without a name are weighed.
     """
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
     prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
     points = _noise_grid(table, odds, floor, window).points((0.0, *(log_prior for _, log_prior in shapes)))
     n_unnamed = len({point.kind for point in points} & set(UNNAMED))
     points = tuple(point for point in points if not point.memory or point.memory in table.memories)
+    points = tuple(point for point in points if not (complete and point.unnamed))
     precision = np.array([each.sd**-2.0 for each in regressors])
     weight = _Weight(table, gram(table, points, forces), precision, prior, floor, n_unnamed)
     sets = search(regressors, weight.total, reach)

@@ -43,6 +43,8 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         rows = source.near(replace(start, values=values)) if values else rows
     near = weighed_on(rows, odds, reach, seed)
     visits = [Visit(near, None if start.added or start.sensors else near.names(near.weighed.before))]
+    if (standing := _standing(near, source, odds, reach, seed)) is not None:
+        visits = [standing]
     for iteration in range(MOST_OUTER_ITERATIONS):
         here = _best(visits, seed)
         near, weighed = here.near, here.near.weighed
@@ -74,6 +76,24 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         whole = here._replace(near=weighed_on(rows, odds, reach, seed))
         visits = [whole, *(each for each in visits if each.hypothesis != here.hypothesis)]
     return here.near
+
+
+def _standing(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> "Visit | None":
+    """Return rows near the likeliest hypothesis that leaves nothing, if the likeliest on them leaves nothing either.
+
+    A path that an unknown force moves follows the noise of its samples, and regressors along it do: a law or a memory
+    of the states fits that noise, as no effect of an input can, and its evidence is that much too large. No force moves
+    the path of a hypothesis that leaves nothing. Where that hypothesis is wrong, something is left along its own path,
+    which a discrepancy takes: then the rows are not returned.
+    """
+    if not near.rows.model.rows.follows_path or near.likeliest.complete:
+        return None
+    alone = weighed_on(near.rows, odds, reach, seed, complete=True)
+    try:
+        there = weighed_on(source.near(alone.point_of(alone.likeliest)), odds, reach, seed)
+    except (InputError, np.linalg.LinAlgError):
+        return None
+    return Visit(there, alone.names(alone.likeliest), alone) if there.likeliest.complete else None
 
 
 class Visit(NamedTuple):
@@ -124,10 +144,10 @@ def _best(visits: Sequence[Visit], seed: int) -> Visit:
     return best
 
 
-def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
-    """Return the hypotheses on rows; the seed is that of the bagged records."""
+def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int, complete: bool = False) -> Near:
+    """Return the hypotheses on rows, or those that leave nothing; the seed is that of the bagged records."""
     shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
-    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window))
+    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window, complete))
 
 
 def table_of(rows: Rows) -> RegressorTable:
