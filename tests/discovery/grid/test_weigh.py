@@ -13,14 +13,14 @@ N = 300
 TIME = 0.05 * np.arange(N)
 
 
-def weighed(target, *columns):
+def weighed(target, *columns, complete=False):
     X = np.column_stack(columns)
     nothing = Features(np.zeros((N, 0)), np.zeros((N, 0)))
     table = RegressorTable(
         tuple(Regressor(EFFECT, f"e{k}", f"e{k}", 1.0) for k in range(X.shape[1])), target, X, X,
         ForcedRates(TIME, np.zeros(N), 2.0, np.ones(N), 0.1), np.arange(N) * 8 // N, nothing, np.zeros((0, 1)),
     )  # fmt: skip
-    return weigh(table, Odds(), Reach(), 1e-12)
+    return weigh(table, Odds(), Reach(), 1e-12, complete=complete)
 
 
 @pytest.fixture(scope="module")
@@ -61,3 +61,15 @@ def test_what_an_effect_and_the_force_share_is_their_mean_product():
     assert best.against[0] == pytest.approx(best.mean[0] * np.mean(effect * w), abs=1e-9)
     assert abs(best.against[0]) < 0.05 * best.sizes[0] * best.left
     assert best.left == pytest.approx(np.sqrt(np.mean(w**2)), rel=1e-6)
+
+
+def test_hypotheses_that_leave_nothing_are_weighed_among_themselves():
+    # Beside a slow force of time one effect leaves something, and none that is weighed alone may.
+    rng = np.random.default_rng(2)
+    effect, force = np.sin(11 * TIME), np.sin(0.9 * TIME + 0.4)
+    target = effect + 2 * force + 0.05 * rng.standard_normal(N)
+    every, alone = weighed(target, effect, effect**3), weighed(target, effect, effect**3, complete=True)
+    assert not every.hypotheses[0].complete and not any(point.unnamed for point in alone.grid.points)
+    assert all(h.complete for h in alone.hypotheses)
+    assert sum(h.probability for h in alone.hypotheses) == pytest.approx(1.0)
+    assert alone.hypotheses[0].log_weight < every.hypotheses[0].log_weight - 100
