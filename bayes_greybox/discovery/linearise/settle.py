@@ -79,21 +79,34 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
 
 
 def _standing(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> "Visit | None":
-    """Return rows near the likeliest hypothesis that leaves nothing, if the likeliest on them leaves nothing either.
+    """Return rows near a hypothesis that leaves nothing, if the likeliest on them leaves nothing either.
 
     A path that an unknown force moves follows the noise of its samples, and regressors along it do: a law or a memory
     of the states fits that noise, as no effect of an input can, and its evidence is that much too large. No force moves
-    the path of a hypothesis that leaves nothing. Where that hypothesis is wrong, something is left along its own path,
-    which a discrepancy takes: then the rows are not returned.
+    the path of a hypothesis that leaves nothing, so the likeliest of these are followed, each on rows near the one
+    before. Where it is wrong, something is left along its own path, which a discrepancy takes: then none is returned.
     """
     if not near.rows.model.rows.follows_path or near.likeliest.complete:
         return None
-    alone = weighed_on(near.rows, odds, reach, seed, complete=True)
-    try:
-        there = weighed_on(source.near(alone.point_of(alone.likeliest)), odds, reach, seed)
-    except (InputError, np.linalg.LinAlgError):
-        return None
-    return Visit(there, alone.names(alone.likeliest), alone) if there.likeliest.complete else None
+    followed: list[tuple[str, ...]] = []
+    for _ in range(MOST_OUTER_ITERATIONS):
+        alone = weighed_on(near.rows, odds, reach, seed, complete=True)
+        names, weighed = alone.names(alone.likeliest), alone.weighed
+        # Two that lead to each other lead nowhere.
+        if names in followed[:-1]:
+            return None
+        followed.append(names)
+        ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
+        finer, _ = refined(alone.regressors, ground, weighed.hypotheses)
+        point = alone.point_of(alone.likeliest)
+        try:
+            rows = source.near(replace(point, values={**point.values, **finer}))
+            near = weighed_on(rows, odds, reach, seed)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+        if near.likeliest.complete:
+            return Visit(near, names, alone)
+    return None
 
 
 class Visit(NamedTuple):
