@@ -1,4 +1,4 @@
-"""The two objects that users hold: GreyBox, the model, and Fit, its posterior. Each method calls one room."""
+"""The two objects that users hold: GreyBox, the model, and Fit, its posterior. Each method calls one subpackage."""
 
 import json
 import logging
@@ -56,7 +56,7 @@ AGAIN = "Sampling again, with finer features"
 """Text of the progress bar of a repeated fit."""
 
 MOST_REFITS, FEATURE_MARGIN = 2, 1.15
-"""Most repetitions of a fit with more features, and the ratio of their number to what the last posterior needs."""
+"""Most refits with more features; number of features given, over what the last posterior needs."""
 
 
 class GreyBox(Program):
@@ -81,12 +81,12 @@ class GreyBox(Program):
     ) -> "Fit":
         """Sample the posterior with NUTS; the same seed gives the same posterior.
 
-        With the number of features left to the package, a posterior that asks for shorter length scales than the
-        features resolve is sampled again with as many as it needs.
+        If the package chooses the number of features, and the posterior needs shorter length scales than they resolve,
+        it is sampled again with enough of them.
 
         Args:
             data: Training data, with the derivative of each learned state or samples of paths; or a `stream` of more
-                rows than memory holds, of which all decide, and those of its sample are looked at one by one.
+                rows than memory holds: all of them count, but only those of its sample are examined one by one.
             draws: Draws kept in each chain.
             tune: Warm-up iterations of each chain.
             chains: Number of chains, run in parallel threads.
@@ -94,7 +94,7 @@ class GreyBox(Program):
             progress: If true, a progress bar is shown.
             target_accept: Target acceptance probability of NUTS.
             checkpoint: Folder that keeps the chains while they run, for `resume`; removed when the fit is complete.
-            resume: If true, the chains in that folder are continued, with the draws of an uninterrupted run.
+            resume: If true, continue the chains in that folder; draws equal those of an uninterrupted run.
             checkpoint_every: Seconds between two checkpoints of a chain.
 
         Raises:
@@ -109,7 +109,7 @@ class GreyBox(Program):
     ) -> "Fit":
         keep_programs()
         make_room()
-        # One thread as in `sample_posterior`, here also for what completes the fit.
+        # One thread, as in `sample_posterior`, also while the fit is completed.
         with threadpool_limits(1), seldom_collected(), stages(progress):
             with stage("Reading the data"):
                 model, data, rows = taken(self, source)
@@ -150,7 +150,7 @@ class Fit(Posterior):
 
     @property
     def noise(self) -> pd.DataFrame:
-        """Estimates of `bg.Noise` for each equation; no columns if the noise is white or was not to be estimated."""
+        """Estimates of `bg.Noise` for each equation; no columns if the noise is white or not estimated."""
         estimates = getattr(self.model.noise, "found", None) or {}
         equations = pd.Index(self.model.equations, name="equation")
         return pd.DataFrame([dict(estimates.get(self.model.block_of(name), {})) for name in equations], index=equations)
@@ -166,11 +166,11 @@ class Fit(Posterior):
     def discrepancy_grid(
         self, equation: str | None = None, variables: tuple[str, ...] | None = None, size: int = 41, level: float = 0.9
     ) -> DiscrepancyGrid:
-        """Return the posterior of f over one or two variables; the first equation unless named."""
+        """Return the posterior of f over one or two variables, by default for the first equation."""
         return discrepancy_grid(self, equation or next(iter(self.equations)), variables, size, level)
 
     def trade_off(self, equation: str | None = None) -> TradeOff:
-        """Return the term whose coefficient trades off most with f; the first equation unless named."""
+        """Return the term whose coefficient trades off most with f, by default in the first equation."""
         return strongest_trade_off(self, equation or next(iter(self.equations)))
 
     def predict(self, data: Trajectories, level: float = 0.9) -> Prediction:
@@ -182,7 +182,7 @@ class Fit(Posterior):
     ) -> FreeRun:
         """Integrate the whole model from the measured start of each run, with bands and `nrmse()`.
 
-        Between samples the inputs follow lines or splines, as their samples suggest, or `interpolation` ("zoh":
+        Between samples, inputs are interpolated by lines or splines, as suits them, or by `interpolation` ("zoh":
         zero-order hold).
         """
         return free_run(self, completed(self, data), level, draws, interpolation=interpolation)
@@ -192,11 +192,11 @@ class Fit(Posterior):
         return checks(self)
 
     def loo_pit(self, equation: str | None = None) -> LooPit:
-        """Return the place of each measurement in its leave-one-out prediction; the first equation unless named."""
+        """Return the quantile of each measurement in its leave-one-out prediction; by default of the first equation."""
         return checks(self).loo_pit[self.model.block_of(equation)]
 
     def whiteness(self, equation: str | None = None) -> Whiteness:
-        """Return the autocorrelation of the whitened residuals; the first equation unless named."""
+        """Return the autocorrelation of the whitened residuals, by default of the first equation."""
         return checks(self).whiteness[self.model.block_of(equation)]
 
     def sensitivity(self) -> pd.DataFrame:
@@ -223,8 +223,8 @@ class Fit(Posterior):
             y ~ N(h(x(·; θ, f, x₀)), σ² R₀),   dx/dt = g(x, u) + e_k (Φ(x, u) θ + Ψ̃(x, u) w),   x₀ ~ N(m, s²)
 
         The rows of a fit are linearised around its model; here paths are integrated anew at every step. The chains
-        start at draws of the fit, whose covariance is the metric. Under a prior with inclusion the likeliest pattern
-        is fixed, and f keeps its orthogonal basis. Each segment of the path has a start.
+        start at draws of the fit, whose covariance is the metric. Under a spike-and-slab prior the likeliest pattern is
+        fixed, and f keeps its orthogonal basis. Each path segment has its own start.
 
         Args:
             draws: Draws kept in each chain.
@@ -232,19 +232,19 @@ class Fit(Posterior):
             chains: Number of chains, run in parallel threads.
             seed: Seed of everything random in the run.
             target_accept: Target acceptance probability of NUTS.
-            starts: Prior mean and standard deviation of states at the start of runs, by state, user's units; by
-                default ten times the states' sizes around the reference path.
-            noise: Prior median of the noise of each sensor and standard deviation of its logarithm, by state, user's
-                units: each sensor then has its own noise. By default there is one noise, shared in the proportions of
-                the path's residuals.
+            starts: Prior mean and standard deviation at the start of runs, by state, in user's units; by default the
+                start of the reference path, and ten times the state's size.
+            noise: Prior median of each sensor's noise and standard deviation of its logarithm, by state, in user's
+                units: each sensor then has its own noise. By default one noise scales all sensors, in proportion to the
+                path's residuals.
             progress: If true, a progress bar is shown.
             checkpoint: Folder that keeps the chains while they run, for `resume`; removed when they are complete.
-            resume: If true, the chains in that folder are continued, with the draws of an uninterrupted run.
+            resume: If true, continue the chains in that folder; draws equal those of an uninterrupted run.
             checkpoint_every: Seconds between two checkpoints of a chain.
 
         Returns:
             A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` if each sensor has its own noise.
-            Checks, leave-one-out and pages need linear rows: ask the fit that was refined.
+            Checks, leave-one-out and pages need linear rows: use the original fit.
 
         Raises:
             InputError: Rows of rates, whose posterior is exact already; an unknown force in the noise; priors of
@@ -258,8 +258,8 @@ class Fit(Posterior):
     def to_inferencedata(self) -> Any:
         """Return the groups of `idata` in the form that the functions of the installed `arviz` take.
 
-        This is an `arviz.InferenceData` with ArviZ 0.2x, the newest for Python 3.11, and a `DataTree` like `idata`
-        itself with ArviZ 1. The object is new, its arrays are those of the fit.
+        With ArviZ 0.2x, the newest for Python 3.11, this is an `arviz.InferenceData`; with ArviZ 1, a `DataTree` like
+        `idata`. The object is new, but its arrays are those of the fit.
         """
         return to_inferencedata(self.idata)
 
@@ -268,8 +268,8 @@ class Fit(Posterior):
 
             d(x_i)/dt = g_i(x, u) + Σ_j E[θ_ij] φ_ij(x, u) + f_i(x, u)
 
-        Terms and coefficients are those that `print(fit)` shows, with all digits. f is an undefined function
-        `f_name(...)` in the equations that keep it, as is a simulation given as a function, `g_name(t, x, u)`.
+        Terms and coefficients are those that `print(fit)` shows, with all digits. In the equations that keep it, f is
+        an undefined function `f_name(...)`; so is a simulation given as a function, `g_name(t, x, u)`.
         """
         return fitted_system(self).to_sympy()
 
@@ -281,34 +281,34 @@ class Fit(Posterior):
         """Return the right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
 
         x `[*n, n_state]` and u `[*n, n_input]` have the columns `rates.states` and `rates.inputs` along their last
-        axis, in the units of the data; t is a number or `[*n]`. The function returns, `[*n, n_equation]`, the rates of
-        `rates.equations` in `rates.units`: those of the states that have an equation, then outputs.
+        axis, in the units of the data; t is a number or `[*n]`. The function returns the rates of `rates.equations` in
+        `rates.units`, `[*n, n_equation]`: states with an equation, then outputs.
 
         Args:
             backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
-            draws: Posterior draws along a first axis, `[draws, *n, n_equation]`, each with all its terms;
-                `rates.draw(k)` is one of them. None: the equation that `print(fit)` shows, coefficients at their means.
-            discrepancy: If true, f is added. Outside their domain the features stay constant, but not their projection.
+            draws: Number of draws, along a first axis, `[draws, *n, n_equation]`, each with all its terms;
+                `rates.draw(k)` is one. None: the equation that `print(fit)` shows, coefficients at their means.
+            discrepancy: If true, f is added. Outside their domain features are constant, but their projection is not.
 
         Raises:
-            InputError: An unknown backend, too many draws, or f of a model on the exact path.
+            InputError: An unknown backend, too many draws, or f under OrthogonalGP(path="exact").
         """
         return learned_rates(fitted_system(self), backend, draws, discrepancy)
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the ending of the path.
+        """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the file extension.
 
         The program has the terms that `print(fit)` shows, with their mean coefficients; standard deviations, intervals
-        and units stand in comments. It leaves out f, as its header says. An FMU follows FMI 2.0 for Model Exchange and
-        Co-Simulation, and is compiled for this system, which takes FMPy and a C compiler.
+        and units are in comments. It leaves out f, as its header says. An FMU follows FMI 2.0 for Model Exchange and
+        Co-Simulation; compiling it, for this system only, needs FMPy and a C compiler.
 
         Raises:
-            InputError: Another ending; a simulation that is a function, except for .py; FMPy or the compiler is
+            InputError: Another extension; a simulation that is a function, except for .py; FMPy or the compiler is
                 missing; the file cannot be written.
         """
         system = fitted_system(self)
         f = {
-            name: "which the data tell from zero"
+            name: "which the data tell apart from zero"
             for name, each in system.learned.items()
             if each.discrepancy is not None and each.discrepancy.left
         }
@@ -360,7 +360,7 @@ class Fit(Posterior):
         return "\n".join([f"Fit of {terms}; {about}", *left_out, str(self.verdict), equations])
 
     def _complete(self) -> None:
-        """Add the groups that need more than one row at a time."""
+        """Add the log-likelihood and predictive groups."""
         if (log_likelihood := log_likelihood_group(self)) is not None:
             self.add_group("log_likelihood", log_likelihood)
         for source in ("posterior", "prior"):
@@ -369,12 +369,12 @@ class Fit(Posterior):
 
 
 def greybox_of(program: Program) -> GreyBox:
-    """Return a model as the class that users hold."""
+    """Return a program as a `GreyBox`."""
     return GreyBox(**{field: getattr(program, field) for field in program.__dataclass_fields__})
 
 
 def fit_of(posterior: Posterior) -> Fit:
-    """Return a posterior that was read from a file as the class that users hold."""
+    """Return as a `Fit` a posterior that was read from a file."""
     fit = Fit(greybox_of(posterior.model), posterior.data, posterior.sampling, posterior.idata, whole=posterior.whole)
     fit.memory.update(posterior.memory)
     return fit
@@ -391,7 +391,7 @@ def _refined(model: Program, asked: OrthogonalGP | None, posterior: Posterior) -
     for boundary in dict.fromkeys((wanted, None)):
         refined = gp if boundary is None else replace(gp, boundary=boundary)
         if needed := features_needed(posterior, boundary):
-            # A finer basis finds somewhat shorter length scales again, hence the margin.
+            # A finer basis resolves slightly shorter length scales, hence the margin.
             per_variable = tuple(int(np.ceil(FEATURE_MARGIN * m)) for m in np.max(list(needed.values()), axis=0))
             if HilbertBasis(refined.boundary, per_variable).size > LARGEST_BASIS:
                 continue

@@ -1,4 +1,4 @@
-"""The missing effects of a simulation: find_missing_effects, and Study, its result, in users' hands."""
+"""The missing effects of a simulation, for users: `find_missing_effects`, and its result, `Study`."""
 
 import json
 import os
@@ -47,7 +47,7 @@ from .greybox import Fit, GreyBox, fit_of, greybox_of
 class Study(StudyResult):
     """The effects that a simulation lacks, with the evidence; see `StudyResult` for its tables.
 
-    `fit` is None under settle=False: nothing was sampled. Tables are those of the noise grid either way;
+    `fit` is None if nothing was sampled, as under settle=False. Tables come from the noise grid either way;
     `study.model.fit(study.train)` samples the amended model.
     """
 
@@ -65,10 +65,10 @@ class Study(StudyResult):
         return {"verdict": self.verdict, "sentence": self.sentence, **super().record()}
 
     def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
-        """Return free runs of the model before and after over other data, by state.
+        """Return free runs, before and after, over other data, by state.
 
         Args:
-            data: Times, starts and inputs to follow; samples alone start where the path through them does.
+            data: Times, starts and inputs to follow; samples without every state start on the path through them.
             interpolation: Interpolation of the inputs between samples, as in `find_missing_effects`.
 
         Raises:
@@ -89,26 +89,26 @@ class Study(StudyResult):
         return paths
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return right-hand sides of the amended model by state or output; as `Fit.to_sympy`.
+        """Return right-hand sides of the amended model by state or output; see `Fit.to_sympy`.
 
-        Coefficients are those of the study's tables, as free runs and figures have them; those of NUTS are
-        `study.fit.to_sympy()`. f is in an equation if a discrepancy without a name remains in it.
+        Coefficients are those of the study's tables, free runs and figures; for those of NUTS use
+        `study.fit.to_sympy()`. f is in the equations that keep an unnamed discrepancy.
         """
         return studied_system(self).to_sympy()
 
     def to_latex(self) -> str:
-        """Return the amended model in LaTeX; as `Fit.to_latex`."""
+        """Return the amended model in LaTeX; see `Fit.to_latex`."""
         return equations_latex(studied_system(self))
 
     def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """Return the right-hand side of the amended model as a function `rates(t, x, u)`; as `Fit.to_callable`.
+        """Return the right-hand side of the amended model as a function `rates(t, x, u)`; see `Fit.to_callable`.
 
-        Each of the draws has inner parameters of its own.
+        Each draw has its own nonlinear parameters.
 
         Args:
             backend: "numpy" or "jax".
-            draws: Posterior draws along a first axis; None: the equation that `print(study)` shows.
-            discrepancy: If true, add the discrepancy without a name, if there is one.
+            draws: Number of draws, along a first axis; None: the equation that `print(study)` shows.
+            discrepancy: If true, add the unnamed discrepancy, if there is one.
 
         Raises:
             InputError: An unknown backend; more draws than there are.
@@ -116,24 +116,24 @@ class Study(StudyResult):
         return learned_rates(studied_system(self), backend, draws, discrepancy)
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write the amended model as a program; as `Fit.export`.
+        """Write the amended model as a program; see `Fit.export`.
 
-        Hidden states of effects with memory are states of it. Errors of the sensors stand in its header and are no part
-        of the equations.
+        Hidden states of effects with memory are states of the program. Sensor errors are listed in its header, not put
+        into the equations.
 
         Raises:
             InputError: See `Fit.export`.
         """
         system = studied_system(self)
         open_ended = [name for name, each in system.learned.items() if each.discrepancy and each.discrepancy.left]
-        remarks = tuple(f"Of the sensors, not of the machine: {text}." for text in measurement_in_words(self))
-        left = dict.fromkeys(open_ended, "what is left that has no name")
+        remarks = tuple(f"About the sensors, not the machine: {text}." for text in measurement_in_words(self))
+        left = dict.fromkeys(open_ended, "the unnamed discrepancy")
         states = self.model.states(self.train)
         starts = {} if self.fit is None else estimated_starts(self.fit)
         export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, states, starts))
 
     def to_json(self) -> str:
-        """Return the amended model as JSON text; as `Fit.to_json`, with inner parameters and hidden states."""
+        """Return the amended model as JSON text, with nonlinear parameters and hidden states; see `Fit.to_json`."""
         return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def next_experiment(
@@ -147,14 +147,14 @@ class Study(StudyResult):
         seed: int = 0,
         **usual: Any,
     ) -> NextExperiment:
-        """Return the experiment to do next, by the information that it is expected to give about the explanation.
+        """Return the next experiment to do, by its expected information about which explanation holds.
 
         Args:
             candidates: Experiments to choose from; by default `usual_candidates` of the training data.
-            sensors: Noise by channel of the default candidates; by default as in the data.
+            sensors: Noise by channel, for the default candidates; by default as in the data.
             batch: Experiments to do together, chosen one after another.
             threshold: Bits below which no experiment is worth doing.
-            outcomes: Runs simulated for each explanation, for bands and for failures; the information is a closed form.
+            outcomes: Runs simulated for each explanation, for bands and failures; the information has a closed form.
             seed: Seed of these runs.
             **usual: Signals, amplitudes, starts, duration and rows of `usual_candidates`.
 
@@ -189,17 +189,17 @@ class Study(StudyResult):
 
 
 def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None) -> Any:
-    """Read a file of `Fit.save` or `Study.save`.
+    """Read a file from `Fit.save` or `Study.save`.
 
     Args:
         path: The netCDF file.
         simulation: The simulation's function, if the model had one; a file cannot hold code.
 
     Returns:
-        A `Fit`, or a `Study` with its tables and its fit. A study's file of version 0.1.0 holds the fit alone.
+        A `Fit`, or a `Study` with its tables and its fit. A study saved by version 0.1.0 holds only the fit.
 
     Raises:
-        InputError: No such file, or no file of this package; a function is needed.
+        InputError: The file is missing or not of this package, or needs a function.
     """
     tree = netcdf.read(path)
     with made_of(path):
@@ -236,38 +236,39 @@ def find_missing_effects(
     resume: bool = False,
     checkpoint_every: float = CHECKPOINT_EVERY,
 ) -> Study:
-    """Find the effects that a simulation lacks: where it disagrees with the data, which effect, and the gap after.
+    """Find the effects that a simulation lacks: where it disagrees with the data, why, and the gap that remains.
 
-    The simulation is believed: the coefficients of its additive terms change only if the data say so. Terms of the
+    The simulation is trusted: the coefficients of its additive terms change only if the data say so. Terms of the
     model's dictionary are free: their coefficients are learned in every hypothesis. Hypotheses are weighed by their
-    evidence (see `discovery.grid`), all beside a latent force in time and a law of the states.
+    evidence (see `discovery.grid`), each summed over discrepancies, such as a latent force in time.
 
     Args:
-        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` has the
+        model: Simulation, and the terms whose coefficients are to be learned anyway. `model.discrepancy` sets the
             variables of f.
         train: Measurements with the rates of the equations in question, or with the outputs.
-        test: Measurements that no hypothesis is weighed on: they show the gap after, and may only speak against the
-            answer. If the training data were differentiated and these are not, they are, by the same filter.
+        test: Held-out measurements, on which no hypothesis is weighed: they show the remaining gap, and can only
+            contradict the answer. If only the training data were differentiated, the same filter is applied to these.
         catalogue: "mechanical", "fluid", "population", "electrical", "all", a TOML file of your own, or a list of
-            these; [] weighs no effect, but the sensors, the simulation's coefficients and a gap without a name.
+            these; [] weighs no effects, only sensor errors, corrections and an unnamed discrepancy.
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.
-        negligible: RMS of a discrepancy without a name, over that of the modelled rate, below which simulation and
+        negligible: RMS of an unnamed discrepancy, over that of the modelled rate, below which simulation and
             measurement agree in practice.
         odds: Prior probabilities of the hypotheses.
         settle: If true, sample the amended model by NUTS. If false, `study.fit` is None; tables, figures and page need
             no sampling.
         free_runs: If true, integrate simulation and amended model over the data.
-        interpolation: Interpolation of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), for
-            all or one for each. By default each input's own, linear or cubic, whichever predicts its samples better.
-        draws: Draws a chain of the amended model.
+        interpolation: Interpolation of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), one
+            for all or for each. By default linear or cubic, whichever predicts the samples of that input better.
+        draws: Draws in each chain of the amended model.
         tune: Warm-up iterations of each chain.
         chains: Chains.
         progress: If true, show progress.
-        checkpoint: A folder that keeps the chains of the amended model while they run; it goes when the study is there.
-        resume: If true, the chains in that folder go on; hypotheses are weighed again, with the same outcome.
-        checkpoint_every: Seconds between two times that a chain is kept.
+        checkpoint: Folder that keeps the chains of the amended model while they run; removed when the study is
+            complete.
+        resume: If true, continue the chains in that folder; hypotheses are weighed again, with the same outcome.
+        checkpoint_every: Seconds between two checkpoints of a chain.
 
     Raises:
         InputError: Data, model or catalogue that cannot be used; the message names the remedy.
@@ -284,7 +285,7 @@ def find_missing_effects(
         if test is not None:
             test = with_filter_of(test, train)
         if held is not None:
-            # Compared before the weighing, which takes long.
+            # Checked first, as weighing takes long.
             held.require("study", run_facts(model, train, sampling, test=data_facts(test), **settings.weighing))
         found = investigate(model, train, test, settings, progress)
         study = _amended(model, found, train)
@@ -295,13 +296,13 @@ def find_missing_effects(
 
 
 def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
-    """Return a study with the amended model as the user's, not sampled yet."""
+    """Return a study whose amended model is a `GreyBox`, not sampled yet."""
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     dictionary = found.model.dictionary
-    # The study may have found how inputs go between their samples.
+    # The study may have found how inputs behave between samples.
     amended = replace(model, rows=found.base.rows, dictionary=dictionary, noise=found.model.noise)
     amended = amended.remembering(hidden_used(dictionary, hidden), found.train)
-    # Other states of the path that the study followed are no part of the answer.
+    # Other states of the path that the study followed are not part of the answer.
     known = amended.states(train)
     states = {name: column for name, column in found.corrected.states.items() if name in known}
     return _study(found, model=amended, fit=None, corrected=replace(found.corrected, states=states))
@@ -323,7 +324,7 @@ def _sampled(study: Study, sampling: Sampling, checkpoint: Checkpoint | None, pr
             raise
         study = replace(study, warnings=(*study.warnings, f"The amended model was not sampled. {error}"))
     else:
-        # The fit's own model: it may have been given more features.
+        # The fit may have been given more features.
         study = replace(study, fit=fit, model=replace(study.model, discrepancy=fit.model.discrepancy))
     seconds = {**study.settings["seconds"], "sample": time.perf_counter() - start}
     return replace(study, settings={**study.settings, "seconds": seconds})

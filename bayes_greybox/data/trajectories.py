@@ -41,19 +41,19 @@ class Trajectories(CutRuns):
         run: number of the run of each row, 0, 1, …, in order.
         states: state columns by name.
         inputs: input columns by name.
-        derivatives: time derivative of the state with that name; and under a name that is no state's an output, a
-            measured quantity whose equation has no derivative in it.
+        derivatives: time derivative of the state with that name; under any other name an output, a measured quantity
+            whose equation has no derivative in it.
         units: unit by column name; the time's under "t", a derivative's under "d(name)/dt" if it was given.
         noise: covariance of the rows of derivatives and outputs by name; a missing name means independent rows.
         run_names: name of each run.
         dropped: rows left out so far (missing values, edges of filters).
         time_name: name of the time in expressions and tables.
         filter: filter that computed the derivatives; None if they were measured, or there are none.
-        remarks: changes of the measurements, in order, in words; shown by repr.
-        samples: readings of the sensors, where states are a path through them and rates are that path's; None where the
-            states are the samples.
-        unseen: rows at which a sensor was known to be at its end before the samples were corrected; None where they
-            show it themselves.
+        remarks: changes to the measurements, in order, in words; shown by repr.
+        samples: sensor readings, if states and rates are those of a path through them; None if the states are the
+            samples.
+        unseen: rows at which a sensor was clipped, if found before the samples were corrected; None if they show it
+            themselves.
     """
 
     samples: "Trajectories | None" = None
@@ -75,17 +75,17 @@ class Trajectories(CutRuns):
     ) -> "Trajectories":
         """Build from arrays, one for each column, or from lists of arrays, one for each run.
 
-        Masked values are missing ones.
+        Masked values count as missing.
 
         Args:
-            t: time stamps, (n,), or a list of such arrays of any lengths, one for each run; numbers of the rows where
-                these have no order in time, as those of a map that was measured point by point. Whole numbers of more
-                digits than a float holds count from the first of each run, which `remarks` says.
-            states: state columns by name, each shaped as `t`; beside inputs and outputs there may be none.
+            t: time stamps, (n,), or a list of such arrays of any lengths, one for each run; row numbers if the rows
+                have no order in time, as for a map measured point by point. Integers with more digits than a float
+                holds are counted from the first of each run; `remarks` says so.
+            states: state columns by name, each shaped like `t`; optional if there are inputs and outputs.
             derivatives: measured time derivative of the state with that name, if there is one.
             inputs: input columns by name.
-            outputs: columns by name that were measured beside states and inputs and follow from these of the same row,
-                F = g(x, u) + …, such as a force or a flow.
+            outputs: columns by name, measured with states and inputs and determined by those of the same row, such as a
+                force or a flow: F = g(x, u) + ….
             units: unit by column name, the time's under "t", a derivative's under "d(name)/dt".
             run_names: names of the runs; "0", "1", … if left out.
             missing: "error" refuses NaN and infinite values, "drop" leaves out their rows and counts them in
@@ -94,7 +94,7 @@ class Trajectories(CutRuns):
                 with the input switched off).
 
         Returns:
-            The checked data. Without any rate or output, a run begins anew after a gap of ten usual steps, in which its
+            The checked data. Without rates and outputs, a run is split at gaps of over ten usual steps, in which its
             inputs are unknown; `remarks` says so.
 
         Raises:
@@ -121,7 +121,7 @@ class Trajectories(CutRuns):
         run, columns = run[keep], {label: values[keep] for label, values in columns.items()}
         check_times(columns["time"], run, names)
         if inputs and not derivatives and not outputs:
-            # Rates and outputs follow from their own row; all else is driven from row to row.
+            # Rates and outputs follow from their own row; samples depend on inputs between rows.
             run, names, gaps = parted(columns["time"], run, names)
             remarks += gaps
         if constant not in ("error", "keep"):
@@ -162,9 +162,9 @@ class Trajectories(CutRuns):
         """Rebuild from `to_frame`: `from_frame(data.to_frame(), **data.metadata())`, equal to the last bit.
 
         The table has one row for each sample, its columns named as `to_frame` names them; rows of a run lie together,
-        and the column "run" has its number or its name. Run names are those that the table has, in order, if left out.
-        Noise and filter are plain records, and `unseen` numbers the rows at which a sensor was at its end, where
-        samples do not show it.
+        and the column "run" has its number or its name. By default run names are those of the table, in order. Noise
+        and filter are plain records, and `unseen` lists the rows at which a sensor was clipped, if samples do not show
+        it.
 
         Raises:
             InputError: if a column is not in the table, or its runs are not those of `run_names`.
@@ -223,7 +223,7 @@ class Trajectories(CutRuns):
             polyorder: degree of the local polynomial, default 4 with `rates`, else 3.
             band: edge of the pass band in cycles per unit of time.
             white_share: share of the row variance taken as white, see `bayes_greybox.data.noise.protocol`.
-            like: differentiated data whose filter is used, with the very window; no other setting can be given then.
+            like: differentiated data whose filter is used, with the same window; no other setting may be given then.
 
         Returns:
             Data with all derivatives and their noise.
@@ -291,14 +291,14 @@ class Trajectories(CutRuns):
         return super()._computed or self.samples is not None or self.unseen is not None
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
-        # Samples and unseen rows are cut by themselves: columns of one object must have one length at all times.
+        # Samples and unseen rows are cut separately: columns of one object must have one length at all times.
         cut = super(Trajectories, replace(self, samples=None, unseen=None))._at(rows, noise)
         samples = None if self.samples is None else self.samples._at(rows, {})
         return replace(cut, samples=samples, unseen=None if self.unseen is None else self.unseen[rows])
 
 
 def require_measured(data: object) -> None:
-    """Refuse an object that is no measurements, such as a table that was not read, and say how it is read."""
+    """Refuse an object that is not `Trajectories`, such as a table that was not read, and say how to read it."""
     if not isinstance(data, Trajectories):
         # A stream of rows has its own advice.
         raise InputError(

@@ -1,4 +1,4 @@
-"""The missing-effect study: hypotheses, answer, gap before and after. It samples nothing of the amended model."""
+"""The missing-effect study: hypotheses, answer, gap before and after. It does not sample the amended model."""
 
 import logging
 import time
@@ -58,20 +58,20 @@ NO_HELD_OUT_PATH = "no path of the amended model follows held-out samples"
 """Reason against a verdict that cannot be compared with held-out data."""
 
 HELD_INPUTS = (
-    "The samples are likelier with inputs that are held from each sample to the next than with lines or splines "
-    "between them, and so they were taken. Say what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), in a "
-    'file [rows] kind = "trajectory" with interpolation.'
+    "The samples are likelier with inputs held from each sample to the next than with lines or splines between them, "
+    "so inputs were held. State what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), or in a file "
+    '[rows] kind = "trajectory" with interpolation.'
 )
 
 AVERAGED = (
     "The sensors are read much more often than anything moves, so neighbouring samples were averaged, {m} at a time; "
-    "all that this loses is noise. The study is about these averages, and a delay in samples counts them."
+    "this loses only noise. The study is about these averages, and a delay in samples counts averages."
 )
 
 
 @dataclass(frozen=True)
 class StudySettings:
-    """Settings of a study, as of `find_missing_effects`."""
+    """Settings of a study, as in `find_missing_effects`."""
 
     catalogue: CatalogueSpec = "mechanical"
     roles: Mapping[str, str | Sequence[str]] | None = None
@@ -88,7 +88,7 @@ class StudySettings:
 
     @property
     def criteria(self) -> Criteria:
-        """Return the numbers that decide."""
+        """Return the deciding thresholds."""
         return Criteria(negligible=self.negligible)
 
     @property
@@ -98,7 +98,7 @@ class StudySettings:
 
     @property
     def weighing(self) -> dict[str, Any]:
-        """Return the settings that draws of the amended model depend on, beside those of its sampler."""
+        """Return the settings that draws of the amended model depend on, besides those of its sampler."""
         return {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("seed", "settle")}
 
 
@@ -112,30 +112,30 @@ class StudyResult:
         fit: NUTS posterior of the amended model; None if it was not sampled.
         train: Training data.
         test: Held-out data.
-        corrected: The training data without the sensors' errors, which the amended model is fitted to.
+        corrected: The training data, corrected for sensor errors, to fit the amended model to.
         verdict: One of `decide.VERDICTS`.
         effects: All weighed effects, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
             depends on), status ("added"; "one of" for a rival; or ""), reverse (meaning of an added effect whose
-            coefficient surely has the unusual sign; else ""), agreement (probability averaged over bagged records),
-            family ("" of an effect that is its own).
+            coefficient surely has the other sign; else ""), agreement (probability averaged over bagged records),
+            family ("" if it has none).
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
-            effects; their probabilities sum to one. With agreement.
-        memory: Probability that the discrepancy is a law of the states, something in time, or something that
-            remembers; then of each law that remembers; by (equation, memory).
-        quantities: Probability and agreement that a law of these columns alone is missing, of one name, of several or
-            of none, by (equation, quantity); none in older files.
-        instrument: Errors of the measurement: equation, suspect, channel, probability, mean, sd, lower, upper, unit,
-            samples (of a delay), lower_samples, upper_samples, status ("in the model" or ""), text.
-        checks: Checks of the answer's hypothesis, by (equation, check): p (NaN of linearity), khat (of linearity
-            alone), ok, text.
+            effects; with agreement, and probabilities that sum to one.
+        memory: Probability, by (equation, memory), that the discrepancy is a law of the states, something in time, or
+            something that remembers; then of each law that remembers.
+        quantities: Probability and agreement, by (equation, quantity), that a law of these columns alone is missing,
+            with one name, several or none; empty in older files.
+        instrument: Sensor errors: equation, suspect, channel, probability, mean, sd, lower, upper, unit, samples (of a
+            delay), lower_samples, upper_samples, status ("in the model" or ""), text.
+        checks: Checks of the answer's hypothesis, by (equation, check): p (NaN for linearity), khat (only for
+            linearity), ok, text.
         against: Reasons against the verdict, in words.
         warnings: Warnings about the data, the rates and the settings, in words.
-        corrections: The simulation's own coefficients by (equation, term): probability and agreement that one is off,
-            and its size if it is.
+        corrections: Corrections of the simulation by (equation, term): probability and agreement that one is needed,
+            and its size then.
         where: Regions of states and windows of time with a large gap.
         gap: Errors before and after, by (data, metric, variable).
-        rounds: The likeliest set with no effect, with one, with two, by (equation, round).
+        rounds: The likeliest set with no effect, one, two and so on, by (equation, round).
         ties: Effects that the data cannot tell apart, and an experiment that would.
         maps: Gap over states, by equation.
         traces: Gap along time, by equation.
@@ -144,9 +144,9 @@ class StudyResult:
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
         amendments: Coefficients before and after, by equation.
         config: Text of the configuration file of the study; empty if there is none.
-        explanations: Predictions of the likely hypotheses of each equation for data to come; none in older files.
-        counted: Rows that count, by equation, without those at which a sensor was at its end; none in older files.
-        reasons: Coded reasons against the verdict, whose texts `against` has.
+        explanations: Predictions of the likely hypotheses of each equation for future data; none in older files.
+        counted: Number of rows that count, by equation, without those where a sensor was clipped; none in older files.
+        reasons: Coded reasons against the verdict; `against` has their texts.
         verdicts: Verdict of each equation by itself; none in older files.
         lacking_roles: Roles that no column plays, by the (equation, slug) of the effects that need them.
     """
@@ -186,12 +186,12 @@ class StudyResult:
 
     @property
     def criteria(self) -> Criteria:
-        """Return the criteria that the study was decided with; those of today where its file does not say."""
+        """Return the criteria that decided the study; today's where its file does not say."""
         recorded = self.settings.get("thresholds", {})
         return Criteria(**{each.name: recorded[each.name] for each in fields(Criteria) if each.name in recorded})
 
     def checkable(self, equation: str) -> bool:
-        """Return whether an equation has rows enough to check its residuals on."""
+        """Return whether an equation has enough rows to check its residuals."""
         return self.counted.get(equation, self.train.n_obs) >= self.criteria.checked_rows
 
     def record(self) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def investigate(
     """
     started, settings = time.perf_counter(), settings or StudySettings()
     subject = Subject.of(model, train, test, settings.free_runs)
-    # Without a catalogue sensor errors, corrections and f are weighed against nothing.
+    # Without a catalogue, sensor errors, corrections and f have no rivals.
     catalogue = () if settings.catalogue in ([], ()) else load_catalogue(settings.catalogue)
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
 
@@ -261,7 +261,7 @@ def _recorded(findings: Findings, settings: StudySettings, with_catalogue: bool)
         },
         "rest beside the answer": {name: study.verdict.remains for name, study in findings.items()},
         "agree in practice": {name: study.verdict.negligible for name, study in findings.items()},
-        # Sensor errors with the column of another one or of a correction, and its change by one standard deviation.
+        # Sensor errors that share their column with another or a correction, and its change by one standard deviation.
         "same as": {
             name: {key: {"what": twin, "change": own.changes[key]} for key, twin in own.twins.items()}
             for name, own in ((name, study.regressors) for name, study in findings.items())
@@ -273,7 +273,7 @@ def _recorded(findings: Findings, settings: StudySettings, with_catalogue: bool)
 def _findings(
     subject: Subject, settings: StudySettings, catalogue: Sequence[Effect], report: Callable[[str], None]
 ) -> tuple[dict[str, EquationStudy], BySlug, BySlug]:
-    """Return the study of each equation; why effects were left out, and the roles they lack, by equation and slug."""
+    """Return each equation's study; by equation and slug, why effects were left out, and the roles they lack."""
     findings: dict[str, EquationStudy] = {}
     left_out: BySlug = {}
     lacking: BySlug = {}
@@ -310,7 +310,7 @@ def _measured_gap(
     except InputError as error:
         if not model.rows.follows_path:
             raise
-        # The answer stands, but not against them.
+        # The answer stands, without this comparison.
         return table, paths, [f"The amended model could not be compared with held-out data: {error}"]
     return pd.concat([table, held_out]), paths, []
 
@@ -351,7 +351,7 @@ def _result(
 
 
 def _study_warnings(subject: Subject, findings: Findings, settings: StudySettings) -> Iterator[str]:
-    """Yield warnings about units, inputs, averages, few rows, and noise that was asked for."""
+    """Yield warnings about units, inputs, averages, few rows, and requested noise."""
     train, fewest, noise = subject.train, settings.criteria.checked_rows, subject.model.noise
     for study in findings.values():
         yield from other_sizes(study.regressors)
@@ -366,14 +366,14 @@ def _study_warnings(subject: Subject, findings: Findings, settings: StudySetting
             rows = counting if study.counted != train.n_obs else f"{train.n_obs} rows"
             of = f" of {train.target_label(name)}" if len(findings) > 1 else ""
             yield (
-                f"{rows} are too few to check residuals{of} on: below {fewest} neither their whiteness nor the shape "
-                "of the noise was tested."
+                f"{rows} are too few to check residuals{of}: below {fewest} neither their whiteness nor the shape of "
+                "the noise is tested."
             )
     if isinstance(noise, Noise) and not noise.white:
         unsampled = "" if settings.settle else ", and nothing was sampled (settle=False)"
         yield (
-            "The noise that GreyBox(noise=bg.Noise(...)) asks for concerns the posterior of the amended model "
-            f"only{unsampled}: the study weighs noise of its own accord."
+            "The noise in GreyBox(noise=bg.Noise(...)) applies only to the posterior of the amended model"
+            f"{unsampled}: the study weighs noise by itself."
         )
 
 

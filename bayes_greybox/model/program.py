@@ -37,23 +37,23 @@ from .sites import Sites
 class Program(SamplingProgram):
     """ẋ_i = g_i(x, u) + Φ_i(x, u)ᵀ θ_i + f_i(x, u) + ε, ε ~ N(0, σ² R), for each learned state i.
 
-    The equation of an output has the output itself in the place of ẋ_i.
+    The equation of an output has the output itself in place of ẋ_i.
 
     Attributes:
-        dictionary: Candidate terms by learned state or output: strings, `Term`s, which may state what is known of their
-            coefficients, `polynomial(...)`, or a mix.
+        dictionary: Candidate terms by learned state or output: strings, `Term`s (which may state priors of their
+            coefficients), `polynomial(...)`, or a mix.
         simulation: The known part: expressions by state or output, a callable (t, x, u) -> dx/dt, or a
             `bg.FMU`; None: zero.
         prior: Prior on θ.
         discrepancy: The Gaussian process f, or None to leave it out.
-        noise_floor: Least σ over the RMS of the target. The data's own rounding is added to it in quadrature;
-            it keeps the likelihood of noise-free data finite.
+        noise_floor: Least σ over the RMS of the target, which keeps the likelihood of noise-free data finite. The
+            data's own rounding is added to it in quadrature.
         noise: Prior scale of σ over the RMS of the target: σ² = floor² + s², s ~ HalfNormal(`noise`); or a `Noise`,
             which may also be correlated, depend on the state or have heavy tails.
-        rows: Kind of the rows of an equation; by default rates at time stamps, or outputs, where the data have any,
-            and else samples of a path.
-        coefficients: Priors of single terms by equation and term, in user's units, in place of `prior` or as limits to
-            it; those that terms of the dictionary state are added. A term whose coefficient is fixed belongs to the
+        rows: Kind of the rows of an equation; by default rates at time stamps, or outputs, if the data have any, else
+            samples of a path.
+        coefficients: Priors of single coefficients by equation and term, in user's units, which replace or limit
+            `prior`; those stated by terms of the dictionary are added. A term whose coefficient is fixed belongs to the
             simulation, and f need not be orthogonal to it.
     """
 
@@ -72,7 +72,7 @@ class Program(SamplingProgram):
                 "GreyBox(dictionary=...) must map each learned state to its candidate terms, for example "
                 "{'ydot': ['y', 'y**3']}."
             )
-        # What can be read only once is read here.
+        # Iterators are read once, here.
         lists = {name: [*terms] if isinstance(terms, Iterator) else terms for name, terms in self.dictionary.items()}
         if any(lists[name] is not terms for name, terms in self.dictionary.items()):
             object.__setattr__(self, "dictionary", lists)
@@ -84,18 +84,18 @@ class Program(SamplingProgram):
                 f"GreyBox(discrepancy={self.discrepancy!r}) must be bg.OrthogonalGP(...), or None to leave f out."
             )
         if isinstance(self.rows, type) or not isinstance(self.rows, RowKind):
-            raise InputError(f"GreyBox(rows={self.rows!r}) is no kind of rows: give one such as bg.DerivativeRows().")
+            raise InputError(f"GreyBox(rows={self.rows!r}) must be a kind of rows, such as bg.DerivativeRows().")
         if not LEAST_FLOOR <= self.noise_floor < 1:
             raise InputError(
-                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g}, below which rounding "
-                "decides which terms are likely, and 1."
+                f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g} and 1: below that range, "
+                "rounding decides which terms are likely."
             )
         if not self.rows.linear and not self.rows.shared and len(self.dictionary) > 1:
             raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
         if self.rows.shared and len(self.dictionary) > 1 and self.discrepancy is not None:
             raise InputError(
-                f"Rows of samples that tell of {len(self.dictionary)} equations have no discrepancy: the samples "
-                "do not say in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
+                f"Rows of samples for {len(self.dictionary)} equations cannot have a discrepancy: the samples "
+                "do not show in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
                 "dictionary, or give rates: derivatives=..., or data.differentiate()."
             )
         if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
@@ -108,13 +108,13 @@ class Program(SamplingProgram):
 
     @property
     def blocks(self) -> dict[str, tuple[str, ...]]:
-        """Learned states by the name of their rows: each has its own, or all share theirs."""
+        """Learned states by block: each has its own rows, or all share them."""
         if self.rows.shared and self.equations:
             return {block_name(self.equations): self.equations}
         return {name: (name,) for name in self.equations}
 
     def block_of(self, equation: str | None) -> str:
-        """Return the name of the rows of an equation or block; of the first, if None."""
+        """Return the block of an equation, or with that name; the first, if None."""
         for block, equations in self.blocks.items():
             if equation in (None, block, *equations):
                 return block
@@ -151,7 +151,7 @@ class Program(SamplingProgram):
         return {equation: Dictionary(stated.learned) for equation, stated in parsed.items()}
 
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
-        """Return the terms of one equation with the priors that are stated of their coefficients."""
+        """Return the terms of one equation with the priors stated for their coefficients."""
         names = (*self.states(data), *data.input_names)
         return stated_terms(self.dictionary[equation], self.coefficients.get(equation, {}), names, equation)
 
@@ -167,10 +167,10 @@ class Program(SamplingProgram):
         return Sites(self.blocks)
 
     def centred(self) -> "Program":
-        """Return the model with the means of single coefficients in its simulation: the rest of them is normal."""
+        """Return the model with the means of single coefficients moved into its simulation; the rest is normal."""
         if not self.coefficients:
             return self
-        # What terms state themselves is replaced.
+        # Priors stated by terms are in `coefficients`.
         dictionary = {
             name: [term.plain for term in terms_of(terms)] if stating(terms) else terms
             for name, terms in self.dictionary.items()
@@ -178,9 +178,9 @@ class Program(SamplingProgram):
         return replace(self, dictionary=dictionary, coefficients=centred(self.coefficients))
 
     def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
-        """Return the simulation and the terms with fixed coefficients, read with the names of the data.
+        """Return the simulation with fixed-coefficient terms, parsed with the names of the data.
 
-        If `lacking`, the data may lack outputs that the model was fitted to: a name that is no state is then one.
+        If `lacking`, the data may lack outputs that the model was fitted to: a name that is not a state is then one.
         """
         states, outputs, simulation = self.states(data), data.output_names, self.simulation
         if lacking:
@@ -231,20 +231,20 @@ class Program(SamplingProgram):
         }
 
     def priors_of(self, block: str, data: Trajectories) -> list[Coefficient | None]:
-        """Return the priors of single coefficients of a block, term by term; None where the model's holds alone."""
+        """Return the priors of single coefficients of a block, term by term; None where only the model's applies."""
         each = [self.stated(equation, data) for equation in self.blocks[block]]
         return [stated.priors.get(term.name) for stated in each for term in stated.learned]
 
     def on(self: "AnyProgram", data: Trajectories) -> "AnyProgram":
-        """Return the model with the kind of rows that training data have, where that is left to them."""
+        """Return the model with rows of the kind that suits training data, unless that kind was given."""
         require_measured(data)
         return replace(self, rows=self.rows.chosen(data))
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model with rows near its estimate on training data, and completed data; rates leave both alone.
+        """Return the model with rows near its estimate on training data, and completed data; rates change neither.
 
-        The rows are taken near the ridge estimate of the model's own terms: what matters is the path, which any
-        estimate that fits follows; see `near.near_estimate`.
+        The rows are taken near the ridge estimate of the model's own terms: only the path matters, and any good fit
+        follows it; see `near.near_estimate`.
         """
         model = self.on(data)
         if model.rows.linear:
@@ -253,9 +253,9 @@ class Program(SamplingProgram):
         return model, model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model and the training data with the parameters of the noise held, as a fit and its folds use it.
+        """Return the model and the training data with the noise parameters held fixed, as a fit and its folds use them.
 
-        The data carry R, so that a part of them carries its part.
+        The data carry R, so that a subset carries its part of R.
         """
         if not isinstance(self.noise, Noise) or self.noise.white:
             return self, data
@@ -270,7 +270,7 @@ class Program(SamplingProgram):
     def _find_noise(
         self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]
     ) -> dict[str, NoiseModel]:
-        """Return the noise by equation; empty where the rows have the noise that they are to have."""
+        """Return the noise by equation; empty if the rows already have theirs."""
         if not isinstance(self.noise, Noise) or self.noise.white or self.noise.found is not None:
             return {}
         return {
@@ -284,4 +284,4 @@ class Program(SamplingProgram):
 
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
-"""A `Program` of whatever class."""
+"""Any subclass of `Program`."""

@@ -416,7 +416,7 @@ def test_too_few_rows_are_refused_and_few_are_told_to_go_unchecked(told):
     with pytest.raises(InputError, match=f"training data have 19 rows.*give at least {LEAST_ROWS}"):
         check(two_states(n=LEAST_ROWS - 1))
     first, second = told("named", "no gap").warnings
-    assert "24 rows are too few to check residuals of d(x)/dt on: below 40" in first and "of d(z)/dt on" in second
+    assert "24 rows are too few to check residuals of d(x)/dt: below 40" in first and "of d(z)/dt: below" in second
 
 
 def test_few_are_the_rows_that_count_and_not_all_that_are_given(told, monkeypatch):
@@ -483,7 +483,7 @@ def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():
 def test_noise_that_was_asked_for_is_said_to_concern_the_posterior_only(told, monkeypatch):
     monkeypatch.setattr("test_study_rules.BOTH", Program(simulation=BOTH.simulation, noise=Noise(tails=4.0)))
     *_, warning = told("named", "no gap", settle=False).warnings
-    assert "concerns the posterior of the amended model only, and nothing was sampled" in warning
+    assert "applies only to the posterior of the amended model, and nothing was sampled" in warning
 
 
 # Odds

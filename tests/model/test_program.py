@@ -136,7 +136,10 @@ def test_a_model_without_a_dictionary_has_nothing_to_fit_and_says_where_to_look(
     ("make", "words"),
     [
         (lambda: Program({"v": ["y"]}, noise_floor=0.0), "noise_floor=0"),
-        (lambda: Program({"v": ["y"]}, noise_floor=5e-7), "between 1e-06, below which rounding decides which terms"),
+        (
+            lambda: Program({"v": ["y"]}, noise_floor=5e-7),
+            "between 1e-06 and 1: below that range, rounding decides which terms",
+        ),
         (lambda: Program({"v": ["y"]}, noise=-1.0), "noise=-1"),
         (lambda: OrthogonalGP(kernel="periodic"), "kernel='periodic'"),
         (lambda: OrthogonalGP(boundary=1.0), r"boundary=1.0\) must exceed 1, the edge of the data\."),

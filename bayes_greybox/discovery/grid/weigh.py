@@ -18,27 +18,27 @@ from .sets import Reach, SetPrior, Sets, Window, log_ranges, search
 from .table import FREE, RegressorTable
 
 LEAST_NOISE, RANGES_WINDOW = 1e-6, 30.0
-"""Least first guess of the noise, over the RMS of the gap; nats behind the likeliest set within which signs and limits
+"""Least first guess of the noise, over the RMS of the gap; nats below the likeliest set within which signs and limits
 are weighed: far beyond the window of the search."""
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One inclusion set, with every discrepancy that may be beside it summed over.
+    """One inclusion set, summed over every discrepancy that may be beside it.
 
     Attributes:
         agreement: Probability averaged over bagged records.
         kinds: Probability of each kind of discrepancy beside it, given the set.
-        memories: Probability of each memory beside it, likewise.
+        memories: Probability of each memory, given the set.
         points: Probability of each noise point, given the set.
         point: Number of its likeliest noise point.
         noise: Standard deviation of the sensor's noise there.
         mean: Posterior means of its coefficients there.
-        sizes: RMS of the part of each regressor's contribution that the others of the set cannot take over.
+        sizes: RMS of the part of each regressor's contribution that the others of the set cannot explain.
         left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
         beside: RMS of the part of that discrepancy in the band of each regressor, times the same root.
-        against: Mean product of that contribution of each regressor with the whole discrepancy, times that probability:
-            below zero where the two cancel.
+        against: Mean product of the contribution in `sizes` and the whole discrepancy, times that probability; negative
+            where the two cancel.
     """
 
     members: tuple[int, ...]
@@ -58,7 +58,7 @@ class Hypothesis:
     against: Float[np.ndarray, " k"]
 
     def keeping(self, places: Sequence[int]) -> "Hypothesis":
-        """Return the hypothesis with the regressors at some of its places alone, their coefficients as they are."""
+        """Return the hypothesis with only the regressors at these places, and unchanged coefficients."""
         kept = list(places)
         members = tuple(self.members[k] for k in kept)
         return replace(
@@ -68,7 +68,7 @@ class Hypothesis:
 
     @property
     def complete(self) -> bool:
-        """Return true if it is likelier than not that nothing without a name is beside it."""
+        """Return true if it probably has no unnamed discrepancy beside it."""
         return sum(self.kinds[kind] for kind in UNNAMED) < 0.5
 
     @property
@@ -79,7 +79,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """All hypotheses of one table, with the log likelihood of each block of the record at the mode of each."""
+    """All hypotheses of one table, with the log likelihood of each block of the record at each one's mode."""
 
     table: RegressorTable
     forces: tuple[LatentForce, ...]
@@ -114,7 +114,7 @@ class Weighed:
         return next(h for h in self.hypotheses if h.members == free)
 
     def white(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
-        """Return the whitened residual of a hypothesis at its likeliest point whose noise is white and normal.
+        """Return the whitened residual of a hypothesis at its likeliest noise point with white, normal noise.
 
         It is white and of unit variance where the model is right.
         """
@@ -134,7 +134,7 @@ class Weighed:
         return white[:, 0] / (hypothesis.noise * np.sqrt(1 - leverage))
 
     def latent_force(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return the smoothed latent force beside a hypothesis at the samples, mean and standard deviation, scaled.
+        """Return mean and standard deviation of the smoothed latent force beside a hypothesis, at the samples, scaled.
 
         It is that of the likeliest noise point with a latent force, or with a law where no latent force is weighed.
         """
@@ -160,10 +160,10 @@ def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
     seed: int = 0, window: Window | None = None, complete: bool = False,
 ) -> Weighed:  # fmt: skip
-    """Return the hypotheses of a table, with the forces and the added log priors of further noise shapes.
+    """Return the hypotheses of a table; `shapes` are forces and added log priors of further noise shapes.
 
     The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records. If
-    `complete`, only hypotheses that leave nothing without a name are weighed.
+    `complete`, only hypotheses without an unnamed discrepancy are weighed.
     """
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
     prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
@@ -174,7 +174,7 @@ def weigh(
     precision = np.array([each.sd**-2.0 for each in regressors])
     weight = _Weight(table, gram(table, points, forces), precision, prior, floor, n_unnamed)
     sets = search(regressors, weight.total, reach)
-    # The model before is one of them, however unlikely: the gap is its residual.
+    # The user's model is always one of them: the gap is its residual.
     before = table.of_kind(FREE)
     sets += [before] if before not in sets else []
     logs = weight.by_point(sets)
@@ -233,7 +233,7 @@ class _Weight:
 
     @cached_property
     def _on_grid(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the log prior of each point given whether it has an unnamed discrepancy, and true where it has."""
+        """Return each log prior, given whether the point has an unnamed discrepancy, and true where it has."""
         points = self.products.points
         unnamed = np.array([point.unnamed for point in points])
         log_prior = np.array([point.log_prior for point in points])
@@ -253,12 +253,12 @@ class _Weight:
         return np.logaddexp.reduce(self.by_point(sets), axis=1)
 
     def _ranges(self, sets: Sets, logs: np.ndarray) -> np.ndarray:
-        """Return the change of each log weight by signs and limits, at the set's likeliest point."""
+        """Return the change of each log weight due to signs and limits, at the set's likeliest point."""
         regressors, added = self.table.regressors, np.zeros(len(sets))
         totals = np.logaddexp.reduce(logs, axis=1)
         waiting = np.array([any(regressors[i].ranged for i in each) for each in sets], dtype=bool)
         while True:
-            # Where the likeliest set turns out impossible, others come near.
+            # If the likeliest set proves impossible, others come within reach.
             places = np.flatnonzero(waiting & (totals + added > np.max(totals + added) - RANGES_WINDOW))
             if not len(places):
                 return added
@@ -266,7 +266,7 @@ class _Weight:
             waiting[places] = False
 
     def _ranged(self, sets: Sets, best: Int[np.ndarray, " n_set"]) -> Float[np.ndarray, " n_set"]:
-        """Return the change by signs and limits, each set at a point of its own."""
+        """Return the change due to signs and limits, each set at its own point."""
         regressors, added = self.table.regressors, np.zeros(len(sets))
         mode = modes(self.products, self.precision, sets, best, self.floor)
         by_regressor: dict[int, list[tuple[int, float, float]]] = {}
@@ -282,7 +282,7 @@ class _Weight:
 
 
 def _apart(products: np.ndarray, members: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of each member's size that the others cannot take over, and the sums that are that part.
+    """Return the share of each member's size that the others cannot explain, and the weights of that part.
 
     √(1 − R²), 1 − R² = 1/(G_ii (G⁻¹)_ii), and x_i less its projection on the others, Σ_j x_j (G⁻¹)_ij/(G⁻¹)_ii. Columns
     that nearly cancel each other are large and say little. The products are those under white noise, the target first.

@@ -1,4 +1,4 @@
-"""One loop: rows and regressors near the likeliest hypothesis, weighed, until it stays."""
+"""The loop that weighs hypotheses on rows near the likeliest one, until it stays."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -20,24 +20,24 @@ from .refine import Company, Ground, refined
 from .source import Source
 
 MOST_OUTER_ITERATIONS = 6
-"""Largest number of times that rows are linearised again; the last time everything is weighed again."""
+"""Largest number of outer iterations; after the last, everything is weighed again."""
 
 SMALL_TABLE = 100_000
-"""Number of values of a table that is weighed in a fraction of a second. It saves time alone: the final table has
+"""Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
 everything."""
 
 LIKELIER = 1.0
-"""Nats by which rows near another hypothesis have to make it likelier, or less likely, for the search to go on: six
-coefficients that move by 0.6 of their standard deviations are worth as much. It ends a loop, and decides no name."""
+"""Nats by which new rows must change the log weight of the likeliest visited hypothesis for the search to go on: six
+coefficients that move by 0.6 standard deviations do so. It ends a loop, and decides no name."""
 
 
 def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Near:
-    """Return the hypotheses on rows near the likeliest of them; the seed is that of the bagged records."""
+    """Return the hypotheses on rows near the likeliest; the seed is that of the bagged records."""
     report("weighing hypotheses")
     rows = source.near(start)
     companies: frozenset[Company] = frozenset()
     if not start.values:
-        # Effects compete at their best from the start: coarse values would leave their places to stand-ins.
+        # Effects compete at their best from the start: at coarse values, stand-ins would win.
         ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
         values, companies = refined(rows.regressors, ground)
         rows = source.near(replace(start, values=values)) if values else rows
@@ -55,8 +55,8 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         stays = not finer and same_shapes and here.stays(point)
         if stays and near.rows.point.window is None:
             return near
-        report(f"weighing them near the likeliest, turn {iteration + 1}")
-        # In the first iteration a small table is weighed whole: rates are seldom moved a second time.
+        report(f"weighing them near the likeliest, round {iteration + 1}")
+        # In the first iteration a small table is weighed whole: rates seldom need a second.
         narrow = (iteration or weighed.table.columns.size > SMALL_TABLE) and not stays
         try:
             rows = source.near(replace(point, window=near.window if narrow else None))
@@ -64,7 +64,7 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         except (InputError, np.linalg.LinAlgError):
             # No path of that hypothesis follows the samples.
             break
-        # Evidences of different numbers of rows do not compare: a delay takes some out of their run.
+        # Evidences of different numbers of rows do not compare: a delay moves some out of their run.
         if near.regressors.rows.n_row != there.near.regressors.rows.n_row:
             visits = [there]
             continue
@@ -79,12 +79,13 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
 
 
 def _standing(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> "Visit | None":
-    """Return rows near a hypothesis that leaves nothing, if the likeliest on them leaves nothing either.
+    """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
-    A path that an unknown force moves follows the noise of its samples, and regressors along it do: a law or a memory
-    of the states fits that noise, as no effect of an input can, and its evidence is that much too large. No force moves
-    the path of a hypothesis that leaves nothing, so the likeliest of these are followed, each on rows near the one
-    before. Where it is wrong, something is left along its own path, which a discrepancy takes: then none is returned.
+    A path that an unknown force moves follows the noise of its samples, and so do regressors along it: a law or a
+    memory of the states fits that noise, as no effect of an input can, and its evidence is too large. The smoother
+    finds no force along the path of a hypothesis that leaves nothing. So the likeliest of these are followed, each on
+    rows near the one before. If it is wrong, something remains along its path, and a discrepancy is likelier: then no
+    rows are returned.
     """
     if not near.rows.model.rows.follows_path or near.likeliest.complete:
         return None
@@ -110,10 +111,10 @@ def _standing(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -
 
 
 class Visit(NamedTuple):
-    """Rows near a hypothesis, on which it is weighed truly; the other hypotheses are linearised far from their modes.
+    """Rows near a hypothesis, where it is weighed accurately; the others are linearised far from their modes.
 
     Attributes:
-        hypothesis: Names of the hypothesis's regressors; None where the rows are near none of theirs.
+        hypothesis: Names of that hypothesis's regressors; None if the rows are near none.
     """
 
     near: Near
@@ -122,9 +123,9 @@ class Visit(NamedTuple):
 
     @property
     def log_weight(self) -> float:
-        """Return the log weight of the hypothesis that the rows are near to, of the readings in their own units.
+        """Return the log weight of the hypothesis that the rows are near, for readings in their own units.
 
-        Near itself it may be no longer among those that are kept: then it is at most that of the last of them.
+        On its own rows the hypothesis may no longer be kept: then the least weight kept is its upper bound.
         """
         if self.hypothesis is None:
             return -np.inf
@@ -132,7 +133,7 @@ class Visit(NamedTuple):
         return self.near.log_weights().get(self.hypothesis, least) - self.near.log_unit
 
     def stays(self, point: Point) -> bool:
-        """Return true if the likeliest hypothesis is that of the rows, at a point that is known no better."""
+        """Return true if the likeliest hypothesis is that of the rows, at a point that has settled."""
         near = self.near
         if (point.added, point.sensors) == (near.rows.point.added, near.rows.point.sensors):
             return True
@@ -140,7 +141,7 @@ class Visit(NamedTuple):
         return same and self.origin is not None and near.stays(self.origin)
 
     def corrected(self, other: "Visit", seed: int) -> "Visit":
-        """Return the rows with the log weight of another hypothesis taken from rows near that one."""
+        """Return the rows with another hypothesis's log weight taken from the rows near that one."""
         near, logs = self.near, self.near.log_weights()
         if other.hypothesis is None or other.hypothesis == self.hypothesis or other.hypothesis not in logs:
             return self
@@ -158,7 +159,7 @@ def _best(visits: Sequence[Visit], seed: int) -> Visit:
 
 
 def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int, complete: bool = False) -> Near:
-    """Return the hypotheses on rows, or those that leave nothing; the seed is that of the bagged records."""
+    """Return the hypotheses on rows, or those without discrepancy; the seed is that of the bagged records."""
     shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
     return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window, complete))
 
@@ -171,7 +172,7 @@ def table_of(rows: Rows) -> RegressorTable:
     block = blocks(n_sample)[sample]
     if n_white != regressors.rows.n_row and not rows.force.forced:
         block = blocks(n_white)
-    # A coefficient that settles at one rate or at another is one kind of memory.
+    # A coefficient that settles, at whatever rate, is one kind of memory.
     memories: dict[str, Features] = {}
     for memory, (at_rows, at_samples) in regressors.memories.items():
         elements = Features(at_rows, at_samples[:n_sample])
@@ -185,11 +186,11 @@ def table_of(rows: Rows) -> RegressorTable:
 
 
 def _next(near: Near, finer: Mapping[str, Values], source: Source, odds: Odds) -> Point:
-    """Return the point of the likeliest hypothesis, with finer values and the shapes of its noise."""
+    """Return the linearisation point of the likeliest hypothesis, with finer values and noise shapes."""
     rows, white = near.rows, near.weighed.white(near.likeliest)
     shapes = []
     for shape in noise_shapes(white, source.quantities(rows), odds) if rows.force.forced else ():
-        # The spread is one at rows that are out.
+        # The spread is one at rows that are left out.
         spread = np.ones(rows.n_all)
         spread[rows.place] = shape.spread
         shapes.append(shape._replace(spread=spread))
@@ -199,7 +200,7 @@ def _next(near: Near, finer: Mapping[str, Values], source: Source, odds: Odds) -
 
 
 def _with_memory(near: Near) -> dict[str, Values]:
-    """Return the values of effects with memory in the likeliest hypothesis: its hidden states are the path's."""
+    """Return the values of effects with memory in the likeliest hypothesis, whose hidden states are the path's."""
     values, columns = {}, near.regressors.columns
     for i in near.likeliest.members:
         effect = columns[i].effect

@@ -1,15 +1,15 @@
-"""Rows of a sensor's samples, by a model of the path that they are samples of.
+"""Rows of a sensor's samples, by a model of the path that they sample.
 
 A sample is y_i = h(x(t_i)) + e_i, with ẋ = g + e_k (Φθ + f) for a learned state k and x(t₀) unknown. Along a
 reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ and δ̇ = A δ + e_k (Φθ + f − Φθ̄) is linear, so
 
     y_i = h(x̄_i + response to the defects − response to Φθ̄) + V (Φθ + f) + S₀ δ₀ + e_i,
 
-V the response to a force. These are rows as any others: Φ and f are evaluated along x̄, V is their operator, and the
-starts δ₀ of the segments, with a wide prior, belong to the noise. Of several learned states each has its Φθ and its V,
+V the response to a force. These are rows like any others: Φ and f are evaluated along x̄, V is their operator, and the
+starts δ₀ of the segments, with a wide prior, belong to the noise. Several learned states each have their own Φθ and V
 on the same rows: V Φθ is then a sum over them. The reference is the smoothed path of a model in which an unknown force
-may act (see `integration.smoothing`), so that it follows the data whatever is missing; where nothing is missing it is a
-path that the model allows. States that no sensor measures are part of x all the same.
+may act (see `integration.smoothing`), so it follows the data whatever is missing; where nothing is, it is a path that
+the model allows. States that no sensor measures are part of x too.
 """
 
 import math
@@ -45,24 +45,24 @@ _PATHS = Remembered()
 class TrajectoryRows(RowKind):
     """Samples of sensors as rows, for data without measured rates; states of the simulation may have no sensor at all.
 
-    Where a noisy sensor stays at the end of its range, samples are no rows: it shows less than there is.
+    Samples of a noisy sensor that stays at the end of its range are left out: it shows less than there is.
 
     Attributes:
         substeps: Number of steps of the path between two samples; by default enough for the equations.
         interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic"; by
-            default each input's own.
-        added: Terms and coefficients of the model that the rows are linear near: the findings of a fit or a study.
+            default chosen for each input.
+        added: Terms and coefficients of the model that the rows are linearised near: findings of a fit or study.
         added_to: Learned state of each of these, where there are several.
-        process_noise: If true, the path that rows are linear near may be moved by an unknown force, as strong as the
-            samples ask for. Else it is a path that the model allows.
+        process_noise: If true, an unknown force, as strong as the samples require, may move the path that rows are
+            linearised near. Else the model allows that path.
         same_noise: If true, the noise of all sensors is known to be the same, in their common unit; else each has its
-            own, which few samples tell poorly.
+            own, which few samples determine poorly.
         force: Intensity λ = q²/σ² of an unknown force that is part of the noise, as `bg.Noise(force="fit")` finds it.
-        at_rest: Hidden states that are at rest where a run starts, or nearly: zero give or take their size, each with
-            the column that it is about as large as. Other hidden states may start anywhere.
-        moving: Those of them that start about where a sampled column does, with that column.
-        segment: Longest time that a segment of the path lasts: each has a start of its own. None: as long as a change
-            of a start stays within bounds, which no segment exceeds.
+        at_rest: Hidden states that start a run at rest, or nearly: at zero give or take their size, each with a column
+            of about that size. Other hidden states may start anywhere.
+        moving: Those of `at_rest` that start about where a sampled column does, with that column.
+        segment: Longest duration of a segment of the path: each has its own start. None: as long as a change of a start
+            stays within bounds; no segment is longer.
     """
 
     linear = False
@@ -81,7 +81,7 @@ class TrajectoryRows(RowKind):
     segment: float | None = None
 
     def __post_init__(self) -> None:
-        # Files have lists for tuples.
+        # Files store tuples as lists.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         object.__setattr__(self, "added_to", tuple(self.added_to))
         object.__setattr__(self, "at_rest", tuple((str(name), str(column)) for name, column in self.at_rest))
@@ -99,7 +99,7 @@ class TrajectoryRows(RowKind):
 
     @property
     def starts(self) -> Mapping[str, str]:
-        """Hidden states that rest or move along with a column where a run starts."""
+        """Hidden states that start a run at rest (""), or along with a column."""
         return {**{name: "" for name, _ in self.at_rest}, **dict(self.moving)}
 
     def nodes(self, data: Trajectories, equation: str, simulation: Simulation, whole: bool = False) -> Trajectories:
@@ -122,7 +122,7 @@ class TrajectoryRows(RowKind):
         )
 
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "TrajectoryRows":
-        """Return rows with more hidden states that are at rest where a run starts, or move along with a column."""
+        """Return rows with more hidden states that start a run at rest, or move along with a column there."""
         at_rest, moving = {**dict(self.at_rest), **states}, {**dict(self.moving), **starts}
         return replace(self, at_rest=tuple(at_rest.items()), moving=tuple(moving.items()))
 
@@ -150,7 +150,7 @@ class TrajectoryRows(RowKind):
         return 1 if self.segment is None else max(1, math.ceil(_longest(data) / self.segment * (1 - 1e-9)))
 
     def in_segments(self, segments: int, data: Trajectories) -> "TrajectoryRows":
-        """Return rows of a path in at least so many segments on these data, and as long ones on others."""
+        """Return rows of a path in at least this many segments on these data, as long on other data."""
         return replace(self, segment=None if segments == 1 else _longest(data) / segments)
 
     def held(self) -> "TrajectoryRows":
@@ -158,7 +158,7 @@ class TrajectoryRows(RowKind):
         return replace(self, interpolation="zoh")
 
     def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
-        """Return the data with the reference path for states and its slopes for rates; samples go along."""
+        """Return the data with the reference path as states and its slopes as rates; samples are kept."""
         path = self.path(data, equations, simulation)
         samples = data.samples or data
         noise = {} if data.samples is None else data.noise
@@ -172,14 +172,14 @@ class TrajectoryRows(RowKind):
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
-        """Return the rows that tell of all these equations; see `RowKind.shared_rows`."""
+        """Return the rows that these equations share; see `RowKind.shared_rows`."""
         path, samples = self.path(data, equations, simulation), data.samples or data
-        # Noise of completed data was found on these rows; that of others is of rates.
+        # Noise of completed data is that of these rows; otherwise it is that of rates.
         sensor = None if data.samples is None else data.noise.get(block_name(equations))
         return _rows_of(path, samples, equations, simulation, sensor, self.force)
 
     def of_runs(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> RowsOfRuns:
-        """Return a function to rows with noise, sizes, steps and the unknown force as these samples have them."""
+        """Return a function that builds rows with the noise, sizes, steps and unknown force of these samples."""
         common = self.path(data, equations, simulation).common
         return partial(self._rows_like, replace(common, clipped=ends_of_sensors(data.samples or data)))
 
@@ -192,7 +192,7 @@ class TrajectoryRows(RowKind):
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Return the reference path through samples, or through those of completed data."""
         samples = data.samples or data
-        # The force in the noise changes no path.
+        # The force in the noise does not move paths.
         key = (replace(self, force=0.0), equations, simulation.key)
         return _PATHS.result(samples, key, lambda: self.followed(samples, equations, simulation))
 
@@ -201,7 +201,7 @@ class TrajectoryRows(RowKind):
     ) -> ReferencePath:
         """Return the path through samples.
 
-        Findings in `common` are shared with other runs; left out, they are found from these.
+        Findings in `common` come from other runs; without it, from these.
         """
         to = self.added_to or (equations[0],) * len(self.added)
         states = [simulation.states.index(name) for name in to]
@@ -222,7 +222,7 @@ def _rows_of(
     measured, run = samples.matrix(samples.state_names)[path.seen], samples.run[path.seen]
     n_seen, n_output = measured.shape
     lengths = tuple(np.bincount(run, minlength=samples.n_run).tolist()) * n_output
-    # R is over σ², σ the noise of a typical sensor.
+    # R is in units of σ², σ the noise of a typical sensor.
     typical = float(np.sqrt(np.mean(path.sensor_sd**2)))
     sensor = sensor or WeightedNoise(WhiteNoise(lengths), np.repeat(path.sensor_sd / typical, n_seen))
     noise = StartsNoise(sensor, path.starts / typical, cache(lambda: path.motion(typical)))
@@ -247,7 +247,7 @@ def _rows_of(
 
 
 def _longest(data: Trajectories) -> float:
-    """Return the time that the longest run of the samples lasts."""
+    """Return the duration of the longest run of the samples."""
     samples = data.samples or data
     parts = np.split(samples.time, np.cumsum(samples.run_lengths)[:-1])
     return float(max(part[-1] - part[0] for part in parts))

@@ -1,6 +1,6 @@
 """Physical effects that a simulation may lack, written in roles, and how they become terms of the data.
 
-A role, such as position, is a column by its physical meaning. Catalogues of effects are read in `loading`.
+A role, such as position, is the physical meaning of a column. Catalogues of effects are read in `loading`.
 """
 
 import math
@@ -23,7 +23,7 @@ from bayes_greybox.running.errors import InputError
 from .inner_parameter import MOST_PARAMETERS, InnerParameter
 
 ANSWERS = ("recalibrate", "instrument", "unknown")
-"""Slugs that no effect may have: answers of a study without an effect, in the same tables."""
+"""Slugs that no effect may have: a study without an effect answers with them, in the same tables."""
 
 _SLUG = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 _IDENTIFIER = re.compile(r"(?<![\w.])[^\W\d]\w*")
@@ -38,17 +38,17 @@ class Effect:
         slug: Short name for tables and files, such as "dead-zone".
         name: Plain name.
         domain: Catalogue that it belongs to.
-        expression: Formula over roles, the inner parameters and the hidden states.
-        inner: Its inner parameters.
+        expression: Formula over roles, nonlinear parameters and hidden states.
+        inner: Its nonlinear parameters.
         hidden: Hidden states of an effect with memory; empty for one without.
         meaning: One sentence that says what happens physically.
         latex: The formula in LaTeX, in customary symbols; by default in the names of the roles.
-        confusions: Slugs of effects that look alike on many data.
-        sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its
-            meaning says; 0 if either is as ordinary.
+        confusions: Slugs of effects that look like it on many data.
+        sign: Sign of its coefficient in the equation of the rate when it dissipates, restores or does what its meaning
+            says; 0 if both signs are usual.
         reverse: A few words that say what the other sign would mean physically; "" where `sign` is 0.
         nominal: Role whose coefficient in the simulation is about as large as the effect's, such as that of an input
-            which acts late; "" where nothing is known of it.
+            which acts late; "" if none is known.
         family: Name shared by effects that are one answer to a user, such as dry friction; "" where it stands alone.
         roles: Roles that the formula and the rates use, or take units and ranges from, sorted.
         expr: The formula over real symbols.
@@ -75,9 +75,9 @@ class Effect:
         if not _SLUG.fullmatch(self.slug):
             raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
         if self.slug in ANSWERS:
-            raise InputError(f"The slug {self.slug!r} is what a study says of itself; give the effect another one.")
+            raise InputError(f"The slug {self.slug!r} is reserved for a study's answer; give the effect another one.")
         _check_sign(self)
-        # Names are replaced in the text later, so it must be spelled as its parts were read.
+        # Names are replaced in this text later, so it must be spelled as the parser spells it.
         object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))
         expr = parse_expression(self.expression)
         if expr.is_zero:
@@ -91,13 +91,13 @@ class Effect:
         names = {*symbol_names(expr), *(name for state in hidden for name in state.symbols)}
         used = names - {part.name for part in (*self.inner, *hidden)}
         if hidden:
-            # An effect without memory is a function of its roles alone; the rest only says how large things are.
+            # Without memory, the formula has all roles; other roles only say how large things are.
             used |= {role for part in (*self.inner, *hidden) if (role := getattr(part, "of", part.unit_of))}
             used |= {state.start for state in hidden if state.start}
         roles = tuple(sorted(used))
         if self.nominal and self.nominal not in roles:
             raise InputError(
-                f"The effect {self.slug!r} has nominal = {self.nominal!r}, which is no role of it; its roles: "
+                f"The effect {self.slug!r} has nominal = {self.nominal!r}, which is not a role of it; its roles: "
                 f"{', '.join(roles) or 'none'}."
             )
         _check_hidden(self, names)
@@ -107,7 +107,7 @@ class Effect:
             for role in (inner.of, inner.unit_of or inner.of):
                 if role not in roles:
                     raise InputError(
-                        f"The inner parameter {inner.name!r} refers to {role!r}, which is no role of "
+                        f"The inner parameter {inner.name!r} refers to {role!r}, which is not a role of "
                         f"{self.expression!r}; its roles: {', '.join(roles) or 'none'}."
                     )
         object.__setattr__(self, "roles", roles)
@@ -115,10 +115,10 @@ class Effect:
         object.__setattr__(self, "latex", self.latex or to_latex(expr))
 
     def bind(self, names: Mapping[str, str]) -> "BoundEffect":
-        """Put a column in the place of each role; further roles are ignored.
+        """Put a column in place of each role; other roles are ignored.
 
         Raises:
-            InputError: A role has no column, two roles have the same, or formulas cannot use its name.
+            InputError: A role has no column, two roles share one, or formulas cannot use its name.
         """
         lacking = [role for role in self.roles if role not in names]
         if lacking:
@@ -162,7 +162,7 @@ class BoundEffect:
         return self.effect.name
 
     def term(self, inner: Mapping[str, float] | None = None) -> Term:
-        """Return the effect as a term, with all digits of inner parameters in its expression and four in its name.
+        """Return the effect as a term, with all digits of nonlinear parameters in its expression and four in its name.
 
         Raises:
             InputError: A value is missing, unknown, or not positive and finite.
@@ -193,30 +193,30 @@ class BoundEffect:
         return Term(self._written(self.effect.expression, exact), name=name, states=states, named=named)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
-        """Write the formula over columns, for readers: inner parameters with four digits, or by name if not given."""
+        """Write the formula over columns, for readers: nonlinear parameters with four digits, or by name."""
         return self._written(self.effect.expression, _short(inner))
 
     def hidden(self, inner: Mapping[str, float] | None = None) -> dict[str, str]:
-        """Write the rates of its hidden states by their names, for readers as `text` does."""
+        """Write the rates of its hidden states by their names, for readers, like `text`."""
         return {self._hidden[state.name]: self._written(state.rate, _short(inner)) for state in self.effect.hidden}
 
     @cached_property
     def _hidden(self) -> dict[str, str]:
-        """Names of hidden states, none of which another effect has."""
+        """Names of hidden states, unique to this effect."""
         end = "_".join((self.slug.replace("-", "_"), *dict.fromkeys(self.names.values())))
         return {state.name: f"{state.name}_{end}" for state in self.effect.hidden}
 
     @cached_property
     def _parts(self) -> Parts:
-        """The formula and the rates over columns, read once for all values of inner parameters."""
+        """The formula and the rates over columns, read once for all values of nonlinear parameters."""
         formulas = [self.effect.expr, *(parse_expression(state.rate) for state in self.effect.hidden)]
-        # All names at once, and in place of inner parameters such as no column has.
+        # All names at once; nonlinear parameters get names that no column has.
         inner = {part.name: part.name + _INNER_MARK for part in self.effect.inner}
         words = {symbol(old): symbol(new) for old, new in {**self.names, **self._hidden, **inner}.items()}
         return parted([each.xreplace(words) for each in formulas], inner.values())
 
     def _written(self, formula: str, numbers: Mapping[str, str]) -> str:
-        # All names at once: a column may well be called as a role or an inner parameter is.
+        # All names at once: a column may have the name of a role or a parameter.
         words = {**self.names, **self._hidden, **numbers}
         return _IDENTIFIER.sub(lambda match: words.get(match.group(), match.group()), formula)
 
@@ -228,8 +228,7 @@ def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
 def _check_sign(effect: Effect) -> None:
     if isinstance(effect.sign, bool) or effect.sign not in (-1, 0, 1):
         raise InputError(
-            f"The effect {effect.slug!r} has sign = {effect.sign!r}; it is -1, 1 or, if the coefficient may as well be "
-            "of either sign, 0."
+            f"The effect {effect.slug!r} has sign = {effect.sign!r}; it is -1 or 1, or 0 if both signs are usual."
         )
     if effect.reverse and not effect.sign:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Words for what a study holds: hypotheses, measures of the gap, sensor errors, and what remains without a name."""
+"""Words for what a study holds: hypotheses, measures of the gap, sensor errors, and the unnamed discrepancy."""
 
 import math
 from collections.abc import Mapping
@@ -35,11 +35,11 @@ METRICS: dict[str, tuple[str, str]] = {
     "output NMSE": ("Error of the predicted {target}",
         "Mean square error over the variance of the measured {target}."),
     "sample NMSE": ("Error of the predicted samples, as forces on {target}",
-        "Mean square error over the variance of the samples, whatever the path started from."),
+        "Mean square error over the variance of the samples, wherever the path started."),
     MISFIT: ("Error of the predicted samples over their noise, {target}",
-        "One where the model explains all but the noise, and what its coefficients leave open."),
+        "One if the model explains all but the noise and its coefficients' uncertainty."),
     NAMES_ALONE: ("Unexplained part of {target}, by names alone",
-        "The same by what has a name, without the f of any shape that the amended model holds beside it."),
+        "The same by named parts alone, without the f that the amended model has beside them."),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }  # fmt: skip
 """Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""
@@ -53,20 +53,20 @@ NAMES = {
 """Names of the hypotheses without effects, in figures and tables."""
 
 TWICE = 2.0
-"""Ratio from which on a rise is written as a multiple: hundreds of per cent are hard to read."""
+"""Ratio from which a rise is written as a multiple: hundreds of per cent are hard to read."""
 
 MOST_CLOSED = 0.9999
-"""Largest share of a gap that is called closed: what is left may only be less than the noise shows."""
+"""Largest share of a gap that is called closed: the rest may only be hidden by the noise."""
 
 REMAINDER_TEXTS = {
     "law": "is a law of the states",
     "time": "is something in time, of the machine or of its sensor",
     "memory": "remembers",
 }
-"""Words for the kinds of what remains without a channel."""
+"""Words for the kinds of discrepancy without a channel."""
 
 CHANNEL_TEXTS = {"drift": "changes with time", "law": "follows another law"}
-"""Words for what remains of a channel, by its kind; all others remember."""
+"""Words for the discrepancy of a channel, by its kind; all others remember."""
 
 
 def name_of(study: StudyResult, name: str) -> str:
@@ -84,7 +84,7 @@ def name_of(study: StudyResult, name: str) -> str:
 
 
 def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
-    """Return the plain name of an effect, with its columns where another row of the table is the same on others."""
+    """Return the plain name of an effect, with its columns if the table also has it on others."""
     table = study.effects
     alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
     columns = row.get("quantity", "").split(", ")
@@ -93,24 +93,24 @@ def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
 
 @cache
 def _catalogued(slug: str) -> str:
-    """Return the name in the package's catalogue; that of an effect of a user's own file is its slug as words."""
+    """Return the name in the package's catalogue; for an effect from a user's file, its slug as words."""
     catalogue = {effect.slug: effect.name for effect in load_catalogue("all")}
     words = slug.replace("-", " ")
     return catalogue.get(slug, words[:1].upper() + words[1:])
 
 
 def reversed_text(row: Mapping[str, Any]) -> str:
-    """Return that an effect has the opposite of its usual sign, and what it then does; "" where it has not."""
+    """Return a note that an effect has the opposite of its usual sign, and its meaning; "" if it has not."""
     return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
 def set_label(study: StudyResult, name: str) -> str:
-    """Return the name of a hypothesis, and that it has no effect where that is so."""
+    """Return the name of a hypothesis, marked if it has no effect."""
     return f"no effect: {name_of(study, name)}" if name in STOPS else name_of(study, name)
 
 
 def remembered(study: StudyResult, equation: str) -> str:
-    """Return what something without a name likely does, "is a law of y (probability 0.97)"; "" if it is not known."""
+    """Return what the discrepancy likely is, as in "is a law of y (probability 0.97)"; "" if it is not known."""
     statements = remainders(study, equation)
     laws = [
         f"a law of {each.of.replace(', ', ' and ')} (probability {probability_text(each.probability)})"
@@ -137,16 +137,16 @@ def metric_words(study: StudyResult, metric: str, variable: str) -> tuple[str, s
 
 
 def metric_value(study: StudyResult, metric: str, value: float) -> str:
-    """Return a value of a measure of the gap as it is read."""
+    """Return a value of a measure of the gap as text."""
     if metric == "time to failure":
         return quantity(value, study.train.unit("t")) if math.isfinite(value) else "never"
     return number(value, 3) if metric == MISFIT else share_text(value)
 
 
 def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:
-    """Return the interval of a measure of the gap as it is read."""
+    """Return the interval of a measure of the gap as text."""
     if metric == "time to failure":
-        # A model that never fails has no time to failure; beyond its earliest failure it may never fail.
+        # A model that never fails has no time to failure; the upper end alone may be "never", too.
         ends = [metric_value(study, metric, value) for value in (lower, upper)]
         return " to ".join(dict.fromkeys(ends))
     if math.isnan(lower) or math.isnan(upper):
@@ -155,7 +155,7 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
 
 
 def closed_share(closed: float) -> str:
-    """Return the share of the gap that is closed, never all of it; a gap that grew to twice its size as a multiple."""
+    """Return the closed share of the gap, never 100 %; from twice its size on, growth is written as a multiple."""
     if abs(closed) < LEAST_CLOSED:
         return "unchanged"
     if math.isfinite(closed) and 1 - closed >= TWICE:
@@ -164,12 +164,12 @@ def closed_share(closed: float) -> str:
 
 
 def risen(ratio: float) -> str:
-    """Return by how much something rose: in per cent below twice what it was, from there on as a multiple."""
+    """Return by how much something rose: in per cent below a doubling, from there on as a multiple."""
     return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_multiple(ratio)} what it was"
 
 
 def _multiple(ratio: float) -> str:
-    """Return a multiple to two digits, such as 23000 times, in one piece."""
+    """Return a multiple to two digits, such as 23000 times, unbroken."""
     return f"{number(float(f'{ratio:.2g}'), 2)}\u00a0times"
 
 
@@ -178,7 +178,7 @@ def closed_text(closed: float, denied: bool = False) -> str:
 
     Args:
         closed: Share that is closed.
-        denied: True if the free run does not see it closed, or if nothing has a name: then nothing is called closed.
+        denied: True if the free run contradicts it, or nothing has a name: then nothing is called closed.
     """
     if not math.isfinite(closed):
         return ""
@@ -204,7 +204,7 @@ def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
 
 
 def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
-    """Return every sensor error that was weighed, with its prior probability and size."""
+    """Return every weighed sensor error and kind of noise, with its prior probability and size."""
     weighed = channels_weighed(study)
     if not weighed:
         return []
@@ -222,7 +222,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         if kind != channels.LAG:
             named = ", ".join("all states together" if name == channels.STATES else name for name in names)
             rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
-    share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or that of an input, which does the same"
+    share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or a lag of an input, which does the same"
     rows += [(f"Lag of {name}", share) for name in weighed.get(channels.LAG, ())]
     for equation, rate in zip(study.maps, labels, strict=True):
         where = f" in {rate}" if len(labels) > 1 else ""
@@ -240,6 +240,6 @@ def concentration(row: Mapping[str, Any]) -> str:
 
 
 def whole_term(row: Mapping[str, Any]) -> str:
-    """Return an effect's formula with the rates of its hidden states, if it remembers."""
+    """Return an effect's formula with the rates of its hidden states, if any."""
     rates = [f"d({name})/dt = {rate}" for name, rate in (row.get("hidden") or {}).items()]
     return ", ".join([row["expression"], *rates])

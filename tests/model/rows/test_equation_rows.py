@@ -134,5 +134,5 @@ def test_a_kind_of_rows_of_ones_own_is_fitted():
 def test_a_class_in_place_of_a_kind_of_rows_is_refused():
     model = Program({"y": ["y"]})
     object.__setattr__(model, "rows", DerivativeRows)
-    with pytest.raises(InputError, match="is no kind of rows"):
+    with pytest.raises(InputError, match="must be a kind of rows"):
         model.__post_init__()

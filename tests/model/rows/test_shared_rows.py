@@ -95,7 +95,7 @@ def test_learned_states_that_nothing_measures_or_uses_are_refused():
 @pytest.mark.parametrize(
     ("build", "message"),
     [
-        (lambda: Program(BOTH, rows=TrajectoryRows()), "tell of 2 equations have no discrepancy"),
+        (lambda: Program(BOTH, rows=TrajectoryRows()), "for 2 equations cannot have a discrepancy"),
         (lambda: studied_equations(model_of(), sampled()), "looks at one equation, not at x, y together"),
         (lambda: model_of({"x": ["x", "x*y"], "y": []}).assemble(sampled()), "no terms"),
     ],
