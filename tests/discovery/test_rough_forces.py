@@ -1,4 +1,4 @@
-"""What is rough in time: on an output it is the sensor's, on a rate it may be a force on the machine."""
+"""Rough forces in time: on an output they are the noise of its sensor, on a rate they may act on the machine."""
 
 import numpy as np
 import pytest

@@ -102,6 +102,14 @@ class Weighed:
         hypotheses = tuple(replace(h, log_weight=w, probability=p, agreement=a) for h, w, p, a in ordered)
         return replace(self, hypotheses=hypotheses, blocks=self.blocks[order])
 
+    def without_discrepancy(self, reach: Reach, seed: int) -> "Weighed":
+        """Return the hypotheses that leave nothing without a name, weighed among themselves on the same products."""
+        grid, kept = self.grid, [k for k, point in enumerate(self.grid.points) if not point.unnamed]
+        points = tuple(grid.points[k] for k in kept)
+        products = replace(grid, points=points, products=grid.products[kept], log_det=grid.log_det[kept])
+        weight = _Weight(self.table, products, self.precision, self.prior, self.floor, 0)
+        return _weighed(weight, self.forces, reach, seed)
+
     @property
     def gap_square(self) -> float:
         """Return the mean square of the gap as a force, in scaled units."""
@@ -158,21 +166,26 @@ class Weighed:
 
 def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
-    seed: int = 0, window: Window | None = None, complete: bool = False,
+    seed: int = 0, window: Window | None = None,
 ) -> Weighed:  # fmt: skip
     """Return the hypotheses of a table; `shapes` are forces and added log priors of further noise shapes.
 
-    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records. If
-    `complete`, only hypotheses without an unnamed discrepancy are weighed.
+    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records.
     """
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
     prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
     points = _noise_grid(table, odds, floor, window).points((0.0, *(log_prior for _, log_prior in shapes)))
     n_unnamed = len({point.kind for point in points} & set(UNNAMED))
     points = tuple(point for point in points if not point.memory or point.memory in table.memories)
-    points = tuple(point for point in points if not (complete and point.unnamed))
     precision = np.array([each.sd**-2.0 for each in regressors])
     weight = _Weight(table, gram(table, points, forces), precision, prior, floor, n_unnamed)
+    return _weighed(weight, forces, reach, seed)
+
+
+def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, seed: int) -> Weighed:
+    """Return the hypotheses that a search among their weights keeps."""
+    table, precision, floor, prior = weight.table, weight.precision, weight.floor, weight.prior
+    regressors, points = table.regressors, weight.products.points
     sets = search(regressors, weight.total, reach)
     # The user's model is always one of them: the gap is its residual.
     before = table.of_kind(FREE)

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from bayes_greybox.discovery.grid.latent_force import LatentForce
 from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, log_evidences
@@ -30,9 +31,9 @@ before: sixteen reach a millionth of the range, where a resonance is known to a 
 MOST_COMPANIONS = 3
 """Number of companions, likeliest first, beside which an effect's values are refined."""
 
-MOST_CARRYING, CARRYING_NATS = 8, 12.0
-"""Number of values that are kept of each refinement, likeliest first, and the nats behind the best within which they
-are kept."""
+CARRIED_SHARE, LEAST_KEPT, KEPT_NATS = 0.99, 8, 12.0
+"""Share of the posterior that the kept values carry: with less, intervals are too narrow, and the evidence is too small
+by what is left out. At least so many are kept within the nats behind the best, for rows that will move."""
 
 
 class Ground(NamedTuple):
@@ -139,7 +140,7 @@ class _Search:
                 values = np.concatenate([values, fresh])
                 order = np.argsort(values)
                 values, logs = values[order], logs[order]
-            kept |= set(values[_carrying(logs + log_weights(values, low, high))].tolist())
+            kept |= set(values[carrying(logs + log_weights(values, low, high))].tolist())
         if len(values) == len(self.tabled):
             return None
         stay = np.isin(values, list(kept))
@@ -174,7 +175,7 @@ class _Search:
             return None
         weights, stay = weights_of(shares, drawn), np.zeros(len(values), bool)
         for logs in by_context:
-            stay[: len(logs)] |= _carrying(logs + weights[: len(logs)])
+            stay[: len(logs)] |= carrying(logs + weights[: len(logs)])
         return Values(values[stay], weights[stay])
 
     def _log_evidence(self, context: _Context, values: np.ndarray) -> np.ndarray:
@@ -218,7 +219,10 @@ def _shares(logs: np.ndarray) -> np.ndarray:
     return np.exp(logs - np.logaddexp.reduce(logs))
 
 
-def _carrying(logs: np.ndarray) -> np.ndarray:
+def carrying(logs: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Return true for the values that carry the posterior."""
+    order = np.argsort(-logs, kind="stable")
+    needed = int(np.searchsorted(np.cumsum(_shares(logs)[order]), CARRIED_SHARE)) + 1
     stay = np.zeros(len(logs), bool)
-    stay[np.argsort(-logs, kind="stable")[:MOST_CARRYING]] = True
-    return stay & (logs > np.max(logs) - CARRYING_NATS)
+    stay[order[: max(needed, LEAST_KEPT)]] = True
+    return stay & (logs > np.max(logs) - KEPT_NATS)

@@ -91,7 +91,7 @@ def _standing(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -
         return None
     followed: list[tuple[str, ...]] = []
     for _ in range(MOST_OUTER_ITERATIONS):
-        alone = weighed_on(near.rows, odds, reach, seed, complete=True)
+        alone = replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
         names, weighed = alone.names(alone.likeliest), alone.weighed
         # Two that lead to each other lead nowhere.
         if names in followed[:-1]:
@@ -158,10 +158,10 @@ def _best(visits: Sequence[Visit], seed: int) -> Visit:
     return best
 
 
-def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int, complete: bool = False) -> Near:
-    """Return the hypotheses on rows, or those without discrepancy; the seed is that of the bagged records."""
+def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
+    """Return the hypotheses on rows; the seed is that of the bagged records."""
     shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
-    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window, complete))
+    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window))
 
 
 def table_of(rows: Rows) -> RegressorTable:

@@ -173,7 +173,7 @@ def with_unit(label: str, unit: str | None) -> str:
 
 
 COMPRESSION = 3
-"""Of files, from 1 to 9: at 6, which is usual, they are a tenth smaller and take twice the time."""
+"""Compression level of PNG files, from 1 to 9; the usual 6 makes them a tenth smaller in twice the time."""
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:

@@ -13,14 +13,14 @@ N = 300
 TIME = 0.05 * np.arange(N)
 
 
-def weighed(target, *columns, complete=False):
+def weighed(target, *columns):
     X = np.column_stack(columns)
     nothing = Features(np.zeros((N, 0)), np.zeros((N, 0)))
     table = RegressorTable(
         tuple(Regressor(EFFECT, f"e{k}", f"e{k}", 1.0) for k in range(X.shape[1])), target, X, X,
         ForcedRates(TIME, np.zeros(N), 2.0, np.ones(N), 0.1), np.arange(N) * 8 // N, nothing, np.zeros((0, 1)),
     )  # fmt: skip
-    return weigh(table, Odds(), Reach(), 1e-12, complete=complete)
+    return weigh(table, Odds(), Reach(), 1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,8 @@ def test_hypotheses_that_leave_nothing_are_weighed_among_themselves():
     rng = np.random.default_rng(2)
     effect, force = np.sin(11 * TIME), np.sin(0.9 * TIME + 0.4)
     target = effect + 2 * force + 0.05 * rng.standard_normal(N)
-    every, alone = weighed(target, effect, effect**3), weighed(target, effect, effect**3, complete=True)
+    every = weighed(target, effect, effect**3)
+    alone = every.without_discrepancy(Reach(), 0)
     assert not every.hypotheses[0].complete and not any(point.unnamed for point in alone.grid.points)
     assert all(h.complete for h in alone.hypotheses)
     assert sum(h.probability for h in alone.hypotheses) == pytest.approx(1.0)

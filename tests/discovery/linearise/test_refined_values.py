@@ -9,7 +9,7 @@ from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tin
 from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.refine import MOST_CARRYING, Ground, refined
+from bayes_greybox.discovery.linearise.refine import Ground, carrying, refined
 from bayes_greybox.discovery.linearise.settle import table_of
 
 SHAPE = replace(WIDTH, name="bend", meaning="bend", low=0.2, high=5.0, unit_of="")
@@ -42,8 +42,17 @@ def test_the_width_of_a_dead_zone_is_found_to_a_percent(gap):
     (label,) = values
     points, weights = values[label].points[:, 0], values[label].log_weights
     assert np.min(np.abs(points / gap - 1)) < 0.01
-    # Of the finer ones those that carry nothing are not kept, and all weigh as much of the prior as they stand for.
-    assert len(points) <= MOST_CARRYING + len(first) and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
+    # Finer values that carry nothing are left out; the others weigh as much of the prior as they stand for.
+    assert len(points) < len(first) + 5 * 9 and 0 < np.sum(np.exp(weights)) <= 1 + 1e-9
+
+
+@pytest.mark.parametrize(("spread", "kept"), [(0.05, 8), (4.0, 21)])
+def test_kept_values_carry_99_per_cent_of_the_posterior(spread, kept):
+    # Normal of a standard deviation in steps of the values: 99 % lie within 2.58 of them, 21 values for 4 steps.
+    x = np.arange(-50, 51)
+    logs = -0.5 * (x / spread) ** 2
+    stay = carrying(np.maximum(logs, -11.0) if spread < 1 else logs)
+    assert stay.sum() == kept and stay[50]
 
 
 def test_the_likeliest_value_of_a_study_is_the_true_one():
