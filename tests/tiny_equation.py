@@ -12,8 +12,8 @@ from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.settle import table_of
 from bayes_greybox.discovery.linearise.source import regressors_of
+from bayes_greybox.discovery.linearise.visits import table_of
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP

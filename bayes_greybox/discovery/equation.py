@@ -29,8 +29,9 @@ from .grid.weigh import Hypothesis
 from .linearise.near import Near, Point
 from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
-from .linearise.settle import settle, weighed_on
+from .linearise.settle import settle
 from .linearise.source import Source
+from .linearise.visits import weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
 from .sensor_errors.channels import DELAY

@@ -13,7 +13,7 @@ from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.linearise.near import Near, Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.settle import table_of
+from bayes_greybox.discovery.linearise.visits import table_of
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.model.priors import Coefficient
 

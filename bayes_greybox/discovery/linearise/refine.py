@@ -11,7 +11,15 @@ from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, l
 from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
 from bayes_greybox.discovery.grid.weigh import Hypothesis
-from bayes_greybox.discovery.regressors.columns import Cloud, Values, at_values, limits, log_weights, weights_of
+from bayes_greybox.discovery.regressors.columns import (
+    Cloud,
+    Values,
+    at_values,
+    first_values,
+    limits,
+    log_weights,
+    weights_of,
+)
 from bayes_greybox.discovery.regressors.regressors import Regressors
 
 from .near import MATTERS
@@ -27,6 +35,10 @@ MOST_CLOUDS, ENOUGH_VALUES = 16, 12.0
 """Largest number of clouds of values of several parameters, each at the posterior mode after the one before, and
 effective number of values, 1/Σp², from which on intervals are smooth. A cloud is no narrower than half of the one
 before: sixteen reach a millionth of the range, where a resonance is known to a few parts in ten thousand."""
+
+LEAST_WIDTH = 1e-3
+"""Least standard deviation, as a share of the range, of the first cloud around values refined before: they may lie on a
+line, or be one."""
 
 MOST_COMPANIONS = 3
 """Number of companions, likeliest first, beside which an effect's values are refined."""
@@ -71,7 +83,9 @@ def refined(
     finer, companies = {}, set(before)
     for label in dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner):
         contexts = _contexts(regressors, label, hypotheses)
-        contexts = {names: context for names, context in contexts.items() if (label, names) not in before}
+        if not any((label, names) not in before for names in contexts):
+            continue
+        # Values are searched for in all of them anew: those of one context may carry nothing in another.
         companies |= {(label, names) for names in contexts}
         search = _Search(regressors, ground, label)
         values = (search.zoomed if search.tabled.shape[1] == 1 else search.drawn)(contexts.values())
@@ -106,7 +120,11 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
 
 
 class _Search:
-    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once."""
+    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once.
+
+    Every search begins at the first values, which stand for the whole prior. Values that were refined before stand for
+    the posterior then: they say where to look now.
+    """
 
     def __init__(self, regressors: Regressors, ground: Ground, label: str) -> None:
         self.regressors, self.ground = regressors, ground
@@ -116,13 +134,15 @@ class _Search:
         self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
         self._least, self._most = limits(shape, regressors.rows.columns, regressors.path)
         self.tabled = np.array([list(column.inner.values()) for column in group])
+        first = first_values(shape, regressors.rows.columns, regressors.path)
+        self._first = self.tabled if first is None else first.points
         self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
         self._bases: dict[_Context, np.ndarray] = {}
 
     def zoomed(self, contexts: Iterable[_Context]) -> Values | None:
         """Return the values of one parameter, finer around the best ones; None if they stay."""
         low, high = float(self._least[0]), float(self._most[0])
-        values, kept = np.sort(self.tabled[:, 0]), set(self.tabled[:, 0].tolist())
+        values, kept = np.union1d(self._first[:, 0], np.clip(self.tabled[:, 0], low, high)), set()
         for context in contexts:
             logs = self._log_evidence(context, values[:, None])
             for _ in range(MOST_ZOOMS):
@@ -141,42 +161,56 @@ class _Search:
                 order = np.argsort(values)
                 values, logs = values[order], logs[order]
             kept |= set(values[carrying(logs + log_weights(values, low, high))].tolist())
-        if len(values) == len(self.tabled):
+        if np.array_equal(values, np.sort(self.tabled[:, 0])):
             return None
         stay = np.isin(values, list(kept))
         return Values(values[stay][:, None], log_weights(values, low, high)[stay])
 
     def drawn(self, contexts: Iterable[_Context]) -> Values | None:
         """Return the values of several parameters, more of them drawn at the posterior mode; None if they stay."""
-        width = np.log(self._most / self._least)
-        shares = np.clip(np.log(self.tabled / self._least) / width, 0.0, 1.0)
-        values, drawn, by_context = self.tabled, [None] * len(shares), []
+        shares = self._shares_of_range(self._first)
+        values, drawn, by_context = self._first, [None] * len(shares), []
         for context in contexts:
-            logs = self._log_evidence(context, values)
-            # Between neighbours of the first grid, which has as many values of each parameter.
-            covariance = (0.5 * len(self.tabled) ** (-1 / width.size)) ** 2 * np.eye(width.size)
-            for turn in range(MOST_CLOUDS):
+            logs, cloud = self._log_evidence(context, values), None
+            for _ in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
                 if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES:
                     break
-                if turn:
+                best = int(np.argmax(posterior))
+                if cloud is None:
+                    centre, covariance = self._begin(context, shares[best], logs[best])
+                else:
                     away = shares - posterior @ shares
                     # Half of the cloud before at least: few values say little of a covariance.
-                    covariance = 1.5**2 * (away.T * posterior) @ away + 0.25 * covariance
-                cloud = Cloud.around(shares[int(np.argmax(posterior))], covariance)
+                    centre, covariance = shares[best], 1.5**2 * (away.T * posterior) @ away + 0.25 * cloud.covariance
+                cloud = Cloud.around(centre, covariance)
                 if not len(cloud.points):
                     break
-                fresh = np.exp(np.log(self._least) + width * cloud.points)
+                fresh = self._least * (self._most / self._least) ** cloud.points
                 shares, values = np.vstack([shares, cloud.points]), np.vstack([values, fresh])
                 drawn = drawn + [cloud] * len(cloud.points)
                 logs = np.concatenate([logs, self._log_evidence(context, fresh)])
             by_context.append(logs)
-        if len(values) == len(self.tabled):
+        if np.array_equal(values, self.tabled):
             return None
         weights, stay = weights_of(shares, drawn), np.zeros(len(values), bool)
         for logs in by_context:
             stay[: len(logs)] |= carrying(logs + weights[: len(logs)])
         return Values(values[stay], weights[stay])
+
+    def _begin(self, context: _Context, best: np.ndarray, log: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return centre and covariance of the first cloud: around values refined before, where these are likelier."""
+        logs, unit = self._log_evidence(context, self.tabled), np.eye(len(best))
+        if not np.max(logs) > log:
+            # Between neighbours of the first grid, which has as many values of each parameter.
+            return best, (0.5 * len(self._first) ** (-1 / len(best))) ** 2 * unit
+        before = self._shares_of_range(self.tabled)
+        centre = before[int(np.argmax(logs))]
+        away = before - centre
+        return centre, 1.5**2 * away.T @ away / len(away) + LEAST_WIDTH**2 * unit
+
+    def _shares_of_range(self, values: np.ndarray) -> np.ndarray:
+        return np.clip(np.log(values / self._least) / np.log(self._most / self._least), 0.0, 1.0)
 
     def _log_evidence(self, context: _Context, values: np.ndarray) -> np.ndarray:
         """Return the log evidence of a context with the effect at each of some values; −∞ where it has no column."""

@@ -1,5 +1,7 @@
 """A latent force along a path, against the exact covariance of an oscillator that it moves (Van Loan 1978)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -25,7 +27,10 @@ def forced_path(outputs, segments=1):
 
 
 def exact(tau, r, sensor=False, segments=1):
-    """Covariance of (y, v, w) at all samples; w acts on v, or is noise of the sensors and moves nothing."""
+    """Covariance of (y, v, w) at all samples; w acts on v, or is noise of the sensors and moves nothing.
+
+    Starts are uncertain in units of the whole noise, of which the sensors' w is a part.
+    """
     flow = np.zeros((3, 3))
     flow[:2, :2], flow[1, 2], flow[2, 2] = A, float(not sensor), -1 / tau
     diffusion = np.diag([0.0, 0.0, 2 / tau])
@@ -36,7 +41,7 @@ def exact(tau, r, sensor=False, segments=1):
     for k in range(N):
         own = slice(3 * k, 3 * k + 3)
         if k % (N // segments) == 0:
-            found[own, own] = np.diag([*START**2, r**2])
+            found[own, own] = np.diag([*(START**2 * (1 + sensor * r**2)), r**2])
             continue
         before = slice(3 * k - 3, 3 * k)
         found[own, : 3 * k] = step @ found[before, : 3 * k]
@@ -71,6 +76,15 @@ def test_innovations_whiten_samples_along_a_path(outputs, tau, sensor):
         R = H @ exact(tau, r, sensor) @ H.T + S**2 * np.eye(len(H))
         close(white[:, k].T @ white[:, k], table.T @ np.linalg.solve(R, table), share)
         assert logs[:, k].sum() == pytest.approx(np.linalg.slogdet(R)[1], abs=len(H) * share)
+
+
+def test_noise_correlated_over_far_less_than_a_step_is_white_noise_of_another_size():
+    path = replace(forced_path((0,)), spread=np.ones(N))
+    table, r = np.random.default_rng(2).standard_normal((N, 2)), 10.0
+    white, logs = path.whiten(table, 1e-3 * DT, np.array([0.0, r]), sensor=True)
+    # v integrated out: neither is likelier, nor are starts better known.
+    close(white[:, 1] * np.sqrt(1 + r**2), white[:, 0], 1e-6)
+    close(logs[:, 1] - np.log(1 + r**2), logs[:, 0], 1e-6)
 
 
 @OUTPUTS

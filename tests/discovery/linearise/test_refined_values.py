@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from tiny_equation import CUBE, DEAD_ZONE, WIDTH, on, tiny_data, tiny_model, tiny_study_of
 
+from bayes_greybox.discovery.grid.log_evidence import gram, log_evidences
 from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
 from bayes_greybox.discovery.linearise.refine import Ground, carrying, refined
-from bayes_greybox.discovery.linearise.settle import table_of
+from bayes_greybox.discovery.linearise.visits import table_of
 
 SHAPE = replace(WIDTH, name="bend", meaning="bend", low=0.2, high=5.0, unit_of="")
 BENT_ZONE = replace(
@@ -77,3 +78,23 @@ def test_finer_values_are_columns_of_the_next_rows():
     (points,) = [each.points[:, 0] for each in values.values()]
     np.testing.assert_allclose(np.sort(inner), np.sort(points))
     assert len(rows.regressors.group(next(iter(values)))) == 8
+
+
+def test_values_refined_again_on_other_rows_stand_for_no_more_of_the_prior():
+    # Kept values stand for the posterior on the rows before: on others they say where to look, and weigh nothing.
+    _, _, before = found([BENT_ZONE], bent(0.26, 0.8), noise=0.01)
+    source, _, values = found([BENT_ZONE], bent(0.26, 0.8), noise=0.01, n=380)
+
+    def log_evidence(rows):
+        columns = rows.regressors.columns
+        table, sets = table_of(rows), [(i,) for i, column in enumerate(columns) if column.inner]
+        products = gram(table, (NoisePoint(NO_DISCREPANCY),), (rows.force,))
+        precision = np.array([each.sd**-2.0 for each in table.regressors])
+        logs = log_evidences(products, precision, sets, rows.floor)[:, 0]
+        return np.logaddexp.reduce(logs + [column.log_weight for column in columns if column.inner])
+
+    moved = source.near(Point(values=before))
+    ground = Ground(table_of(moved), (moved.force,), (NoisePoint(NO_DISCREPANCY),), moved.floor)
+    again = refined(moved.regressors, ground)[0]
+    direct = log_evidence(source.near(Point(values=values)))
+    assert log_evidence(source.near(Point(values=again))) == pytest.approx(direct, abs=0.2)

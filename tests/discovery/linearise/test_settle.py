@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.linearise.settle import Visit, _best
+from bayes_greybox.discovery.linearise.visits import Visit, best_of
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ def replaced(monkeypatch):
     def another(near, weighed):
         return Table(weighed, near.log_unit)
 
-    monkeypatch.setattr("bayes_greybox.discovery.linearise.settle.replace", another)
+    monkeypatch.setattr("bayes_greybox.discovery.linearise.visits.replace", another)
 
 
 NOTHING, CUBE, LAG = (), ("cube",), ("lag",)
@@ -47,7 +47,7 @@ def test_each_hypothesis_has_the_weight_that_it_has_on_rows_of_its_own():
     near_cube = Visit(Table({CUBE: 10.0, LAG: 12.0, NOTHING: 0.0}), CUBE)
     near_lag = Visit(Table({CUBE: 11.0, LAG: 9.0, NOTHING: 0.0}), LAG)
     for visits in ([near_cube, near_lag], [near_lag, near_cube]):
-        best = _best(visits, 0)
+        best = best_of(visits, 0)
         assert best.hypothesis == CUBE
         assert best.near.logs == {CUBE: 10.0, LAG: 9.0, NOTHING: 0.0}
 
@@ -55,20 +55,20 @@ def test_each_hypothesis_has_the_weight_that_it_has_on_rows_of_its_own():
 def test_no_gap_is_told_too():
     first = Visit(Table({NOTHING: 3.0, CUBE: 8.0}), NOTHING)
     then = Visit(Table({NOTHING: -50.0, CUBE: 10.0}), CUBE)
-    assert _best([first, then], 0).near.logs == {NOTHING: 3.0, CUBE: 10.0}
+    assert best_of([first, then], 0).near.logs == {NOTHING: 3.0, CUBE: 10.0}
 
 
 def test_rows_in_another_unit_are_compared_in_that_of_the_readings():
     near_cube = Visit(Table({CUBE: 110.0, LAG: 112.0}, log_unit=100.0), CUBE)
     near_lag = Visit(Table({CUBE: 11.0, LAG: 9.0}), LAG)
-    assert _best([near_cube, near_lag], 0).near.logs == {CUBE: 110.0, LAG: 109.0}
+    assert best_of([near_cube, near_lag], 0).near.logs == {CUBE: 110.0, LAG: 109.0}
 
 
 def test_rows_near_no_known_hypothesis_are_left_for_any_others():
     start = Visit(Table({CUBE: 20.0, LAG: 30.0}))
     assert start.log_weight == -np.inf
     then = Visit(Table({CUBE: 5.0, LAG: 4.0}), CUBE)
-    assert _best([start, then], 0).near.logs == {CUBE: 5.0, LAG: 4.0}
+    assert best_of([start, then], 0).near.logs == {CUBE: 5.0, LAG: 4.0}
 
 
 def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is():
@@ -78,4 +78,4 @@ def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is
 
 def test_a_table_keeps_its_own_hypotheses_alone():
     here, there = Visit(Table({CUBE: 10.0}), CUBE), Visit(Table({LAG: 3.0, CUBE: 1.0}), LAG)
-    assert _best([here, there], 0).near.logs == {CUBE: 10.0}
+    assert best_of([here, there], 0).near.logs == {CUBE: 10.0}

@@ -1,0 +1,114 @@
+"""The search for a hypothesis that leaves nothing, each along a path of its own.
+
+A path that an unknown force moves follows the noise of its samples, and so do regressors along it: a law or a memory of
+the states fits that noise, as no effect of an input can, and its evidence is too large. The smoother finds no force
+along the path of a hypothesis that leaves nothing. So hypotheses are weighed on rows near themselves, the simplest
+first.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_greybox.discovery.grid.sets import Reach, Window
+from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.running.errors import InputError
+
+from .near import Near, Point
+from .refine import Ground, refined
+from .source import Source
+from .visits import Visit, weighed_on
+
+MOST_STEPS = 6
+"""Largest number of paths on the way to one that stays."""
+
+NO_EFFECT = ""
+"""Label of the hypothesis with corrections alone, among those of effects."""
+
+
+def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Visit | None:
+    """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
+
+    Every effect is weighed by itself, those with memory, whose paths take longest, only if no other stands. If
+    something remains along the best of these paths, the likeliest hypotheses there are followed, each on rows near the
+    one before. A wrong one leaves something along its path, and a discrepancy is likelier: then no rows are returned.
+    """
+    if not near.rows.model.rows.follows_path or near.likeliest.complete:
+        return None
+    search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, ()))
+    effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
+    plain = [label for label, effect in effects.items() if not effect.effect.hidden]
+    visits: list[Visit] = []
+    for labels in ([NO_EFFECT, *plain], [label for label in effects if label not in plain]):
+        visits += [visit for label in labels if (visit := search.by_itself(near.rows.point, label)) is not None]
+        if not visits or not labels:
+            continue
+        best = max(visits, key=lambda each: each.log_weight)
+        near = search.weighed(replace(best.near.rows.point, window=None))
+        if near.likeliest.complete:
+            return best._replace(near=near, origin=best.near)
+    return search.followed(near)
+
+
+@dataclass(frozen=True)
+class _Standing:
+    source: Source
+    odds: Odds
+    reach: Reach
+    seed: int
+    window: Window
+
+    def weighed(self, point: Point) -> Near:
+        """Return all hypotheses on rows near a point."""
+        return weighed_on(self.source.near(point), self.odds, self.reach, self.seed)
+
+    def alone(self, near: Near) -> Near:
+        """Return the hypotheses that leave nothing."""
+        return replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
+
+    def by_itself(self, point: Point, label: str) -> Visit | None:
+        """Return the rows on which the likeliest hypothesis with one effect, near itself, is likeliest.
+
+        It is None if the effect is in no likely hypothesis, and if no path follows the samples.
+        """
+        best, point = None, replace(point, window=self.window._replace(called=frozenset({label})))
+        for step in range(MOST_STEPS):
+            try:
+                near = self.alone(self.weighed(point))
+            except (InputError, np.linalg.LinAlgError):
+                break
+            names = near.names(near.likeliest)
+            if label not in (NO_EFFECT, *names):
+                break
+            # Rows near the first point are near no hypothesis.
+            visit = Visit(near, names)
+            if best is not None and visit.log_weight <= best.log_weight:
+                break
+            best = visit if step else None
+            point = self.following(near)
+        return best
+
+    def following(self, near: Near) -> Point:
+        """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
+        weighed = near.weighed
+        ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
+        finer, _ = refined(near.regressors, ground, weighed.hypotheses)
+        point = near.point_of(near.likeliest)
+        return replace(point, values={**point.values, **finer})
+
+    def followed(self, near: Near) -> Visit | None:
+        """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before."""
+        names: list[tuple[str, ...]] = []
+        for _ in range(MOST_STEPS):
+            before = self.alone(near)
+            names.append(before.names(before.likeliest))
+            # Two that lead to each other lead nowhere.
+            if names[-1] in names[:-2]:
+                return None
+            try:
+                near = self.weighed(self.following(before))
+            except (InputError, np.linalg.LinAlgError):
+                return None
+            if near.likeliest.complete:
+                return Visit(near, names[-1], before)
+        return None

@@ -1,0 +1,90 @@
+"""Hypotheses weighed on rows near one of them, and the likeliest of several that were visited."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_greybox.discovery.grid.residuals import blocks
+from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.table import Features, RegressorTable
+from bayes_greybox.discovery.grid.weigh import weigh
+from bayes_greybox.discovery.odds import Odds
+
+from .near import Near, Point, Rows, as_regressor
+
+
+class Visit(NamedTuple):
+    """Rows near a hypothesis, where it is weighed accurately; the others are linearised far from their modes.
+
+    Attributes:
+        hypothesis: Names of that hypothesis's regressors; None if the rows are near none.
+    """
+
+    near: Near
+    hypothesis: tuple[str, ...] | None = None
+    origin: Near | None = None
+
+    @property
+    def log_weight(self) -> float:
+        """Return the log weight of the hypothesis that the rows are near, for readings in their own units.
+
+        On its own rows the hypothesis may no longer be kept: then the least weight kept is its upper bound.
+        """
+        if self.hypothesis is None:
+            return -np.inf
+        least = min(h.log_weight for h in self.near.weighed.hypotheses)
+        return self.near.log_weights().get(self.hypothesis, least) - self.near.log_unit
+
+    def stays(self, point: Point) -> bool:
+        """Return true if the likeliest hypothesis is that of the rows, at a point that has settled."""
+        near = self.near
+        if (point.added, point.sensors) == (near.rows.point.added, near.rows.point.sensors):
+            return True
+        same = near.names(near.likeliest) == self.hypothesis
+        return same and self.origin is not None and near.stays(self.origin)
+
+    def corrected(self, other: "Visit", seed: int) -> "Visit":
+        """Return the rows with another hypothesis's log weight taken from the rows near that one."""
+        near, logs = self.near, self.near.log_weights()
+        if other.hypothesis is None or other.hypothesis == self.hypothesis or other.hypothesis not in logs:
+            return self
+        shift = other.log_weight + near.log_unit - logs[other.hypothesis]
+        shifts = [shift * (near.names(h) == other.hypothesis) for h in near.weighed.hypotheses]
+        return self._replace(near=replace(near, weighed=near.weighed.reweighted(shifts, seed)))
+
+
+def best_of(visits: Sequence[Visit], seed: int) -> Visit:
+    """Return the rows near the likeliest of the visited hypotheses, corrected by the rows near the others."""
+    best = max(visits, key=lambda each: each.log_weight)
+    for other in visits:
+        best = best.corrected(other, seed)
+    return best
+
+
+def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
+    """Return the hypotheses on rows; the seed is that of the bagged records."""
+    shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
+    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window))
+
+
+def table_of(rows: Rows) -> RegressorTable:
+    """Return the table that hypotheses are weighed on."""
+    regressors = rows.regressors
+    samples, sample = np.unique(regressors.rows.sample, return_inverse=True)
+    n_sample, n_white = len(samples), regressors.rows.n_white
+    block = blocks(n_sample)[sample]
+    if n_white != regressors.rows.n_row and not rows.force.forced:
+        block = blocks(n_white)
+    # A coefficient that settles, at whatever rate, is one kind of memory.
+    memories: dict[str, Features] = {}
+    for memory, (at_rows, at_samples) in regressors.memories.items():
+        elements = Features(at_rows, at_samples[:n_sample])
+        memories[memory.text] = memories[memory.text].beside(elements) if memory.text in memories else elements
+    law = Features(regressors.features(), regressors.evaluate_features(regressors.rows.at_rows())[:n_sample])
+    columns = tuple(as_regressor(column, rows.force.gap) for column in regressors.columns)
+    return RegressorTable(
+        columns, regressors.target, regressors.values, regressors.acting[:n_sample], rows.force,
+        block, law, np.asarray(regressors.basis.frequency), memories,
+    )  # fmt: skip

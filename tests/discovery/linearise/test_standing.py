@@ -1,0 +1,97 @@
+"""Effects by themselves are weighed along paths of their own, those with memory only if no other leaves nothing."""
+
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+
+import pytest
+
+from bayes_greybox.discovery.linearise import standing
+from bayes_greybox.discovery.linearise.near import Point
+from bayes_greybox.discovery.linearise.standing import standing_visit
+
+CUBE, LAG, DRAG = "cube", "lag", "drag"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Log weights of hypotheses by their names on rows near a point."""
+
+    logs: dict
+    point: Point
+    complete: bool = False
+    log_unit: float = 0.0
+    weighed: object = None
+    likeliest: object = field(init=False)
+    rows: object = field(init=False)
+    regressors: object = field(init=False)
+
+    def __post_init__(self):
+        names = max(self.logs, key=self.logs.__getitem__)
+        hypotheses = [SimpleNamespace(names=n, log_weight=w) for n, w in self.logs.items()]
+        without = SimpleNamespace(hypotheses=hypotheses, prior=None, table=None, forces=(), floor=0.0)
+        without.grid, without.without_discrepancy = SimpleNamespace(points=()), lambda reach, seed: without
+        effects = [SimpleNamespace(label=n, effect=SimpleNamespace(hidden=n == LAG)) for n in (CUBE, LAG, DRAG)]
+        for name, value in {
+            "likeliest": SimpleNamespace(names=names, complete=self.complete),
+            "weighed": without,
+            "rows": SimpleNamespace(point=self.point, model=SimpleNamespace(rows=SimpleNamespace(follows_path=True))),
+            "regressors": SimpleNamespace(columns=[SimpleNamespace(effect=effect) for effect in effects]),
+        }.items():
+            object.__setattr__(self, name, value)
+
+    def names(self, hypothesis):
+        return hypothesis.names
+
+    def log_weights(self):
+        return self.logs
+
+    def point_of(self, hypothesis):
+        return replace(self.point, added=tuple((name, 1.0) for name in hypothesis.names))
+
+
+@pytest.fixture
+def paths(monkeypatch):
+    """Rows by what they are near: the first path says a lag, on its own path the cube is far ahead."""
+    visited = []
+
+    def weighed_on(point, *_):
+        near, window = tuple(name for name, _ in point.added), point.window and set(point.window.called)
+        visited.append((near, window))
+        own = {(): -90.0, (CUBE,): paths.cube, (DRAG,): -70.0, (LAG,): -40.0}
+        first = {(): -60.0, (CUBE,): -30.0, (DRAG,): -35.0, (LAG,): -10.0}
+        logs = {n: (own[n] if n == near else first[n] - 50.0) if near else first[n] for n in own}
+        kept = {n: w for n, w in logs.items() if window is None or set(n) <= window}
+        return Table(kept, point, complete=near == paths.stands)
+
+    monkeypatch.setattr(standing, "weighed_on", weighed_on)
+    monkeypatch.setattr(standing, "refined", lambda *_: ({}, frozenset()))
+    monkeypatch.setattr(standing, "Ground", lambda *_: None)
+    paths.cube, paths.stands, paths.visited = -5.0, (CUBE,), visited
+    return paths
+
+
+def found(paths):
+    first = Table({(): -60.0, (LAG,): -10.0}, Point())
+    return standing_visit(first, SimpleNamespace(near=lambda point: point), None, None, 0)
+
+
+def test_the_effect_that_is_likeliest_along_its_own_path_is_found_though_the_first_path_says_another(paths):
+    visit = found(paths)
+    assert visit.hypothesis == (CUBE,) and visit.near.likeliest.complete
+    # One without memory stands: paths of a memory are not looked for.
+    assert all(window is None or LAG not in window for _, window in paths.visited)
+
+
+def test_effects_with_memory_are_followed_if_no_other_stands(paths):
+    paths.cube, paths.stands = -80.0, (LAG,)
+    assert found(paths).hypothesis == (LAG,)
+
+
+def test_nothing_is_returned_where_something_remains_along_every_path(paths):
+    paths.stands = ("none of them",)
+    assert found(paths) is None
+
+
+def test_nothing_is_searched_where_nothing_remains(paths):
+    first = Table({(): -60.0, (LAG,): -10.0}, Point(), complete=True)
+    assert standing_visit(first, None, None, None, 0) is None and not paths.visited
