@@ -14,7 +14,7 @@ from bayes_greybox.running.errors import InputError
 from .near import Near, Point, noise_shapes
 from .refine import Company, Ground, refined
 from .source import Source
-from .standing import standing_visit
+from .standing import LIKELIER, standing_visit
 from .visits import Visit, best_of, table_of, weighed_on
 
 MOST_OUTER_ITERATIONS = 6
@@ -23,10 +23,6 @@ MOST_OUTER_ITERATIONS = 6
 SMALL_TABLE = 100_000
 """Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
 everything."""
-
-LIKELIER = 1.0
-"""Nats by which new rows must change the log weight of the likeliest visited hypothesis for the search to go on: six
-coefficients that move by 0.6 standard deviations do so. It ends a loop, and decides no name."""
 
 
 def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Near:

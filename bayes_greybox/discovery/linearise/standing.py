@@ -19,6 +19,10 @@ from .refine import Ground, refined
 from .source import Source
 from .visits import Visit, weighed_on
 
+LIKELIER = 1.0
+"""Nats of log evidence that make a difference to a search: six coefficients that move by 0.6 standard deviations do so.
+It ends searches, and decides no name."""
+
 MOST_STEPS = 6
 """Largest number of paths on the way to one that stays."""
 
@@ -29,13 +33,20 @@ NO_EFFECT = ""
 def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Visit | None:
     """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
-    Every effect is weighed by itself, those with memory, whose paths take longest, only if no other stands. If
-    something remains along the best of these paths, the likeliest hypotheses there are followed, each on rows near the
-    one before. A wrong one leaves something along its path, and a discrepancy is likelier: then no rows are returned.
+    The likeliest on the first rows is it, if it has no discrepancy there and near itself and is as likely near itself:
+    else the first path flattered it. Then every effect is weighed by itself, those with memory, whose paths take
+    longest, only if no other stands. If something remains along the best of these paths, the likeliest hypotheses there
+    are followed, each on rows near the one before. A wrong one leaves something along its path, and a discrepancy is
+    likelier: then no rows are returned.
     """
-    if not near.rows.model.rows.follows_path or near.likeliest.complete:
+    complete = near.likeliest.complete
+    if not near.rows.model.rows.follows_path or complete and near.likeliest.members == near.weighed.before.members:
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, ()))
+    if complete and (visit := search.step(near)) is not None:
+        here = Visit(near, visit.hypothesis)
+        if visit.near.likeliest.complete and visit.log_weight > here.log_weight - LIKELIER:
+            return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
     plain = [label for label, effect in effects.items() if not effect.effect.hidden]
     visits: list[Visit] = []
@@ -88,6 +99,13 @@ class _Standing:
             point = self.following(near)
         return best
 
+    def step(self, near: Near) -> Visit | None:
+        """Return rows near the likeliest hypothesis; None if no path of it follows the samples."""
+        try:
+            return Visit(self.weighed(self.following(near)), near.names(near.likeliest), near)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
     def following(self, near: Near) -> Point:
         """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
         weighed = near.weighed
@@ -100,15 +118,11 @@ class _Standing:
         """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before."""
         names: list[tuple[str, ...]] = []
         for _ in range(MOST_STEPS):
-            before = self.alone(near)
-            names.append(before.names(before.likeliest))
+            alone = self.alone(near)
+            names.append(alone.names(alone.likeliest))
             # Two that lead to each other lead nowhere.
-            if names[-1] in names[:-2]:
-                return None
-            try:
-                near = self.weighed(self.following(before))
-            except (InputError, np.linalg.LinAlgError):
-                return None
-            if near.likeliest.complete:
-                return Visit(near, names[-1], before)
+            visit = None if names[-1] in names[:-2] else self.step(alone)
+            if visit is None or visit.near.likeliest.complete:
+                return visit
+            near = visit.near
         return None

@@ -28,11 +28,12 @@ class Table:
     def __post_init__(self):
         names = max(self.logs, key=self.logs.__getitem__)
         hypotheses = [SimpleNamespace(names=n, log_weight=w) for n, w in self.logs.items()]
-        without = SimpleNamespace(hypotheses=hypotheses, prior=None, table=None, forces=(), floor=0.0)
+        before = SimpleNamespace(names=(), members=())
+        without = SimpleNamespace(hypotheses=hypotheses, before=before, prior=None, table=None, forces=(), floor=0.0)
         without.grid, without.without_discrepancy = SimpleNamespace(points=()), lambda reach, seed: without
         effects = [SimpleNamespace(label=n, effect=SimpleNamespace(hidden=n == LAG)) for n in (CUBE, LAG, DRAG)]
         for name, value in {
-            "likeliest": SimpleNamespace(names=names, complete=self.complete),
+            "likeliest": SimpleNamespace(names=names, members=names, complete=self.complete),
             "weighed": without,
             "rows": SimpleNamespace(point=self.point, model=SimpleNamespace(rows=SimpleNamespace(follows_path=True))),
             "regressors": SimpleNamespace(columns=[SimpleNamespace(effect=effect) for effect in effects]),
@@ -61,17 +62,17 @@ def paths(monkeypatch):
         first = {(): -60.0, (CUBE,): -30.0, (DRAG,): -35.0, (LAG,): -10.0}
         logs = {n: (own[n] if n == near else first[n] - 50.0) if near else first[n] for n in own}
         kept = {n: w for n, w in logs.items() if window is None or set(n) <= window}
-        return Table(kept, point, complete=near == paths.stands)
+        return Table(kept, point, complete=near in paths.stands)
 
     monkeypatch.setattr(standing, "weighed_on", weighed_on)
     monkeypatch.setattr(standing, "refined", lambda *_: ({}, frozenset()))
     monkeypatch.setattr(standing, "Ground", lambda *_: None)
-    paths.cube, paths.stands, paths.visited = -5.0, (CUBE,), visited
+    paths.cube, paths.stands, paths.visited = -5.0, {(CUBE,)}, visited
     return paths
 
 
-def found(paths):
-    first = Table({(): -60.0, (LAG,): -10.0}, Point())
+def found(paths, **first):
+    first = Table({(): -60.0, (LAG,): -10.0} | first.pop("logs", {}), Point(), **first)
     return standing_visit(first, SimpleNamespace(near=lambda point: point), None, None, 0)
 
 
@@ -82,16 +83,27 @@ def test_the_effect_that_is_likeliest_along_its_own_path_is_found_though_the_fir
     assert all(window is None or LAG not in window for _, window in paths.visited)
 
 
+def test_what_the_first_path_flattered_is_not_it_though_it_leaves_nothing(paths):
+    # 30 nats less likely along its own path, where nothing remains either.
+    paths.stands = {(CUBE,), (LAG,)}
+    assert found(paths, complete=True).hypothesis == (CUBE,)
+
+
+def test_what_is_as_likely_along_its_own_path_needs_no_search(paths):
+    paths.cube, paths.stands = -9.0, {(CUBE,)}
+    assert found(paths, logs={(CUBE,): -9.5, (LAG,): -20.0}, complete=True).hypothesis == (CUBE,)
+    assert paths.visited == [((CUBE,), None)]
+
+
 def test_effects_with_memory_are_followed_if_no_other_stands(paths):
-    paths.cube, paths.stands = -80.0, (LAG,)
+    paths.cube, paths.stands = -80.0, {(LAG,)}
     assert found(paths).hypothesis == (LAG,)
 
 
 def test_nothing_is_returned_where_something_remains_along_every_path(paths):
-    paths.stands = ("none of them",)
+    paths.stands = set()
     assert found(paths) is None
 
 
-def test_nothing_is_searched_where_nothing_remains(paths):
-    first = Table({(): -60.0, (LAG,): -10.0}, Point(), complete=True)
-    assert standing_visit(first, None, None, None, 0) is None and not paths.visited
+def test_nothing_is_searched_where_nothing_is_missing(paths):
+    assert found(paths, logs={(): -5.0}, complete=True) is None and not paths.visited
