@@ -12,9 +12,9 @@ import sympy
 from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.amended import hidden_used
 from bayes_greybox.discovery.answer.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.extended import hidden_used
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.next_experiment.ranked import WORTH_DOING, NextExperiment, rank
 from bayes_greybox.discovery.odds import Odds
@@ -48,7 +48,7 @@ class Study(StudyResult):
     """The effects that a simulation lacks, with the evidence; see `StudyResult` for its tables.
 
     `fit` is None if nothing was sampled, as under settle=False. Tables come from the noise grid either way;
-    `study.model.fit(study.train)` samples the amended model.
+    `study.model.fit(study.train)` samples the extended model.
     """
 
     base: GreyBox
@@ -89,7 +89,7 @@ class Study(StudyResult):
         return paths
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return right-hand sides of the amended model by state or output; see `Fit.to_sympy`.
+        """Return right-hand sides of the extended model by state or output; see `Fit.to_sympy`.
 
         Coefficients are those of the study's tables, free runs and figures; for those of NUTS use
         `study.fit.to_sympy()`. f is in the equations that keep an unnamed discrepancy.
@@ -97,11 +97,11 @@ class Study(StudyResult):
         return studied_system(self).to_sympy()
 
     def to_latex(self) -> str:
-        """Return the amended model in LaTeX; see `Fit.to_latex`."""
+        """Return the extended model in LaTeX; see `Fit.to_latex`."""
         return equations_latex(studied_system(self))
 
     def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """Return the right-hand side of the amended model as a function `rates(t, x, u)`; see `Fit.to_callable`.
+        """Return the right-hand side of the extended model as a function `rates(t, x, u)`; see `Fit.to_callable`.
 
         Each draw has its own nonlinear parameters.
 
@@ -116,7 +116,7 @@ class Study(StudyResult):
         return learned_rates(studied_system(self), backend, draws, discrepancy)
 
     def export(self, path: str | os.PathLike[str]) -> None:
-        """Write the amended model as a program; see `Fit.export`.
+        """Write the extended model as a program; see `Fit.export`.
 
         Hidden states of effects with memory are states of the program. Sensor errors are listed in its header, not put
         into the equations.
@@ -133,7 +133,7 @@ class Study(StudyResult):
         export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, states, starts))
 
     def to_json(self) -> str:
-        """Return the amended model as JSON text, with nonlinear parameters and hidden states; see `Fit.to_json`."""
+        """Return the extended model as JSON text, with nonlinear parameters and hidden states; see `Fit.to_json`."""
         return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def next_experiment(
@@ -168,7 +168,7 @@ class Study(StudyResult):
     def save(self, path: str | os.PathLike) -> None:
         """Write the study to one netCDF file: tables, data, models, equations and free runs, and the posterior.
 
-        `bg.load` reads it, `bayes-greybox report` writes its page, and ArviZ reads the posterior of the amended model,
+        `bg.load` reads it, `bayes-greybox report` writes its page, and ArviZ reads the posterior of the extended model,
         which is missing where nothing was sampled (settle=False).
 
         Raises:
@@ -184,7 +184,7 @@ class Study(StudyResult):
         study_html(self, path)
 
     def __repr__(self) -> str:
-        """Return the verdict in words, and the equations of the amended model."""
+        """Return the verdict in words, and the equations of the extended model."""
         return f"Study: {self.verdict}\n{self.sentence}\n{equations_text(studied_system(self))}"
 
 
@@ -256,16 +256,16 @@ def find_missing_effects(
         negligible: RMS of an unnamed discrepancy, over that of the modelled rate, below which simulation and
             measurement agree in practice.
         odds: Prior probabilities of the hypotheses.
-        settle: If true, sample the amended model by NUTS. If false, `study.fit` is None; tables, figures and page need
+        settle: If true, sample the extended model by NUTS. If false, `study.fit` is None; tables, figures and page need
             no sampling.
-        free_runs: If true, integrate simulation and amended model over the data.
+        free_runs: If true, integrate simulation and extended model over the data.
         interpolation: Interpolation of the inputs between samples in free runs: "linear", "cubic" or "zoh" (held), one
             for all or for each. By default linear or cubic, whichever predicts the samples of that input better.
-        draws: Draws in each chain of the amended model.
+        draws: Draws in each chain of the extended model.
         tune: Warm-up iterations of each chain.
         chains: Chains.
         progress: If true, show progress.
-        checkpoint: Folder that keeps the chains of the amended model while they run; removed when the study is
+        checkpoint: Folder that keeps the chains of the extended model while they run; removed when the study is
             complete.
         resume: If true, continue the chains in that folder; hypotheses are weighed again, with the same outcome.
         checkpoint_every: Seconds between two checkpoints of a chain.
@@ -296,7 +296,7 @@ def find_missing_effects(
 
 
 def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
-    """Return a study whose amended model is a `GreyBox`, not sampled yet."""
+    """Return a study whose extended model is a `GreyBox`, not sampled yet."""
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     dictionary = found.model.dictionary
     # The study may have found how inputs behave between samples.
@@ -309,7 +309,7 @@ def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
 
 
 def _sampled(study: Study, sampling: Sampling, checkpoint: Checkpoint | None, progress: bool) -> Study:
-    """Return a study with the posterior of its amended model, or with the reason why there is none."""
+    """Return a study with the posterior of its extended model, or with the reason why there is none."""
     # The answer stands; sampling gives its coefficients their posterior.
     announce(f"{study.verdict.upper()}: {study.sentence}", answer=True)
     start = time.perf_counter()
@@ -322,7 +322,7 @@ def _sampled(study: Study, sampling: Sampling, checkpoint: Checkpoint | None, pr
         # The study's answer stands.
         if not study.model.rows.follows_path:
             raise
-        study = replace(study, warnings=(*study.warnings, f"The amended model was not sampled. {error}"))
+        study = replace(study, warnings=(*study.warnings, f"The extended model was not sampled. {error}"))
     else:
         # The fit may have been given more features.
         study = replace(study, fit=fit, model=replace(study.model, discrepancy=fit.model.discrepancy))

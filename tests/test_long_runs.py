@@ -120,7 +120,7 @@ def test_a_comparison_goes_on_with_the_model_that_it_was_at(here, capsys, interr
 
 
 @pytest.mark.slow
-def test_a_study_goes_on_with_the_sampling_of_its_amended_model(study, tmp_path, interrupted):
+def test_a_study_goes_on_with_the_sampling_of_its_extended_model(study, tmp_path, interrupted):
     model = bg.GreyBox(simulation=SIMULATION, discrepancy=bg.OrthogonalGP(variables=("y", "ydot"), features=4))
     settings = {
         "draws": 60,

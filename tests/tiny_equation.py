@@ -22,7 +22,7 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 
 WIDTH = InnerParameter("gap", "width", of="r", low=0.1, high=0.9, unit_of="r")
-"""Inner parameter of the dead zone."""
+"""Nonlinear parameter of the dead zone."""
 
 DEAD_ZONE = Effect(
     slug="dead-zone", name="Dead zone", domain="test", expression="sign(r)*max(abs(r) - gap, 0)", inner=(WIDTH,)

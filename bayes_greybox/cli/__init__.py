@@ -118,7 +118,7 @@ def discover(
     """Find which effect a simulation is missing, and where.
 
     The gap is measured before and after the effect is added, on held-out data where the file names some. The
-    folder gets gap.html (the report), summary.json, study.nc (the study, and the amended model's posterior), the
+    folder gets gap.html (the report), summary.json, study.nc (the study, and the extended model's posterior), the
     figures and a copy of the configuration.
 
     With --fleet every asset of a folder is studied, and fleet.html ranks them by their gap, groups them by what they

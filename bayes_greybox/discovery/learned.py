@@ -1,4 +1,4 @@
-"""The equations of a study's amended model: simulation, effects, and f if a discrepancy has no name."""
+"""The equations of a study's extended model: simulation, effects, and f if a discrepancy has no name."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -30,26 +30,26 @@ RULE = (
     "Terms: effects that were found, corrections of the likeliest pattern, with the coefficients that they have in it "
     "(tables average over all patterns); f where what is left has no name."
 )
-"""Rule for the terms of an amended equation, and for its f."""
+"""Rule for the terms of an extended equation, and for its f."""
 
 ByTerm = Mapping[tuple[str, str], float]
 """Probabilities by equation and term."""
 
 
 def studied_system(study: StudyResult) -> LearnedSystem:
-    """Return the equations of the amended model, with the coefficients of the study's tables."""
+    """Return the equations of the extended model, with the coefficients of the study's tables."""
     rows = study.effects.to_dict("records")
     probabilities = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
     probabilities |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
-    return amended_system(study.base, study.train, study.amendments, probabilities)
+    return extended_system(study.base, study.train, study.amendments, probabilities)
 
 
-def amended_system(
+def extended_system(
     base: Program, data: Trajectories, amendments: Mapping[str, Amendment], probabilities: ByTerm
 ) -> LearnedSystem:
     """Return the equations of a model with its amendments.
 
-    An effect has the mean of its inner parameter, and that of its coefficient over all values of it, as tables have
+    An effect has the mean of its nonlinear parameter, and that of its coefficient over all values of it, as tables have
     them. One with hidden states has the one value that they were found with. The simulation's own coefficients are
     corrected as in the commonest pattern of the draws.
     """
@@ -87,7 +87,7 @@ def _equation(
         effect, formula = values_of[0].effect, values_of[0].formula
         assert effect is not None
         values = {key: Value.of(np.array([column.inner[key] for column in values_of])) for key in values_of[0].inner}
-        # Draws that one model can have share its hidden states, and with them the inner parameter.
+        # Draws that one model can have share its hidden states, and with them the nonlinear parameter.
         term = formula if formula.states or not values else effect.term({k: v.mean for k, v in values.items()})
         draws = after.draws[alike, n_own + k] * (scale / np.array([column.scale for column in values_of]))
         terms.append(learned(effect.slug, term, draws))

@@ -1,4 +1,4 @@
-"""The missing-effect study: hypotheses, answer, gap before and after. It does not sample the amended model."""
+"""The missing-effect study: hypotheses, answer, gap before and after. It does not sample the extended model."""
 
 import logging
 import time
@@ -21,7 +21,6 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.plain_values import plain_rows
 from bayes_greybox.running.stages import stage, stages
 
-from .amended import amended_program, corrected_data
 from .answer.amendment import Amendment
 from .answer.checks import other_sizes
 from .answer.equation_study import EquationStudy
@@ -33,6 +32,7 @@ from .decision.criteria import Criteria
 from .decision.reasons import Reason
 from .decision.vetoes import verdict_of
 from .equation import Question, study_equation
+from .extended import corrected_data, extended_program
 from .odds import Odds
 from .regressors.regressors import CORRECTION_SCALE
 from .sensor_errors.channels import DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD
@@ -54,7 +54,7 @@ TABLES = (
 NO_CATALOGUE = "none"
 """Catalogue in the settings of a study that weighed no effect."""
 
-NO_HELD_OUT_PATH = "no path of the amended model follows held-out samples"
+NO_HELD_OUT_PATH = "no path of the extended model follows held-out samples"
 """Reason against a verdict that cannot be compared with held-out data."""
 
 HELD_INPUTS = (
@@ -98,7 +98,7 @@ class StudySettings:
 
     @property
     def weighing(self) -> dict[str, Any]:
-        """Return the settings that draws of the amended model depend on, besides those of its sampler."""
+        """Return the settings that draws of the extended model depend on, besides those of its sampler."""
         return {each.name: getattr(self, each.name) for each in fields(self) if each.name not in ("seed", "settle")}
 
 
@@ -108,11 +108,11 @@ class StudyResult:
 
     Attributes:
         base: The user's model.
-        model: The amended model: the terms of the simulation and the added effects, as a dictionary.
-        fit: NUTS posterior of the amended model; None if it was not sampled.
+        model: The extended model: the terms of the simulation and the added effects, as a dictionary.
+        fit: NUTS posterior of the extended model; None if it was not sampled.
         train: Training data.
         test: Held-out data.
-        corrected: The training data, corrected for sensor errors, to fit the amended model to.
+        corrected: The training data, corrected for sensor errors, to fit the extended model to.
         verdict: One of `decide.VERDICTS`.
         effects: All weighed effects, best first: equation, slug, name, expression, probability, mean, sd,
             lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
@@ -311,7 +311,7 @@ def _measured_gap(
         if not model.rows.follows_path:
             raise
         # The answer stands, without this comparison.
-        return table, paths, [f"The amended model could not be compared with held-out data: {error}"]
+        return table, paths, [f"The extended model could not be compared with held-out data: {error}"]
     return pd.concat([table, held_out]), paths, []
 
 
@@ -328,7 +328,7 @@ def _result(
     joined: dict[str, Any] = {name: pd.concat(part, ignore_index=name in numbered) for name, part in parts.items()}
     return StudyResult(
         base=subject.given,
-        model=amended_program(subject.given, findings, train),
+        model=extended_program(subject.given, findings, train),
         fit=None,
         train=train,
         test=subject.test,
@@ -372,7 +372,7 @@ def _study_warnings(subject: Subject, findings: Findings, settings: StudySetting
     if isinstance(noise, Noise) and not noise.white:
         unsampled = "" if settings.settle else ", and nothing was sampled (settle=False)"
         yield (
-            "The noise in GreyBox(noise=bg.Noise(...)) applies only to the posterior of the amended model"
+            "The noise in GreyBox(noise=bg.Noise(...)) applies only to the posterior of the extended model"
             f"{unsampled}: the study weighs noise by itself."
         )
 

@@ -1,4 +1,4 @@
-"""The file of a study: its tables, maps, free runs and equations, beside the amended model's posterior if there is one.
+"""The file of a study: its tables, maps, free runs and equations, beside the extended model's posterior if it has one.
 
 Everything that pages, equations and free runs need is kept to the last bit, so that a study that was read shows the
 same. Rows, products and posteriors of hypotheses, on which it was weighed, are not kept.
@@ -142,7 +142,7 @@ MODELS = ("base", "model", "fit")
 
 
 def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping[str, Any]) -> None:
-    """Write a study to a netCDF file, with the posterior of its amended model if there is one.
+    """Write a study to a netCDF file, with the posterior of its extended model if there is one.
 
     Raises:
         InputError: The destination cannot be written.

@@ -54,7 +54,7 @@ class FleetStudy:
 
     with r the RMS of the b_i, or the smallest s_i where that is larger
 
-    (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where inner parameters or
+    (Gelman et al. 2013, Bayesian Data Analysis, 3rd ed., section 5.4). Nothing is pooled where nonlinear parameters or
     units differ.
 
     Attributes:
@@ -92,7 +92,7 @@ class FleetStudy:
         `mean`, `sd`, `lower`, `upper` are of μ, `between`, `between_lower`, `between_upper` the median and interval of
         τ, and `same` is P(τ = 0): one coefficient for all. They are NaN where nothing is pooled; intervals hold 90 %.
         `assets` are those that surely lack the effect, `possible` those that may, and `likely` the probability of it in
-        each of the possible to whose model it was added. In `expression` inner parameters that differ have their names.
+        each of the possible to whose model it was added. In `expression` nonlinear parameters that differ are names.
         """
         pooled = ("mean", "sd", "lower", "upper", "between", "between_lower", "between_upper", "same")
         rows = [

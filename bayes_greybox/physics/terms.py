@@ -45,7 +45,7 @@ class Term:
     Attributes:
         expression: The formula, as text or as a SymPy expression.
         name: Name in tables and figures; by default the formula as written, without blanks.
-        unit: The term's unit, where it cannot follow from the columns' (an inner parameter carries one).
+        unit: The term's unit, where it cannot follow from the columns' (a nonlinear parameter carries one).
         states: Hidden states that the formula uses beside columns, where it has memory; `Program.remembering` gives
             them to a simulation.
         sign: "+" where the coefficient is not negative, "-" where it is not positive.

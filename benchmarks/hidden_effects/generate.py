@@ -37,7 +37,7 @@ class Truth:
     Attributes:
         slug: Its slug, or the name of a shape that is in no catalogue.
         coefficient: Its coefficient.
-        inner: Its inner parameter; NaN without one.
+        inner: Its nonlinear parameter; NaN without one.
         ratio: RMS of its addition to the training data over the noise's standard deviation, as it came out.
         wanted: The ratio that the case asks for; larger than `ratio` only where the host could not take it.
     """

@@ -36,22 +36,22 @@ AMPLITUDE, NATURAL, DAMPED, DUFFING = (0.5, 2.0), (0.8, 2.0), (0.02, 0.1), (0.1,
 """RMS of the linear host's position; ω₀; ζ; the Duffing force over the linear one at that position."""
 
 INSET = 1.15
-"""Inner parameters keep this factor off the ends of the catalogue's ranges."""
+"""Nonlinear parameters keep this factor off the ends of the catalogue's ranges."""
 
 MOVING = 0.7
 """Standard deviation of the start of a mass that moves, over the RMS of the linear host's position and its speed."""
 
 MOST_INTEGRATIONS, SETTLED = 20, 0.01
-"""Most integrations of a machine until its inner parameters are the shares of its own motion that were
+"""Most integrations of a machine until its nonlinear parameters are the shares of its own motion that were
 drawn, to this precision: strong friction changes the motion that it is scaled by."""
 
 DOP853 = {"name": "dop853", "rtol": 1e-9, "atol": 1e-11, "nsteps": 100_000}
 
 Rates = Callable[[float, float, float, list[float], list[float]], list[float]]
-"""Rates of the hidden states, from y, y′, F, z and the inner parameters: plain numbers, for speed."""
+"""Rates of the hidden states, from y, y′, F, z and the nonlinear parameters: plain numbers, for speed."""
 
 Range = tuple[str, float, float]
-"""Scale of an inner parameter, "position", "velocity", "period" (of the position), "period of v", "frequency" or
+"""Scale of a nonlinear parameter, "position", "velocity", "period" (of the position), "period of v", "frequency" or
 "number", and its least and largest share of that."""
 
 
@@ -61,7 +61,7 @@ class Hidden:
 
     Attributes:
         name: Slug in the catalogue, or a name of its own where the catalogue does not have it.
-        inner: Ranges of its inner parameters.
+        inner: Ranges of its nonlinear parameters.
         size: Least and largest θ over ω₀² if `stiff`, else θ itself; its logarithm is uniform.
         stiff: True if θ is a stiffness.
         sign: Sign of θ.
@@ -109,7 +109,7 @@ class Measured:
         simulation: Right-hand sides that the study is given.
         train, test: Samples to learn from and others.
         truth: Coefficient of the hidden effect, by slug; empty where the catalogue does not have it.
-        inner: Inner parameters of the hidden effect.
+        inner: Nonlinear parameters of the hidden effect.
         share: RMS of the hidden effect over that of the spring's force.
     """
 
@@ -237,7 +237,7 @@ def _waves(frequency: np.ndarray, phase: np.ndarray, level: float) -> Callable[[
 
 
 def _size(scale: str, x: Float[np.ndarray, "n_state n"], step: float) -> float:
-    """Return the scale of an inner parameter by the motion itself."""
+    """Return the scale of a nonlinear parameter by the motion itself."""
     y, v = x[0], x[1]
     if scale == "number":
         return 1.0

@@ -44,7 +44,7 @@ class Encompassing(NamedTuple):
 
 
 def encompassing(explanations: Sequence[Explained]) -> Encompassing:
-    """Return the model with the terms of all explanations, at the likeliest value of an inner parameter of each."""
+    """Return the model with the terms of all explanations, at the likeliest value of a nonlinear parameter of each."""
     known = [e for e in explanations if e.components and (e.slugs or e.name in PREDICTING)]
     total = sum(e.probability for e in known)
     terms: dict[str, Term] = {}

@@ -18,7 +18,7 @@ from benchmarks.sampled_systems.samples import CORRELATION
 from .maps import HIDDEN, Measured, StaticMap, known, rms
 
 SIZE_NODES, BEND_NODES = 60, 20
-"""Points at which sizes and inner parameters are summed over, evenly spaced in their logarithms."""
+"""Points at which sizes and nonlinear parameters are summed over, evenly spaced in their logarithms."""
 
 LEFT_OUT = ("pendulum-restoring", "power-law-stiffness", "power-law-drag")
 """Laws that are as good as others here: a pendulum's sine is a linear spring at these amplitudes."""

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 
 import bayes_greybox as bg
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.amended import hidden_used
+from bayes_greybox.discovery.extended import hidden_used
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.report.pages.study_page import study_html
@@ -143,7 +143,7 @@ def test_an_input_that_is_late_is_no_lag():
     assert abs(row["mean"] + late) < 4 * row["sd"] < 0.1
 
 
-def test_the_amended_model_has_the_hidden_state(hysteresis):
+def test_the_extended_model_has_the_hidden_state(hysteresis):
     (name,) = hysteresis.effects.iloc[0]["hidden"]
     model = hysteresis.model
     assert set(model.simulation) == {"y", "v", name} and name in [term.name for term in model.dictionary["v"]]

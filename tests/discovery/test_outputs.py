@@ -113,7 +113,7 @@ def test_what_a_study_of_an_output_cannot_use_is_refused():
 
 @pytest.fixture(scope="module")
 def fit():
-    """A fit of the amended model."""
+    """A fit of the extended model."""
     model = bg.GreyBox({"R": ["v*abs(v)"]}, simulation=KNOWN, discrepancy=None)
     return model.fit(rig(0), draws=60, tune=60, chains=2, progress=False)
 

@@ -173,7 +173,7 @@ def test_held_out_samples_that_no_path_follows_are_no_proof(monkeypatch, tmp_pat
     found = study(short(**CUBIC, noise=0.03), short(**CUBIC, noise=0.03, seed=1))
     assert found.verdict == "partly named" and set(found.gap.index.get_level_values("data")) == {"train"}
     assert any("could not be compared with held-out data" in text for text in found.warnings)
-    assert found.against == ("no path of the amended model follows held-out samples",)
+    assert found.against == ("no path of the extended model follows held-out samples",)
     study_html(found, tmp_path / "study.html")
     assert "training data" in found.sentence
 
@@ -185,7 +185,7 @@ def test_a_free_run_of_other_samples_starts_where_the_path_through_them_does(cub
     assert errors[1] < 0.2 * errors[0] and errors[1] < 0.1 * np.std(truth)
 
 
-def test_the_amended_model_is_fitted_to_the_samples(cubic):
+def test_the_extended_model_is_fitted_to_the_samples(cubic):
     assert cubic.corrected.samples is not None and cubic.corrected.state_names == ("y", "v")
     terms = [term.name for term in cubic.model.dictionary["v"]]
     assert "y**3" in terms and cubic.model.rows.follows_path

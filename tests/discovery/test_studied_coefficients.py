@@ -91,7 +91,7 @@ def test_a_study_names_what_is_missing_beside_them():
     assert np.allclose(study.to_callable(draws=50)(0.0, x).mean(axis=0), expected, atol=0.1)
 
 
-def test_the_amended_model_has_what_terms_state_in_its_own_terms():
+def test_the_extended_model_has_what_terms_state_in_its_own_terms():
     data = tiny_data(hidden=lambda x: 2.0 * x**3, n=80)
     terms = [bg.Term("x", prior=(-1.0, 0.1)), bg.Term("x**2", fixed=0.0)]
     model = bg.GreyBox({"x": terms}, simulation={"x": "0"})

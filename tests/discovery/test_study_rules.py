@@ -1,4 +1,4 @@
-"""Rules of a whole study: which equations, whose verdict, what is in the amended model, what is refused."""
+"""Rules of a whole study: which equations, whose verdict, what is in the extended model, what is refused."""
 
 from dataclasses import asdict, replace
 from types import SimpleNamespace
@@ -10,7 +10,6 @@ from tiny_equation import CUBE, DEAD_ZONE, SQUARE, tiny_data, tiny_model, tiny_r
 
 import bayes_greybox.discovery.study as module
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.amended import amended_program
 from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.free_runs import FreePath
@@ -22,6 +21,7 @@ from bayes_greybox.discovery.decision.reasons import Reason
 from bayes_greybox.discovery.decision.vetoes import MISFIT, worse_in_words
 from bayes_greybox.discovery.decision.vetoes import verdict_of as with_reasons
 from bayes_greybox.discovery.equation import Question, study_equation
+from bayes_greybox.discovery.extended import extended_program
 from bayes_greybox.discovery.grid.points import LATENT_FORCE, NO_DISCREPANCY, SENSOR_NOISE, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point, Shape
 from bayes_greybox.discovery.odds import Odds
@@ -296,7 +296,7 @@ def test_nothing_is_sampled(told):
     assert told("named", "no gap").fit is None
 
 
-# The amended model
+# The extended model
 
 
 def found_of(known, base, kind=NO_DISCREPANCY, shape=None, n_sensor=1):
@@ -322,17 +322,17 @@ def found_of(known, base, kind=NO_DISCREPANCY, shape=None, n_sensor=1):
 
 
 def amended(known, base, model=BOTH, **noise):
-    return amended_program(model, {"x": found_of(known, base, **noise)}, tiny_data())
+    return extended_program(model, {"x": found_of(known, base, **noise)}, tiny_data())
 
 
-def test_the_amended_model_has_free_terms_corrections_and_effects():
+def test_the_extended_model_has_free_terms_corrections_and_effects():
     known = tiny_regressors([CUBE, SQUARE], dictionary={"x": ["sin(3*x)"]})
     _, square = known.of_kind("effect")
     terms = amended(known, (square,), replace(BOTH, dictionary={"x": ["sin(3*x)"]})).dictionary["x"]
     assert [term.name for term in terms] == ["sin(3*x)", "x", "x**2"]
 
 
-def test_effects_that_were_not_added_are_not_in_the_amended_model():
+def test_effects_that_were_not_added_are_not_in_the_extended_model():
     known = tiny_regressors([CUBE, SQUARE])
     assert [term.name for term in amended(known, ()).dictionary["x"]] == ["x"]
 
@@ -348,7 +348,7 @@ def test_where_nothing_is_free_an_offset_is_asked_for():
     assert amended(known, ()).dictionary["x"] == [Term("1")]
 
 
-def test_the_amended_model_is_otherwise_the_model_that_was_given():
+def test_the_extended_model_is_otherwise_the_model_that_was_given():
     known = tiny_regressors()
     model = Program(simulation=BOTH.simulation, noise_floor=3e-4)
     found = amended(known, (), model)
@@ -483,7 +483,7 @@ def test_noise_that_cannot_be_had_on_the_data_is_refused_before_the_search():
 def test_noise_that_was_asked_for_is_said_to_concern_the_posterior_only(told, monkeypatch):
     monkeypatch.setattr("test_study_rules.BOTH", Program(simulation=BOTH.simulation, noise=Noise(tails=4.0)))
     *_, warning = told("named", "no gap", settle=False).warnings
-    assert "applies only to the posterior of the amended model, and nothing was sampled" in warning
+    assert "applies only to the posterior of the extended model, and nothing was sampled" in warning
 
 
 # Odds

@@ -14,7 +14,7 @@ from tiny_equation import DEAD_ZONE, forced, forced_model, forced_study, tiny_da
 import bayes_greybox as bg
 from bayes_greybox.discovery.answer.amendment import Amendment, Remainder
 from bayes_greybox.discovery.answer.coefficients import Coefficients
-from bayes_greybox.discovery.learned import amended_system
+from bayes_greybox.discovery.learned import extended_system
 from bayes_greybox.equations.of_posterior import fitted_system
 from bayes_greybox.equations.rates import learned_rates
 from bayes_greybox.inference.whole_rate import whole_rate
@@ -323,7 +323,7 @@ def test_an_output_has_an_equation_without_a_rate():
 
 def test_an_amended_study_says_what_its_free_runs_integrate():
     study, data = forced_study(True), forced(lambda y, v: -0.3 * y**3)
-    system = amended_system(forced_model(), data, {"v": study.amendment}, {("v", "cube"): 0.97})
+    system = extended_system(forced_model(), data, {"v": study.amendment}, {("v", "cube"): 0.97})
     t, x, u = points()
     columns = {"y": x[:, 0], "v": x[:, 1], "F": u[:, 0]}
     (term,) = system.learned["v"].terms
@@ -356,7 +356,7 @@ def zone():
 
 
 def test_an_inner_parameter_has_its_mean_in_the_equation_and_its_own_value_in_every_draw(zone):
-    system = amended_system(tiny_model(), tiny_data(), {"x": zone}, {})
+    system = extended_system(tiny_model(), tiny_data(), {"x": zone}, {})
     statistics, equation = zone.statistics, system.learned["x"]
     x = np.random.default_rng(0).uniform(-1.2, 1.2, (9, 1))
     (gap,) = equation.inner

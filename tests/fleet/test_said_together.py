@@ -77,7 +77,7 @@ def test_coefficients_beside_other_inner_parameters_are_not_pooled():
     (shared,) = fleet_of(far, {}).shared
     assert shared.whole is None and shared.assets == ("1", "2")
     page = render(fleet_page(fleet_of(far, {}), {}))
-    assert "gap 1 to 2" in page and "are not pooled, as the inner parameter gap differs." in page
+    assert "gap 1 to 2" in page and "are not pooled, as the nonlinear parameter gap differs." in page
 
 
 def test_fleets_of_nothing_or_of_one_have_a_page_too():

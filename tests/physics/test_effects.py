@@ -49,7 +49,7 @@ def texts(catalogue, roles, units=None):
 
 
 def middle(effect, scale=1.0):
-    """A value of the inner parameter in the middle of its prior."""
+    """A value of the nonlinear parameter in the middle of its prior."""
     return {inner.name: float(inner.nodes(inner.low * scale, inner.high * scale, 1)[0][0]) for inner in effect.inner}
 
 
@@ -59,13 +59,13 @@ def write(tmp_path, text):
     return path
 
 
-# ---------------------------------------------------------------- values of inner parameters
+# ---------------------------------------------------------------- values of nonlinear parameters
 
 WITH_INNER = [effect for effect in ALL if effect.inner]
 
 
 def at_values(effect, rng, names=None):
-    """The effect at random values of its inner parameters, and the same written out and read."""
+    """The effect at random values of its nonlinear parameters, and the same written out and read."""
     bound = effect.bind(names or {role: f"{role}_1" for role in effect.roles})
     term = bound.term({inner.name: float(rng.uniform(0.2, 1.5)) for inner in effect.inner})
     states = tuple(HiddenState(s.name, s.rate, s.unit_of, start=s.start) for s in term.states)
@@ -147,7 +147,7 @@ def test_entries_are_complete_and_their_formulas_work(effect):
     columns = {f"the_{role}": np.append(rng.uniform(-2.0, 2.0, 50), 0.0) for role in ROLES}
     if effect.domain in ("fluid", "population"):
         columns = {name: np.abs(column) for name, column in columns.items()}
-    # Each value of one inner parameter beside the middle ones of the others.
+    # Each value of one nonlinear parameter beside the middle ones of the others.
     values = {i.name: i.nodes(2.0 * i.low, 2.0 * i.high)[0] for i in effect.inner}
     middle = {name: float(np.median(each)) for name, each in values.items()}
     for inner in [middle | {name: float(value)} for name, each in values.items() for value in each] or [{}]:
@@ -644,7 +644,7 @@ def test_a_role_that_nobody_knows_is_refused_when_it_is_bound(tmp_path):
     [
         ('slug = "late', 'slog = "late', "effect number 2: unknown key 'slog'; did you mean 'slug'"),
         ("[[effect]]", "[[effects]]", "unknown key 'effects'; did you mean 'effect'"),
-        ("low = 0.2", "lo = 0.2", "'late-drag': inner parameter 'onset': unknown key 'lo'; did you mean 'low'"),
+        ("low = 0.2", "lo = 0.2", "'late-drag': nonlinear parameter 'onset': unknown key 'lo'; did you mean 'low'"),
         ('name = "Radiation"\n', "", "'radiation': needs the key 'name'"),
         ("low = 0.2\n", "", "'onset': needs the key 'low'"),
         ("low = 0.2", 'low = "0.2"', "low = '0.2' cannot be used; it must be a number"),
@@ -749,7 +749,7 @@ def test_effects_made_in_python_are_checked():
     names = ("onset", "pace", "third", "fourth", "fifth")
     several = tuple(dataclasses.replace(onset, name=name) for name in names)
     assert Effect("a", "A", "own", "velocity*onset*pace", several[:2]).roles == ("velocity",)
-    with pytest.raises(InputError, match="5 inner parameters"):
+    with pytest.raises(InputError, match="5 nonlinear parameters"):
         Effect("a", "A", "own", f"velocity*{'*'.join(names)}", several)
     plain = dataclasses.replace(onset, unit_of="")
     assert Effect("a", "A", "own", "velocity**onset", (plain,)).roles == ("velocity",)

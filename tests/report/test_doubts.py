@@ -85,7 +85,7 @@ def test_the_veto_of_the_free_run_is_said_with_its_numbers(study):
     assert run.against and run.text.startswith("The free run of y does not get better")
     gap.loc[("test", "time to failure", "all"), ["before", "after"]] = (np.inf, 3.0)
     (run,) = by_topic(replace(study, gap=gap), "Free run")
-    said = "The free run fails sooner: the amended model's after 3 s, the simulation's never, on held-out data"
+    said = "The free run fails sooner: the extended model's after 3 s, the simulation's never, on held-out data"
     assert run.against and spaced(run.text) == said
     none = study.gap[study.gap.index.get_level_values("metric") != "free-run NRMSE"]
     assert by_topic(replace(study, gap=none), "Free run")[0].against is None
@@ -103,7 +103,7 @@ def failing(study, before, after, upper, **parts):
 def test_never_is_later_than_any_time_to_failure(study):
     # NaN is never: the table has no infinities.
     (run,) = by_topic(failing(study, np.nan, 3.0, 4.0), "Free run")
-    assert run.against and "the amended model's after 3 s, the simulation's never" in spaced(run.text)
+    assert run.against and "the extended model's after 3 s, the simulation's never" in spaced(run.text)
     (run,) = by_topic(failing(study, 3.0, np.nan, np.nan), "Free run")
     assert not run.against and "fails" not in run.text
 

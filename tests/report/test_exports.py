@@ -259,7 +259,7 @@ def test_an_unknown_ending_is_refused(tmp_path):
         export_system(system_of(MEMORY, ["y"]), tmp_path / "m.f90", Notes())
 
 
-def test_a_study_exports_its_amended_model_with_its_sentence(study, tmp_path):
+def test_a_study_exports_its_extended_model_with_its_sentence(study, tmp_path):
     study.export(tmp_path / "amended.py")
     text = (tmp_path / "amended.py").read_text(encoding="utf-8")
     assert study.sentence[:40] in text and "±" in text

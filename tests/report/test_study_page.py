@@ -321,7 +321,7 @@ def test_terms_that_are_sums_are_put_in_brackets(study):
     assert "<mo>(</mo>" in equation_mathml(system, "ydot")[-1]
 
 
-def test_the_amended_equation_is_at_the_top_in_letters_that_break_between_summands(study, html):
+def test_the_extended_equation_is_at_the_top_in_letters_that_break_between_summands(study, html):
     head = Outline(html.split("<main>")[0] + "</div></body></html>")
     (equation,) = [a for _, a in head.tags if a.get("class") == "equation"]
     text = equation_text(studied_system(study), "ydot")

@@ -200,7 +200,7 @@ def healthy_run() -> Figure:
     return plot_free_run(t, np.sin(t), bands(np.cos(t)), bands(np.sin(t)), state="y")
 
 
-HOLDS = "90 % band: coefficients, inner parameters, f, start"
+HOLDS = "90 % band: coefficients, nonlinear parameters, f, start"
 
 
 @pytest.mark.parametrize("width", [9.0, 6.5, 4.5])

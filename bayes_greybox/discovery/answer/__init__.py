@@ -1,1 +1,1 @@
-"""The answer of a study: verdict, checks, amended model, and the tables that show them."""
+"""The answer of a study: verdict, checks, extended model, and the tables that show them."""

@@ -178,7 +178,7 @@ class Amendment:
     def added(self, n_before: int, n_draw: int) -> Added:
         """Return terms and features: `n_before` rows of coefficients of the model before, then draws of after.
 
-        An effect has one column for each value of its inner parameter that a draw has, with zeros in the other draws.
+        An effect has one column for each value of its nonlinear parameter that a draw has, with zeros in other draws.
         The projection of f on the columns, −φ P w, is in the columns' coefficients.
         """
         statistics, f, n_own = self.statistics, self.discrepancy, self.after.n_own

@@ -42,7 +42,7 @@ class FreePath:
 
     Attributes:
         measured: The state, as its sensor showed it; without a sensor, on the path through the samples put right.
-        holds: Sources of the band after, in words: "90 % band: coefficients, inner parameters, f, start".
+        holds: Sources of the band after, in words: "90 % band: coefficients, nonlinear parameters, f, start".
     """
 
     time: np.ndarray
@@ -106,7 +106,7 @@ class FreeRuns:
         measured_after = {name: (right if name in unseen else data).states[name] for name in data.state_names}
         sources = {
             "coefficients": any(np.ptp(a.after.draws, axis=0).any() for a in every),
-            "inner parameters": any(np.ptp(a.after.inner, axis=0).any() for a in every),
+            "nonlinear parameters": any(np.ptp(a.after.inner, axis=0).any() for a in every),
             "f": any(a.discrepancy is not None for a in every),
             "start": not start.exact,
         }

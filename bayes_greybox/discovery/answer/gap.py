@@ -1,4 +1,4 @@
-"""The gap table: errors of the simulation, and of the amended model, against the measurements."""
+"""The gap table: errors of the simulation, and of the extended model, against the measurements."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -44,7 +44,7 @@ def gap_rows(
 
         derivative, output or sample NMSE    mean((y − ŷ)²)/var(y)
         unexplained share                    max(mean((y − ŷ)²) − σ², 0)/mean(y²)
-        the same, names alone                beside f in the amended model, without f
+        the same, names alone                beside f in the extended model, without f
         misfit of samples                    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, of one sensor
         free-run NRMSE                       RMS(x − x̂)/SD(x) up to the first failure of either model
         time to failure                      of free runs that blow up, NaN of a model that never does
@@ -110,7 +110,7 @@ class _Sizes:
     def of(
         cls, rows: EquationRows, amendment: Amendment, data: Trajectories, draws: np.ndarray, criteria: Criteria
     ) -> "_Sizes":
-        """Return the sizes for rows near the amended model, which may have another gain than the sensor."""
+        """Return the sizes for rows near the extended model, which may have another gain than the sensor."""
         gain, noise = rows.gain**2, (amendment.sigma * amendment.gain) ** 2
         allowed = max(noise, _sample_variance(data)) * (criteria.forced**2 if amendment.forced else 1.0)
         allowed += gain * float(np.mean(np.var(draws, axis=0)))

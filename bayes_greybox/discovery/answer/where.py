@@ -27,7 +27,7 @@ LEAST_WINDOW = 40
 
 @dataclass(frozen=True)
 class GapMap:
-    """The gap over one or two variables, before and after the model was amended; the others at their median.
+    """The gap over one or two variables, before and after the model was extended; the others at their median.
 
     Attributes:
         axes: Grid positions, user's units.

@@ -21,7 +21,7 @@ MISFIT = "misfit of samples"
 """Metric: residuals of samples, over the spread that noise and coefficients allow; 1 where all is explained."""
 
 NAMES_ALONE = "unexplained share, names alone"
-"""Metric: share still unexplained by the named effects alone, if the amended model holds f beside them."""
+"""Metric: share still unexplained by the named effects alone, if the extended model holds f beside them."""
 
 
 def verdict_of(

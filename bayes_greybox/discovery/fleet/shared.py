@@ -23,7 +23,7 @@ ADDED, POSSIBLE = "added", "one of"
 """Status of an effect that is in a study's model, and of a rival of one."""
 
 LARGEST_RATIO = 1.25
-"""Largest over smallest value of an inner parameter up to which coefficients beside it are of one kind."""
+"""Largest over smallest value of a nonlinear parameter up to which coefficients beside it are of one kind."""
 
 LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""
@@ -41,17 +41,17 @@ class Shared:
 
     Attributes:
         equation, slug, name: The effect.
-        expression: Formula; numbers that differ between the assets are inner parameters by their names.
+        expression: Formula; numbers that differ between the assets are nonlinear parameters by their names.
         unit: Unit of the coefficient; "" if it is not known, or differs.
         one_unit: True if the coefficients of all assets have one unit.
-        inner: Range over the assets of each inner parameter.
+        inner: Range over the assets of each nonlinear parameter.
         assets: Assets that surely lack it.
         possible: Assets that may lack it: their data do not tell it from something else.
         likely: Probability of the effect in each possible asset to whose model it was added.
         faults: Faults of sensors that may stand in its place in these, such as "delay of F".
         expressions, units: Formula with its own numbers, and unit, in each of `assets`.
         mean, sd: Coefficient in each of `assets`; NaN if it is not known.
-        whole: Pooled coefficient; None if there is one alone, if units or inner parameters differ too much for the
+        whole: Pooled coefficient; None if there is one alone, if units or nonlinear parameters differ too much for the
             coefficients to be of one kind, or if one of them has no standard deviation.
     """
 
@@ -74,7 +74,7 @@ class Shared:
 
     @property
     def differing(self) -> tuple[str, ...]:
-        """Return inner parameters that differ too much for the coefficients beside them to be of one kind."""
+        """Return nonlinear parameters that differ too much for the coefficients beside them to be of one kind."""
         return tuple(name for name, (low, high) in self.inner.items() if high > LARGEST_RATIO * low)
 
     @property
@@ -210,7 +210,7 @@ def _sure(record: Mapping[str, Any], effect: Mapping[str, Any]) -> bool:
 
 
 def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
-    """Return effects by equation, name, formula and inner parameters, those that most assets have first."""
+    """Return effects by equation, name, formula and nonlinear parameters, those that most assets have first."""
     groups: dict[tuple, list[list[_Lack]]] = defaultdict(list)
     for name, record in records.items():
         # A tied effect is possible, whatever its status in an older study.
@@ -238,13 +238,13 @@ def _formula(effect: Mapping[str, Any]) -> tuple[str, tuple[float, ...]]:
 
 
 def _one_formula(first: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Return whether formulas that are equal without numbers differ in numbers of inner parameters alone."""
+    """Return whether formulas that are equal without numbers differ in numbers of nonlinear parameters alone."""
     pairs = zip(_formula(first)[1], _formula(other)[1], strict=True)
     return all(a == b or _parameter((a, b), (first, other)) for a, b in pairs)
 
 
 def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -> str:
-    """Return the inner parameter with these values, one in each effect, to the digits of formulas; "" for none."""
+    """Return the nonlinear parameter with these values, one in each effect, to the digits of formulas; "" for none."""
     for name in effects[0]["inner"]:
         values = (float(f"{float(effect['inner'][name]):.4g}") for effect in effects)
         if all(a == b for a, b in zip(numbers, values, strict=True)):
@@ -253,7 +253,7 @@ def _parameter(numbers: Sequence[float], effects: Sequence[Mapping[str, Any]]) -
 
 
 def _common(effects: Sequence[Mapping[str, Any]]) -> str:
-    """Return the formula of effects, with names of inner parameters in the place of numbers that differ."""
+    """Return the formula of effects, with names of nonlinear parameters in the place of numbers that differ."""
     numbers = zip(*(_NUMBER.findall(effect["expression"]) for effect in effects), strict=True)
     written = (own[0] if len({*own}) == 1 else _parameter([*map(float, own)], effects) or own[0] for own in numbers)
     return _NUMBER.sub(lambda _: next(written), effects[0]["expression"])

@@ -205,7 +205,7 @@ def require_sampled(tree: xr.DataTree, path: str | os.PathLike) -> None:
     """Require a posterior among the groups of a file, not a study whose model was not sampled, or raise InputError."""
     if not sampled(tree):
         raise InputError(
-            f"{str(path)!r} holds a study whose amended model was not sampled (settle=False), so there is no fit in "
+            f"{str(path)!r} holds a study whose extended model was not sampled (settle=False), so there is no fit in "
             "it: bg.load and bayes-greybox report show the study; sample its model with study.model.fit(study.train)."
         )
 

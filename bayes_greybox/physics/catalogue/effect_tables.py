@@ -1,6 +1,6 @@
 """The layout of a catalogue file: tables of text and numbers, checked, before they become effects.
 
-A file has `[[effect]]` tables with the fields of `Effect`, and optionally inner parameters as
+A file has `[[effect]]` tables with the fields of `Effect`, and optionally nonlinear parameters as
 `[effect.inner.NAME]` with the fields of `InnerParameter`, and hidden states as `[effect.hidden.NAME]` with those of
 `HiddenState`. Keys and their types are read from the classes; a file explains itself, so it needs the meaning too.
 """
@@ -46,8 +46,8 @@ def _in_toml(hint: Any) -> type:
 def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, Keys]) -> list[dict[str, Any]]:
     """Check a catalogue file and return one complete table for each effect.
 
-    `parts` has the keys of the tables within an effect: "inner", its inner parameters, and "hidden", its hidden states.
-    They become lists of tables that carry their name.
+    `parts` has the keys of the tables within an effect: "inner", its nonlinear parameters, and "hidden", its hidden
+    states. They become lists of tables that carry their name.
 
     Raises:
         InputError: A key is unknown or missing, a value has the wrong kind, a slug occurs twice, or there are no
@@ -87,7 +87,7 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
     return {**table, "confusions": confusions, **read}
 
 
-_PART_WORDS = {"inner": ("inner parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
+_PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
 """Subject of each table within an effect, the thing that it is named after, and an example of a name."""
 
 

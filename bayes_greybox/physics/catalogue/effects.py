@@ -84,7 +84,7 @@ class Effect:
             raise InputError(f"The expression {self.expression!r} is zero everywhere; remove the effect.")
         if len(self.inner) > MOST_PARAMETERS:
             raise InputError(
-                f"{self.slug!r} has {len(self.inner)} inner parameters; {MOST_PARAMETERS} at most can be integrated."
+                f"{self.slug!r} has {len(self.inner)} nonlinear parameters; at most {MOST_PARAMETERS} are integrated."
             )
         hidden = tuple(replace(state, rate=unicodedata.normalize("NFC", state.rate)) for state in self.hidden)
         object.__setattr__(self, "hidden", hidden)
@@ -103,11 +103,11 @@ class Effect:
         _check_hidden(self, names)
         for inner in self.inner:
             if inner.name not in names:
-                raise InputError(f"The inner parameter {inner.name!r} does not occur in {self.expression!r}.")
+                raise InputError(f"The nonlinear parameter {inner.name!r} does not occur in {self.expression!r}.")
             for role in (inner.of, inner.unit_of or inner.of):
                 if role not in roles:
                     raise InputError(
-                        f"The inner parameter {inner.name!r} refers to {role!r}, which is not a role of "
+                        f"The nonlinear parameter {inner.name!r} refers to {role!r}, which is not a role of "
                         f"{self.expression!r}; its roles: {', '.join(roles) or 'none'}."
                     )
         object.__setattr__(self, "roles", roles)

@@ -18,10 +18,10 @@ RANGE_SCALES = {
     "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
     "number": "one",
 }
-"""Sizes of which the range of an inner parameter may be in shares, in words with the role."""
+"""Sizes of which the range of a nonlinear parameter may be in shares, in words with the role."""
 
 MOST_PARAMETERS = 4
-"""Most inner parameters of an effect: their first values are all combinations of values of each."""
+"""Most nonlinear parameters of an effect: their first values are all combinations of values of each."""
 
 
 @dataclass(frozen=True)
@@ -57,12 +57,13 @@ class InnerParameter:
         check_name(self.name)
         if self.scale not in RANGE_SCALES:
             raise InputError(
-                f"The inner parameter {self.name!r} has scale = {self.scale!r}; {nearest(self.scale, [*RANGE_SCALES])}"
+                f"The nonlinear parameter {self.name!r} has scale = {self.scale!r}; "
+                f"{nearest(self.scale, [*RANGE_SCALES])}"
             )
         if not 0.0 < self.low < self.high < math.inf:
             raise InputError(
-                f"The inner parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are shares "
-                f"of {self.scaled_by} with 0 < low < high."
+                f"The nonlinear parameter {self.name!r} has low = {self.low:g} and high = {self.high:g}; they are "
+                f"shares of {self.scaled_by} with 0 < low < high."
             )
 
     @property

@@ -192,7 +192,7 @@ def _bindings(
         bound = effect.bind(dict(zip(effect.roles, columns, strict=True)))
         try:
             if units:
-                # A number in a formula may carry any unit, so the value of an inner parameter does not matter.
+                # A number in a formula may carry any unit, so the value of a nonlinear parameter does not matter.
                 term = bound.term({inner.name: 0.37 for inner in effect.inner})
                 term_unit(term, term.units(units))
         except InputError as error:

@@ -23,9 +23,9 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
         search: Words that must all occur in an effect, in any column and in either case; all effects by default.
 
     Returns:
-        One row for each effect: slug, name, domain, expression over roles, the roles, the inner parameters, the hidden
-        states of one with memory, the sign of its coefficient when it dissipates or restores (0: either), its meaning,
-        the meaning of the other sign, and the slugs of effects that it is easily taken for.
+        One row for each effect: slug, name, domain, expression over roles, the roles, the nonlinear parameters, the
+        hidden states of one with memory, the sign of its coefficient when it dissipates or restores (0: either), its
+        meaning, the meaning of the other sign, and the slugs of effects that it is easily taken for.
 
     Raises:
         InputError: There is no such catalogue, or no effect has the words.

@@ -47,7 +47,7 @@ def without_numbers(formulas: Iterable[sympy.Expr]) -> tuple[tuple[sympy.Expr, .
 
 
 def parted(formulas: Iterable[sympy.Basic], names: Collection[str]) -> Parts:
-    """Collect the parts of formulas that depend on no column but on inner parameters, by name, which are positive."""
+    """Collect the parts of formulas that depend on nonlinear parameters alone, by name; parameters are positive."""
     positive: dict[Any, Any] = {symbol(name): sympy.Symbol(name, positive=True) for name in names}
     inner, parts = set(positive.values()), {}
 
@@ -59,7 +59,7 @@ def parted(formulas: Iterable[sympy.Basic], names: Collection[str]) -> Parts:
             return parts.setdefault(expr, symbol(_name(len(parts))))
         if isinstance(expr, sympy.Add | sympy.Mul):
             alone = [arg for arg in expr.args if arg.free_symbols <= inner]
-            # Parts without an inner parameter stay as they are.
+            # Parts without a nonlinear parameter stay as they are.
             if any(arg.free_symbols for arg in alone):
                 rest = [fold(arg) for arg in expr.args if not arg.free_symbols <= inner]
                 return expr.func(fold(expr.func(*alone)), *rest)

@@ -22,7 +22,7 @@ CODE = "a function (t, x, u) -> dx/dt, which cannot be written down: its rates a
 
 
 def equations_record(system: LearnedSystem) -> dict[str, Any]:
-    """Return equations with terms, coefficients, units, inner parameters and hidden states.
+    """Return equations with terms, coefficients, units, nonlinear parameters and hidden states.
 
     The right-hand side of an equation is its `simulation` plus the sum of `mean` times `expression` over its `terms`,
     plus f where `discrepancy` says that it is left. `given` lists the terms of the simulation whose coefficients were

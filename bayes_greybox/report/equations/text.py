@@ -14,7 +14,7 @@ from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.report.words.formatting import Concise, concise, exact, formula, unit_text
 
 FORMULA_DIGITS = 6
-"""Significant digits of numbers within formulas; the mean of an inner parameter has no more that mean anything."""
+"""Significant digits of numbers within formulas; the mean of a nonlinear parameter has no more that mean anything."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ GIVEN_NOTE = "2(given) was given, not estimated."
 
 
 def equations_text(system: LearnedSystem) -> str:
-    """Return the learned equations, a line each, with inner parameters, and the rule by which terms stand in them."""
+    """Return the learned equations, a line each, with nonlinear parameters, and the rule by which terms stand."""
     if not system.learned:
         return ""
     lines = [equation_text(system, name) for name in system.shown]
@@ -115,7 +115,7 @@ def equation_text(system: LearnedSystem, name: str) -> str:
 
 
 def inner_text(system: LearnedSystem, name: str) -> list[str]:
-    """Return the inner parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
+    """Return the nonlinear parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
     lines = []
     for each in system.learned[name].inner:
         negative, size = concise(each.value.mean, each.value.sd)

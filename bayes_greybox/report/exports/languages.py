@@ -180,7 +180,7 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
     Names are identifiers by the names of the data, `slots` patterns of states and inputs, such as "x[{}]". If
     `in_seconds`, time is in seconds there, whatever it was in the data.
     """
-    what = "amended by a study" if model.origin == "study" else "fitted to data"
+    what = "extended by a study" if model.origin == "study" else "fitted to data"
     lines = [f"A model {what}; written by bayes_greybox {version('bayes-greybox')}."]
     lines += [text for text in (model.notes.verdict, model.rule, *model.notes.remarks) if text]
     lines += ["Coefficients are posterior means, with standard deviation and 90 % interval."]

@@ -98,7 +98,7 @@ class ExportedModel:
         inputs: In the order of u: the inputs, then states without an equation.
         outputs: Quantities that follow from x and u without a derivative.
         factors: Coefficients, given ones too.
-        inner: Inner parameters of terms, by equation; they stand in the formulas as numbers.
+        inner: Nonlinear parameters of terms, by equation; they stand in the formulas as numbers.
         formulas: Formulas of the states, in order, then of the outputs.
         code: Description of a simulation that is code, whose rates stand in formulas as the symbols
             `rate_symbol(k)`; "" for formulas.

@@ -109,7 +109,7 @@ def _shared(fleet: Fleet) -> Section:
         "#mean": lambda each: "–" if each.whole is None else estimate(each.whole.mean, each.whole.sd),
         "#between assets": lambda each: "–" if each.whole is None else number(each.whole.between),
         "#P(one for all)": lambda each: "–" if each.whole is None else probability_text(each.whole.same),
-        "inner parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
+        "nonlinear parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
         "unit": unit_of,
     }
     drawn = []

@@ -92,7 +92,7 @@ class Equation:
 
 @dataclass(frozen=True)
 class Equations:
-    """Learned equations, notes such as inner parameters, the rule by which terms stand, and all in LaTeX to copy."""
+    """Learned equations, notes such as nonlinear parameters, the rule for terms, and all in LaTeX to copy."""
 
     equations: Sequence[Equation]
     notes: Sequence[str]

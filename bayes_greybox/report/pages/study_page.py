@@ -119,13 +119,13 @@ def _cards(study: StudyResult) -> list[Card]:
 
 
 def _convergence(study: StudyResult) -> Section:
-    """Return the section of the convergence of the amended model's fit."""
+    """Return the section of the convergence of the extended model's fit."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
-        text = "The amended model was not sampled: its numbers are those of the Laplace approximation."
+        text = "The extended model was not sampled: its numbers are those of the Laplace approximation."
         return Section("convergence", title, "", [Words(text)])
     lead = (
-        "The amended model is sampled to check the numbers above, which are those of the closed form: what the draws "
+        "The extended model is sampled to check the numbers above, which are those of the closed form: what the draws "
         "say may differ in the last digit."
     )
     return Section("convergence", title, lead, verdict_blocks(study.fit))

@@ -110,7 +110,7 @@ def what(study: StudyResult) -> Section:
 
 
 def how_much(study: StudyResult) -> Section:
-    """Return the section of the coefficients of the added effects, and of the amended simulation to copy."""
+    """Return the section of the coefficients of the added effects, and of the extended simulation to copy."""
     blocks: list[Any] = [Words("No effect was added to the model.")]
     if added(study).size:
         alt = "Posterior distribution of the coefficient of each added effect"

@@ -91,7 +91,7 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
             threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
         )  # fmt: skip
     title = f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given"
-    after = ("After: the amended model", gap.after, gap.after_probability)
+    after = ("After: the extended model", gap.after, gap.after_probability)
     shown = {"before": (title, gap.before, gap.probability), "after": after}
     looks = {"before": style.BEFORE, "after": style.AFTER}
     seen = inside if inside.any() else np.ones_like(inside)

@@ -33,7 +33,7 @@ LIGHT = "#D9D9D9"
 
 BEFORE: dict[str, Any] = {"color": ORANGE, "linestyle": (0, (5, 1.6))}
 AFTER: dict[str, Any] = {"color": BLUE, "linestyle": "-"}
-"""The simulation as given and the amended model, in every figure: apart in grey too."""
+"""The simulation as given and the extended model, in every figure: apart in grey too."""
 
 SIGNED = "PRGn"
 """Map of signed numbers: safe for colour-blind readers, and of colours that stand for nothing else."""

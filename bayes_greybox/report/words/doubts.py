@@ -43,9 +43,9 @@ RUN_TEXTS = {
 
 SAMPLER_TEXTS = {
     "not sampled": "not sampled: coefficients are those of the closed form",
-    "converged": "every convergence check of the amended model's fit passed",
-    "few draws": "the chains of the amended model's fit agree, though more draws are wanted: {}",
-    "not converged": "the amended model's fit did not converge: {}",
+    "converged": "every convergence check of the extended model's fit passed",
+    "few draws": "the chains of the extended model's fit agree, though more draws are wanted: {}",
+    "not converged": "the extended model's fit did not converge: {}",
 }
 """Words for the state of the sampler, with reasons."""
 
@@ -156,7 +156,7 @@ def _sooner(study: StudyResult, key: tuple[str, str, str]) -> str:
     after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
     later, earlier = (metric_value(study, key[1], value) for value in (after, before))
     earlier = f"after {earlier}" if math.isfinite(before) else earlier
-    return f"{worse_in_words(key)}: the amended model's after {later}, the simulation's {earlier},"
+    return f"{worse_in_words(key)}: the extended model's after {later}, the simulation's {earlier},"
 
 
 def _sampler(state: str, reasons: Iterable[str] = (), apart: Iterable[tuple[Any, float, float]] = ()) -> str:
@@ -168,4 +168,4 @@ def _sampler(state: str, reasons: Iterable[str] = (), apart: Iterable[tuple[Any,
         sampled, tabled = estimate(mean, sd, row["unit"]), estimate(row["mean"], row["sd"], row["unit"])
         texts.append(f"its coefficient of {within(row['name'])} is {sampled}, not {tabled}")
     also = f", and it did not converge: {why}" if why else ""
-    return f"the amended model's fit disagrees with the tables: {'; '.join(texts)}{also}"
+    return f"the extended model's fit disagrees with the tables: {'; '.join(texts)}{also}"

@@ -47,7 +47,7 @@ def why_not_pooled(shared: Shared) -> str:
     if not shared.one_unit:
         return f"their units differ ({unit_of(shared)})"
     if shared.differing:
-        what = f"inner parameter{'s' if len(shared.differing) > 1 else ''} {listed(shared.differing)}"
+        what = f"nonlinear parameter{'s' if len(shared.differing) > 1 else ''} {listed(shared.differing)}"
         return f"the {what} {'differ' if len(shared.differing) > 1 else 'differs'}"
     return f"that of {listed(shared.unsized)} has no standard deviation above zero"
 

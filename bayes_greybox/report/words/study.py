@@ -39,7 +39,7 @@ METRICS: dict[str, tuple[str, str]] = {
     MISFIT: ("Error of the predicted samples over their noise, {target}",
         "One if the model explains all but the noise and its coefficients' uncertainty."),
     NAMES_ALONE: ("Unexplained part of {target}, by names alone",
-        "The same by named parts alone, without the f that the amended model has beside them."),
+        "The same by named parts alone, without the f that the extended model has beside them."),
     "time to failure": ("Time until a free run fails", "How long the model can be run before it blows up."),
 }  # fmt: skip
 """Title and explanation of each measure of the gap, the plainest first; see `metric_words`."""

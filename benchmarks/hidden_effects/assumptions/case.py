@@ -164,7 +164,7 @@ class Family:
         beside: Further effects that act and are in no catalogue, with their sizes.
         momentary: Further effects that act and are in no catalogue, sized by the family itself: (case, system with all
             other effects, starts and input of the training data, generator) -> effects.
-        inner: Inner parameters of hidden effects, as fractions, where the case says them.
+        inner: Nonlinear parameters of hidden effects, as fractions, where the case says them.
         accepted: Slugs that count as the right name of a hidden effect.
         excused: Slugs that no data could tell from the breach: neither right nor wrong.
         silent: Verdicts that are right without a hidden effect; none where something is missing all the same.

@@ -30,7 +30,7 @@ SMALL_FORCE = 1e-4
 """RMS of a small force over that of the rate, and of another start over the spread of its state."""
 
 NODES = 10
-"""Nodes over an inner parameter's range, and again around the best of them."""
+"""Nodes over a nonlinear parameter's range, and again around the best of them."""
 
 
 def ask(data: CaseData, noise: float) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class Nudged(HostODE):
 
     @cached_property
     def alike(self) -> list[tuple[Hidden, list[int], np.ndarray, np.ndarray]]:
-        """Copies with a force of the same effect, their coefficients and inner parameters."""
+        """Copies with a force of the same effect, their coefficients and nonlinear parameters."""
         found = []
         for effect in dict.fromkeys(nudge.effect for nudge in self.nudges):
             own = [k for k, nudge in enumerate(self.nudges) if nudge.effect == effect]

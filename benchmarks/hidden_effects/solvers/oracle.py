@@ -2,13 +2,13 @@
 
 It knows σ, all true coefficients of the simulation, that exactly one effect of the catalogue or none is hidden, and
 the distribution that the cases of the family "catalogue" are drawn from: every effect as likely as any other, the sign
-either way, the ratio and the inner parameter by their own laws. With e the measured derivative less the simulation and
-φ an effect at unit RMS, e = ± r σ φ + ε, so that
+either way, the ratio and the nonlinear parameter by their own laws. With e the measured derivative less the simulation
+and φ an effect at unit RMS, e = ± r σ φ + ε, so that
 
     log p(e | effect, sign, r) - log p(e | none) = ± r b - r² N / 2,   b = φᵀe / σ,
 
-which is integrated over r, over the inner parameter and over both signs. Nothing can name effects more often right on
-average over such cases, or separate more of them.
+which is integrated over r, over the nonlinear parameter and over both signs. Nothing can name effects more often right
+on average over such cases, or separate more of them.
 """
 
 from collections.abc import Callable, Mapping
@@ -40,10 +40,10 @@ REACH = 12.0
 """Half-width of the integration over the ratio, in standard deviations given everything else."""
 
 INNER_NODES = 200
-"""Nodes over an inner parameter's whole range, and again around the best of them."""
+"""Nodes over a nonlinear parameter's whole range, and again around the best of them."""
 
 FINE_ENOUGH, ZOOMS = 1.0, 4
-"""Nats between the best node and its neighbours up to which an inner parameter's grid is fine, and how often it is
+"""Nats between the best node and its neighbours up to which a nonlinear parameter's grid is fine, and how often it is
 refined."""
 
 OWN = 1e-9
@@ -101,16 +101,16 @@ def log_evidence(data: CaseData, effect: Hidden) -> float:
 def over_inner(
     data: CaseData, effect: Hidden, logs_of: Callable[[np.ndarray], np.ndarray], count: int = INNER_NODES
 ) -> float:
-    """Return the log of an evidence integrated over the prior of an effect's inner parameter, if it has one.
+    """Return the log of an evidence integrated over the prior of an effect's nonlinear parameter, if it has one.
 
-    Log evidences at values of the inner parameter are those of `logs_of`, at so many nodes over its range, and again
-    around the best of them.
+    Log evidences at values of the nonlinear parameter are those of `logs_of`, at so many nodes over its range, and
+    again around the best of them.
     """
     nodes = inner_nodes(data, effect, count)
     logs = logs_of(nodes[:1] if effect.inner is None else nodes)
     if effect.inner is None:
         return float(logs[0])
-    # A large effect fixes its inner parameter better than the first nodes can show.
+    # A large effect fixes its nonlinear parameter better than the first nodes can show.
     for _ in range(ZOOMS):
         best = int(np.argmax(logs))
         around = np.geomspace(nodes[max(0, best - 2)], nodes[min(len(nodes) - 1, best + 2)], count)
@@ -151,7 +151,7 @@ def own_terms(data: CaseData) -> Float[np.ndarray, "n_obs n_term"]:
 
 
 def inner_nodes(data: CaseData, effect: Hidden, count: int) -> Float[np.ndarray, " n_node"]:
-    """Return values of an effect's inner parameter, evenly spaced in the logarithm; one alone is in the middle."""
+    """Return values of an effect's nonlinear parameter, evenly spaced in the logarithm; one alone is in the middle."""
     if effect.inner is None:
         return np.array([np.nan])
     given = effect.inner
@@ -164,7 +164,7 @@ def inner_nodes(data: CaseData, effect: Hidden, count: int) -> Float[np.ndarray,
 def effect_values(
     data: CaseData, effect: Hidden, inner: Float[np.ndarray, " n_node"]
 ) -> Float[np.ndarray, "n_node n_obs"]:
-    """Return an effect on the training data, for each value of its inner parameter."""
+    """Return an effect on the training data, for each value of its nonlinear parameter."""
     columns = data.measured()
     roles = {**data.host.in_roles(columns), "t": columns["t"]}
     return np.broadcast_to(effect.value(roles, inner[:, None]), (len(inner), len(columns["t"])))

@@ -1,7 +1,7 @@
 """The way of a user today: PySINDy's sparse regression of the gap on the same terms.
 
 Columns are the simulation's own terms, whose coefficients may be off, and every effect of the catalogue that the
-study weighs too, with a few values of an inner parameter. Columns and gap are scaled to unit RMS; the threshold is
+study weighs too, with a few values of a nonlinear parameter. Columns and gap are scaled to unit RMS; the threshold is
 chosen by leaving out blocks of neighbouring rows, the largest within one standard error of the best. Terms that are
 kept are what the method names.
 """
@@ -30,7 +30,7 @@ BLOCKS = 5
 """Blocks of neighbouring rows that are left out in turn."""
 
 INNER_COLUMNS = 3
-"""Columns of an effect with an inner parameter: the middles of equal parts of its prior."""
+"""Columns of an effect with a nonlinear parameter: the middles of equal parts of its prior."""
 
 MODELS = 20
 """Bootstrapped models of an ensemble, of which the median coefficients are taken."""

@@ -13,12 +13,12 @@ import numpy as np
 from .hosts import Columns, Host
 
 Value = Callable[[Columns, Any], Any]
-"""(columns by role, inner parameter) -> value."""
+"""(columns by role, nonlinear parameter) -> value."""
 
 
 @dataclass(frozen=True)
 class Inner:
-    """An inner parameter: log-uniform between two fractions of max|column| of a role, over the training data."""
+    """A nonlinear parameter: log-uniform between two fractions of max|column| of a role, over the training data."""
 
     role: str
     low: float
@@ -33,7 +33,7 @@ class Hidden:
         slug: The catalogue's slug, or the name of a shape that is in no catalogue.
         roles: Roles it needs.
         value: Its value, to be multiplied by a coefficient.
-        inner: Its inner parameter.
+        inner: Its nonlinear parameter.
         jump: Role at whose zero it jumps; the integrator stops there.
         memory: Rate of a state of its own, which starts at zero and which `value` reads as the role "memory".
         steps: Least number of steps in which the integrator follows a run; more where it could step across the effect.
@@ -67,7 +67,7 @@ def _plain(slug: str, value: Callable[..., Any], *roles: str) -> Hidden:
 
 
 def _inner(slug: str, value: Callable[..., Any], *roles: str, of: str, low: float, high: float) -> Hidden:
-    """Return an effect with an inner parameter, the last argument of `value`."""
+    """Return an effect with a nonlinear parameter, the last argument of `value`."""
     return Hidden(slug, roles, lambda c, inner: value(*(c[role] for role in roles), inner), Inner(of, low, high))
 
 

@@ -25,7 +25,7 @@ class LostError(Exception):
 
 @dataclass(frozen=True)
 class Acting:
-    """A hidden effect at work: its coefficient and the value of its inner parameter."""
+    """A hidden effect at work: its coefficient and the value of its nonlinear parameter."""
 
     effect: Hidden
     coefficient: float

@@ -26,7 +26,7 @@ class Wanted:
         effect: The effect.
         share: RMS of its addition over the RMS of the whole derivative.
         sign: Sign of its coefficient.
-        fraction: Its inner parameter, as a fraction of the largest value of its role in the training data.
+        fraction: Its nonlinear parameter, as a fraction of the largest value of its role in the training data.
     """
 
     effect: Hidden
@@ -36,7 +36,7 @@ class Wanted:
 
 
 def coefficients(ode: HostODE, excited: Excited, wanted: Sequence[Wanted]) -> tuple[Acting, ...]:
-    """Search coefficients, and with them inner parameters, by secants in their logarithms.
+    """Search coefficients, and with them nonlinear parameters, by secants in their logarithms.
 
     Raises:
         LostError: The host cannot be followed with effects of these sizes.
@@ -86,7 +86,7 @@ def _units(runs: Runs) -> np.ndarray:
 
 
 def _scaled(acting: tuple[Acting, ...], wanted: Sequence[Wanted], runs: Runs, ode: HostODE) -> tuple[Acting, ...]:
-    """Return the effects with inner parameters as fractions of the path's range."""
+    """Return the effects with nonlinear parameters as fractions of the path's range."""
     columns = {**ode.host.in_roles(runs.columns), "t": runs.columns["t"]}
 
     def inner(act: Acting, fraction: float) -> float:

@@ -98,7 +98,7 @@ def test_the_same_case_gives_the_same_data():
     first, second = generate(OBVIOUS), generate(OBVIOUS)
     pd.testing.assert_frame_equal(first.train.to_frame(), second.train.to_frame())
     pd.testing.assert_frame_equal(first.test.to_frame(), second.test.to_frame())
-    # By their text: an effect without an inner parameter has nan there, which Python 3.13 holds different from itself.
+    # By their text: an effect without a nonlinear parameter has nan there, unlike itself in Python 3.13.
     assert repr(first.effects) == repr(second.effects)
     assert 300 <= first.train.n_obs <= 600
 

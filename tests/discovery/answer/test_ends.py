@@ -1,4 +1,4 @@
-"""Inner parameters that may lie beyond the catalogue's range."""
+"""Nonlinear parameters that may lie beyond the catalogue's range."""
 
 import numpy as np
 import pytest

@@ -330,7 +330,7 @@ def test_a_free_run_has_the_inner_parameter_of_its_draw():
     assert np.ptp(shown, axis=0).max() > 0.05
     np.testing.assert_allclose(paths["x"].after.mean, shown.mean(axis=0), atol=1e-4)
     np.testing.assert_allclose(paths["x"].after.upper, np.quantile(shown, INTERVAL_ENDS[1], axis=0), atol=1e-4)
-    assert paths["x"].holds == "90 % band: coefficients, inner parameters"
+    assert paths["x"].holds == "90 % band: coefficients, nonlinear parameters"
 
 
 def test_only_columns_that_a_draw_has_are_integrated():

@@ -1,4 +1,4 @@
-"""Values of several inner parameters: what they weigh adds up to integrals over the unit cube."""
+"""Values of several nonlinear parameters: what they weigh adds up to integrals over the unit cube."""
 
 import numpy as np
 import pytest

@@ -54,7 +54,7 @@ def plot_gap_over_time(
     Args:
         time: time of each row, in `time_unit`.
         before: mean, lower and upper end of the gap that the simulation leaves, in `unit`.
-        after: the same of the amended model.
+        after: the same of the extended model.
         equation: name of the state whose derivative the equation gives.
         threshold: size from which on a gap counts as one, in `unit`.
         probability: probability that `|gap|` exceeds the threshold, before.
@@ -108,7 +108,7 @@ def plot_free_run(
 ) -> Figure:
     """Draw a state as measured and as the model runs it from its start alone, before and after.
 
-    A run that failed ends with a cross where it did. The scale is that of the measurements and of the amended model:
+    A run that failed ends with a cross where it did. The scale is that of the measurements and of the extended model:
     a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
     again close up.
 
@@ -116,7 +116,7 @@ def plot_free_run(
         time: time of each row, in `time_unit`.
         measured: the measured state, in `unit`.
         before: mean, lower and upper end of the free run before; NaN from where it failed. None: there is one model.
-        after: the same of the amended model.
+        after: the same of the extended model.
         state: name of the state.
         holds: sources of uncertainty in the band after, for the legend.
         seen_as: name of the curve that the runs are compared with, for the legend.

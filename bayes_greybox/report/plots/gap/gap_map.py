@@ -98,7 +98,7 @@ def plot_gap_curve(
     Args:
         grid: positions along the variable.
         before: posterior mean of the gap that the simulation leaves, in `unit`.
-        after: the same of the amended model.
+        after: the same of the extended model.
         probability: probability that `|gap|` exceeds the threshold, before.
         after_probability: the same after.
         variable: name of the variable.

@@ -51,7 +51,7 @@ def _settings() -> Iterator[Setting]:
 
 
 def brake(start: float, end: float) -> Hidden:
-    """Return friction that drags between these times; its inner parameter is the speed at which it turns over."""
+    """Return friction that drags between these times; its nonlinear parameter is the speed at which it turns over."""
 
     def dragging(c: Columns, turning: float) -> np.ndarray:
         return np.tanh(c["velocity"] / turning) * ((c["t"] >= start) & (c["t"] < end))
@@ -60,7 +60,7 @@ def brake(start: float, end: float) -> Hidden:
 
 
 END_STOP = Hidden("end-stop", ("position",), lambda c, place: np.maximum(c["position"] - place, 0.0), steps=400)
-"""A hard spring beyond a place, its inner parameter."""
+"""A hard spring beyond a place, its nonlinear parameter."""
 
 
 def _momentary(case: AssumptionCase, system: HostODE, excited: Excited, rng: np.random.Generator) -> tuple[Acting, ...]:

@@ -99,7 +99,7 @@ def _memory(case: AssumptionCase, rng: np.random.Generator) -> tuple[Wanted, ...
 
 
 def _wanted(case: AssumptionCase, effect: Hidden, rng: np.random.Generator) -> tuple[Wanted, ...]:
-    """Return the effect at the case's size, its inner parameter drawn."""
+    """Return the effect at the case's size, its nonlinear parameter drawn."""
     inner = effect.inner
     fraction = float("nan") if inner is None else float(np.exp(rng.uniform(np.log(inner.low), np.log(inner.high))))
     return (Wanted(effect, case.size, -1.0, fraction),)

@@ -1,4 +1,4 @@
-"""The amended model of a study, and the data that it is fitted to."""
+"""The extended model of a study, and the data that it is fitted to."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,7 +19,7 @@ from .regressors.columns import Column
 from .regressors.regressors import CORRECTION, FREE
 
 
-def amended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
+def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], train: Trajectories) -> AnyProgram:
     """Return the model with the simulation's terms and the added effects as its dictionary, beside its own terms."""
     dictionary: dict[str, list[Term]] = {}
     for name, study in findings.items():
@@ -70,7 +70,7 @@ def _noise(study: EquationStudy) -> set[str]:
 
 
 def _formula(columns: Sequence[Column], index: int, hidden: Sequence[HiddenState]) -> Term:
-    """Return the formula of an effect, at the value of its inner parameter that its hidden states have."""
+    """Return the formula of an effect, at the value of its nonlinear parameter that its hidden states have."""
     column = columns[index]
     if not column.formula.states or column.effect is None:
         return column.formula
@@ -87,7 +87,7 @@ def hidden_used(dictionary: Mapping[str, Sequence[Term]], hidden: Sequence[Hidde
 
 
 def corrected_data(train: Trajectories, findings: Mapping[str, EquationStudy]) -> Trajectories:
-    """Return data for the amended model; as they came if two equations correct states or inputs differently."""
+    """Return data for the extended model; as they came if two equations correct states or inputs differently."""
     each = {name: study.amendment.corrected(train) for name, study in findings.items()}
     first = next(iter(each.values()))
     if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
