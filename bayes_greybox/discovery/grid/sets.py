@@ -87,11 +87,16 @@ class SetPrior:
 
 
 class Window(NamedTuple):
-    """Names that alone are weighed until the likeliest hypothesis stays, with the prior and the memories of all."""
+    """Names that alone are weighed until the likeliest hypothesis stays, with the prior and the memories of all.
+
+    Attributes:
+        complete: If true, only hypotheses without discrepancy are weighed.
+    """
 
     called: frozenset[str]
     prior: SetPrior
     memories: tuple[str, ...]
+    complete: bool = False
 
 
 Set = tuple[int, ...]

@@ -175,6 +175,8 @@ def weigh(
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
     prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
     points = _noise_grid(table, odds, floor, window).points((0.0, *(log_prior for _, log_prior in shapes)))
+    if window is not None and window.complete:
+        points = tuple(point for point in points if not point.unnamed)
     n_unnamed = len({point.kind for point in points} & set(UNNAMED))
     points = tuple(point for point in points if not point.memory or point.memory in table.memories)
     precision = np.array([each.sd**-2.0 for each in regressors])

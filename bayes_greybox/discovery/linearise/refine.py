@@ -1,6 +1,6 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -88,7 +88,7 @@ def refined(
         # Values are searched for in all of them anew: those of one context may carry nothing in another.
         companies |= {(label, names) for names in contexts}
         search = _Search(regressors, ground, label)
-        values = (search.zoomed if search.tabled.shape[1] == 1 else search.drawn)(contexts.values())
+        values = search.values(list(contexts.values()))
         if values is not None:
             finer[label] = values
     return finer, frozenset(companies)
@@ -106,17 +106,18 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
     free, group = tuple(regressors.of_kind(FREE)), set(regressors.group(label))
     if not hypotheses:
         return {(): _Context(free, 0)}
-    holding = [h for h in hypotheses if group.intersection(h.members)]
     contexts: dict[tuple[str, ...], _Context] = {}
-    if sum(h.probability for h in holding) < MATTERS:
-        return contexts
-    for hypothesis in holding:
+    probability: dict[tuple[str, ...], float] = {}
+    for hypothesis in hypotheses:
+        if not group.intersection(hypothesis.members):
+            continue
         others = tuple(i for i in hypothesis.members if i not in group)
         names = tuple(sorted(regressors.columns[i].called for i in others if i not in free))
+        # The likeliest comes first.
         contexts.setdefault(names, _Context(others, hypothesis.point))
-        if len(contexts) == MOST_COMPANIONS:
-            break
-    return contexts
+        probability[names] = probability.get(names, 0.0) + hypothesis.probability
+    likely = sorted(contexts, key=lambda names: -probability[names])[:MOST_COMPANIONS]
+    return {names: contexts[names] for names in likely if probability[names] > MATTERS}
 
 
 class _Search:
@@ -134,15 +135,29 @@ class _Search:
         self._shape, self._about = shape, {"nominal": group[0].nominal, "direction": group[0].direction}
         self._least, self._most = limits(shape, regressors.rows.columns, regressors.path)
         self.tabled = np.array([list(column.inner.values()) for column in group])
-        first = first_values(shape, regressors.rows.columns, regressors.path)
-        self._first = self.tabled if first is None else first.points
+        self.first = first_values(shape, regressors.rows.columns, regressors.path)
         self._columns: dict[tuple[float, ...], tuple[np.ndarray, float] | None] = {}
         self._bases: dict[_Context, np.ndarray] = {}
 
-    def zoomed(self, contexts: Iterable[_Context]) -> Values | None:
-        """Return the values of one parameter, finer around the best ones; None if they stay."""
+    def values(self, contexts: Sequence[_Context]) -> Values | None:
+        """Return finer values; None if those that there are stay, or a parameter is a share of nothing."""
+        if self.first is None:
+            return None
+        values, weights = (self._zoomed if self.tabled.shape[1] == 1 else self._drawn)(contexts, self.first.points)
+        stay = np.zeros(len(values), bool)
+        for context in contexts:
+            logs = self._log_evidence(context, values)
+            if np.any(np.isfinite(logs)):
+                stay |= carrying(logs + weights)
+        if not np.any(stay) or np.array_equal(values[stay], self.tabled):
+            return None
+        return Values(values[stay], weights[stay])
+
+    def _zoomed(self, contexts: Sequence[_Context], first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return values of one parameter, finer around the best ones, with their prior weights."""
         low, high = float(self._least[0]), float(self._most[0])
-        values, kept = np.union1d(self._first[:, 0], np.clip(self.tabled[:, 0], low, high)), set()
+        best = [int(np.argmax(self._log_evidence(context, self.tabled))) for context in contexts]
+        values = np.union1d(first[:, 0], np.clip(self.tabled[best, 0], low, high))
         for context in contexts:
             logs = self._log_evidence(context, values[:, None])
             for _ in range(MOST_ZOOMS):
@@ -160,29 +175,32 @@ class _Search:
                 values = np.concatenate([values, fresh])
                 order = np.argsort(values)
                 values, logs = values[order], logs[order]
-            kept |= set(values[carrying(logs + log_weights(values, low, high))].tolist())
-        if np.array_equal(values, np.sort(self.tabled[:, 0])):
-            return None
-        stay = np.isin(values, list(kept))
-        return Values(values[stay][:, None], log_weights(values, low, high)[stay])
+        return values[:, None], log_weights(values, low, high)
 
-    def drawn(self, contexts: Iterable[_Context]) -> Values | None:
-        """Return the values of several parameters, more of them drawn at the posterior mode; None if they stay."""
-        shares = self._shares_of_range(self._first)
-        values, drawn, by_context = self._first, [None] * len(shares), []
+    def _drawn(self, contexts: Sequence[_Context], first: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return values of several parameters, more of them drawn at the posterior mode, with their prior weights."""
+        shares, known = self._shares_of_range(first), self._shares_of_range(self.tabled)
+        unit, n_each = np.eye(shares.shape[1]), len(first) ** (1 / shares.shape[1])
+        values, drawn = first, [None] * len(shares)
         for context in contexts:
-            logs, cloud = self._log_evidence(context, values), None
+            logs, tabled, cloud = self._log_evidence(context, values), self._log_evidence(context, self.tabled), None
             for _ in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
-                if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES:
+                behind = np.max(tabled) > np.max(logs)
+                if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES and not behind:
                     break
-                best = int(np.argmax(posterior))
-                if cloud is None:
-                    centre, covariance = self._begin(context, shares[best], logs[best])
+                # Values that were refined before are in no cloud yet: one around them comes first.
+                centre = known[int(np.argmax(tabled))] if behind else shares[int(np.argmax(posterior))]
+                if cloud is None and behind:
+                    away = known - centre
+                    covariance = 1.5**2 * (away.T * _shares(tabled)) @ away + LEAST_WIDTH**2 * unit
+                elif cloud is None:
+                    # Between neighbours of the first grid, which has as many values of each parameter.
+                    covariance = (0.5 / n_each) ** 2 * unit
                 else:
-                    away = shares - posterior @ shares
                     # Half of the cloud before at least: few values say little of a covariance.
-                    centre, covariance = shares[best], 1.5**2 * (away.T * posterior) @ away + 0.25 * cloud.covariance
+                    away = shares - posterior @ shares
+                    covariance = 0.25 * cloud.covariance + (0 if behind else 1.5**2 * (away.T * posterior) @ away)
                 cloud = Cloud.around(centre, covariance)
                 if not len(cloud.points):
                     break
@@ -190,24 +208,7 @@ class _Search:
                 shares, values = np.vstack([shares, cloud.points]), np.vstack([values, fresh])
                 drawn = drawn + [cloud] * len(cloud.points)
                 logs = np.concatenate([logs, self._log_evidence(context, fresh)])
-            by_context.append(logs)
-        if np.array_equal(values, self.tabled):
-            return None
-        weights, stay = weights_of(shares, drawn), np.zeros(len(values), bool)
-        for logs in by_context:
-            stay[: len(logs)] |= carrying(logs + weights[: len(logs)])
-        return Values(values[stay], weights[stay])
-
-    def _begin(self, context: _Context, best: np.ndarray, log: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return centre and covariance of the first cloud: around values refined before, where these are likelier."""
-        logs, unit = self._log_evidence(context, self.tabled), np.eye(len(best))
-        if not np.max(logs) > log:
-            # Between neighbours of the first grid, which has as many values of each parameter.
-            return best, (0.5 * len(self._first) ** (-1 / len(best))) ** 2 * unit
-        before = self._shares_of_range(self.tabled)
-        centre = before[int(np.argmax(logs))]
-        away = before - centre
-        return centre, 1.5**2 * away.T @ away / len(away) + LEAST_WIDTH**2 * unit
+        return values, weights_of(shares, drawn)
 
     def _shares_of_range(self, values: np.ndarray) -> np.ndarray:
         return np.clip(np.log(values / self._least) / np.log(self._most / self._least), 0.0, 1.0)

@@ -44,8 +44,9 @@ class SampleRows(Source):
         self._samples = train.samples or train
         self.clipped = clipped_states(self._samples)
         self.n_sensor = len(self._samples.state_names)
-        # RMS of the gap as a force, user's units, on the rows near the first point.
+        # RMS of the gap as a force, and the sensors' noise, user's units, on the rows near the first point.
         self._gap: float | None = None
+        self._noise: float | None = None
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
@@ -66,9 +67,12 @@ class SampleRows(Source):
         visible = replace(errors.nodes, states={name: errors.nodes.states[name] for name in self.model.states(train)})
         regressors.remember(chain(memory_columns(visible, point.weighs), drift_columns(visible, point.weighs)))
         scale = regressors.target_scale
-        force = _force(regressors, data, point)
+        force, noise = _force(regressors, data, point)
+        # Scales of effects and of starts are one, wherever rows are taken: else evidences near two hypotheses differ by
+        # them. A path that a force moves leaves less noise.
+        self._noise = self._noise or noise
+        force = replace(force, start_sd=force.start_sd * noise / self._noise)
         if self._gap is None:
-            # The scale of effects is one, wherever rows are taken: else evidences near two hypotheses differ by it.
             free = regressors.at_rows(regressors.of_kind(FREE))
             self._gap = gap_size(force, regressors.target, free) * scale
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
@@ -129,8 +133,8 @@ def _with_hidden(model: Program, hidden: Sequence[HiddenState], train: Trajector
     return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
-def _force(regressors: Regressors, data: Trajectories, point: Point) -> ForcedPath:
-    """Return the latent force that moves the path, in the scale of the target."""
+def _force(regressors: Regressors, data: Trajectories, point: Point) -> tuple[ForcedPath, float]:
+    """Return the latent force that moves the path, in the scale of the target, and the noise of a typical sensor."""
     path = regressors.rows.operator
     assert isinstance(path, ReferencePath)
     segments, sensors = path.segments, len(path.segments.outputs)
@@ -143,7 +147,8 @@ def _force(regressors: Regressors, data: Trajectories, point: Point) -> ForcedPa
     n = regressors.rows.n_row // sensors
     inside = np.diff(regressors.rows.time[:n])
     step = float(np.median(inside[inside > 0])) if np.any(inside > 0) else 1.0
-    return ForcedPath(
+    force = ForcedPath(
         steps, segments.outputs, path.start_sd / typical, np.repeat(relative, n), period_of(data, regressors.equation),
         step, typical / (path.gain * regressors.target_scale),
     )  # fmt: skip
+    return force, typical

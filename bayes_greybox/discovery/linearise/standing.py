@@ -42,23 +42,30 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     complete = near.likeliest.complete
     if not near.rows.model.rows.follows_path or complete and near.likeliest.members == near.weighed.before.members:
         return None
-    search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, ()))
+    search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
     if complete and (visit := search.step(near)) is not None:
         here = Visit(near, visit.hypothesis)
-        if visit.near.likeliest.complete and visit.log_weight > here.log_weight - LIKELIER:
+        if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
     plain = [label for label, effect in effects.items() if not effect.effect.hidden]
     visits: list[Visit] = []
+    best: Visit | None = None
     for labels in ([NO_EFFECT, *plain], [label for label in effects if label not in plain]):
         visits += [visit for label in labels if (visit := search.by_itself(near.rows.point, label)) is not None]
-        if not visits or not labels:
+        likeliest = max(visits, key=lambda each: each.log_weight, default=None)
+        if likeliest is None or best is not None and likeliest.hypothesis == best.hypothesis:
             continue
-        best = max(visits, key=lambda each: each.log_weight)
-        near = search.weighed(replace(best.near.rows.point, window=None))
-        if near.likeliest.complete:
-            return best._replace(near=near, origin=best.near)
-    return search.followed(near)
+        best = search.whole(likeliest)
+        if best is not None and _stands(best):
+            return best
+    return search.followed(near if best is None else best.near)
+
+
+def _stands(visit: Visit) -> bool:
+    """Return true if the hypothesis that rows are near is the likeliest on them, and leaves nothing."""
+    likeliest = visit.near.likeliest
+    return likeliest.complete and visit.near.names(likeliest) == visit.hypothesis
 
 
 @dataclass(frozen=True)
@@ -73,56 +80,58 @@ class _Standing:
         """Return all hypotheses on rows near a point."""
         return weighed_on(self.source.near(point), self.odds, self.reach, self.seed)
 
-    def alone(self, near: Near) -> Near:
-        """Return the hypotheses that leave nothing."""
-        return replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
-
     def by_itself(self, point: Point, label: str) -> Visit | None:
-        """Return the rows on which the likeliest hypothesis with one effect, near itself, is likeliest.
+        """Return rows near the likeliest hypothesis with one effect, and no discrepancy.
 
         It is None if the effect is in no likely hypothesis, and if no path follows the samples.
         """
-        best, point = None, replace(point, window=self.window._replace(called=frozenset({label})))
-        for step in range(MOST_STEPS):
-            try:
-                near = self.alone(self.weighed(point))
-            except (InputError, np.linalg.LinAlgError):
+        called = frozenset({label, *(error.key for error in point.sensors)})
+        try:
+            near = self.weighed(replace(point, window=self.window._replace(called=called)))
+        except (InputError, np.linalg.LinAlgError):
+            return None
+        visit: Visit | None = None
+        for _ in range(MOST_STEPS):
+            following = self.step(near) if label in (NO_EFFECT, *near.names(near.likeliest)) else None
+            if following is None:
+                return None
+            before, visit, near = visit, following, following.near
+            if before is not None and abs(visit.log_weight - before.log_weight) < LIKELIER:
                 break
-            names = near.names(near.likeliest)
-            if label not in (NO_EFFECT, *names):
-                break
-            # Rows near the first point are near no hypothesis.
-            visit = Visit(near, names)
-            if best is not None and visit.log_weight <= best.log_weight:
-                break
-            best = visit if step else None
-            point = self.following(near)
-        return best
+        return visit
+
+    def whole(self, visit: Visit) -> Visit | None:
+        """Return the same rows with all hypotheses on them."""
+        try:
+            return visit._replace(near=self.weighed(replace(visit.near.rows.point, window=None)))
+        except (InputError, np.linalg.LinAlgError):
+            return None
 
     def step(self, near: Near) -> Visit | None:
         """Return rows near the likeliest hypothesis; None if no path of it follows the samples."""
         try:
-            return Visit(self.weighed(self.following(near)), near.names(near.likeliest), near)
+            return Visit(self.weighed(_following(near)), near.names(near.likeliest), near)
         except (InputError, np.linalg.LinAlgError):
             return None
-
-    def following(self, near: Near) -> Point:
-        """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
-        weighed = near.weighed
-        ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
-        finer, _ = refined(near.regressors, ground, weighed.hypotheses)
-        point = near.point_of(near.likeliest)
-        return replace(point, values={**point.values, **finer})
 
     def followed(self, near: Near) -> Visit | None:
         """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before."""
         names: list[tuple[str, ...]] = []
         for _ in range(MOST_STEPS):
-            alone = self.alone(near)
+            alone = replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
             names.append(alone.names(alone.likeliest))
             # Two that lead to each other lead nowhere.
             visit = None if names[-1] in names[:-2] else self.step(alone)
-            if visit is None or visit.near.likeliest.complete:
+            if visit is None or _stands(visit):
                 return visit
             near = visit.near
         return None
+
+
+def _following(near: Near) -> Point:
+    """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
+    weighed = near.weighed
+    ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
+    finer, _ = refined(near.regressors, ground, weighed.hypotheses)
+    point = near.point_of(near.likeliest)
+    return replace(point, values={**point.values, **finer})

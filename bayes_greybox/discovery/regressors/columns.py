@@ -132,7 +132,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Values:
-    """Values of an effect's nonlinear parameters that stand for all; their prior weights add up to one."""
+    """Values of an effect's nonlinear parameters that stand for all; prior weights of all add up to one at most."""
 
     points: Float[np.ndarray, "n_point n_inner"]
     log_weights: Float[np.ndarray, " n_point"]
