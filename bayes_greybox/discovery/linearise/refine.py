@@ -116,8 +116,9 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
         # The likeliest comes first.
         contexts.setdefault(names, _Context(others, hypothesis.point))
         probability[names] = probability.get(names, 0.0) + hypothesis.probability
-    likely = sorted(contexts, key=lambda names: -probability[names])[:MOST_COMPANIONS]
-    return {names: contexts[names] for names in likely if probability[names] > MATTERS}
+    if sum(probability.values()) < MATTERS:
+        return {}
+    return {names: contexts[names] for names in sorted(contexts, key=lambda n: -probability[n])[:MOST_COMPANIONS]}
 
 
 class _Search:
@@ -143,13 +144,13 @@ class _Search:
         """Return finer values; None if those that there are stay, or a parameter is a share of nothing."""
         if self.first is None:
             return None
-        values, weights = (self._zoomed if self.tabled.shape[1] == 1 else self._drawn)(contexts, self.first.points)
+        first = self.first.points
+        there = [context for context in contexts if np.any(np.isfinite(self._log_evidence(context, first)))]
+        values, weights = (self._zoomed if self.tabled.shape[1] == 1 else self._drawn)(there, first)
         stay = np.zeros(len(values), bool)
-        for context in contexts:
-            logs = self._log_evidence(context, values)
-            if np.any(np.isfinite(logs)):
-                stay |= carrying(logs + weights)
-        if not np.any(stay) or np.array_equal(values[stay], self.tabled):
+        for context in there:
+            stay |= carrying(self._log_evidence(context, values) + weights)
+        if not there or np.array_equal(values[stay], self.tabled):
             return None
         return Values(values[stay], weights[stay])
 

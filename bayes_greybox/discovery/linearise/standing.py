@@ -33,11 +33,11 @@ NO_EFFECT = ""
 def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Visit | None:
     """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
-    The likeliest on the first rows is it, if it has no discrepancy there and near itself and is as likely near itself:
-    else the first path flattered it. Then every effect is weighed by itself, those with memory, whose paths take
-    longest, only if no other stands. If something remains along the best of these paths, the likeliest hypotheses there
-    are followed, each on rows near the one before. A wrong one leaves something along its path, and a discrepancy is
-    likelier: then no rows are returned.
+    The likeliest on the first rows is taken if it leaves nothing, and on rows near itself is still the likeliest,
+    leaves nothing, and has lost less than a nat: else the first path flattered it. Then every effect is weighed by
+    itself, those with memory, whose paths take longest, only if no other stands. If something remains along the best of
+    these paths, the likeliest hypotheses there are followed, each on rows near the one before. A wrong one leaves
+    something along its path, and a discrepancy is likelier: then no rows are returned.
     """
     complete = near.likeliest.complete
     if not near.rows.model.rows.follows_path or complete and near.likeliest.members == near.weighed.before.members:

@@ -10,8 +10,9 @@ from bayes_greybox.discovery.grid.log_evidence import gram, log_evidences
 from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
-from bayes_greybox.discovery.linearise.refine import Ground, carrying, refined
+from bayes_greybox.discovery.linearise.refine import Ground, _Search, carrying, refined
 from bayes_greybox.discovery.linearise.visits import table_of
+from bayes_greybox.discovery.regressors.columns import Values
 
 SHAPE = replace(WIDTH, name="bend", meaning="bend", low=0.2, high=5.0, unit_of="")
 BENT_ZONE = replace(
@@ -98,3 +99,46 @@ def test_values_refined_again_on_other_rows_stand_for_no_more_of_the_prior():
     again = refined(moved.regressors, ground)[0]
     direct = log_evidence(source.near(Point(values=values)))
     assert log_evidence(source.near(Point(values=again))) == pytest.approx(direct, abs=0.2)
+
+
+class Known(_Search):
+    """A search among values whose evidence is known: shares of the ranges of two parameters."""
+
+    def __init__(self, tabled, evidence):
+        self._least, self._most, self.tabled = np.ones(2), np.full(2, 100.0), 100.0 ** np.asarray(tabled)
+        middles = (np.arange(8) + 0.5) / 8
+        grid = np.array([(a, b) for a in middles for b in middles])
+        self.first = Values(100.0**grid, np.full(64, -np.log(64)))
+        self._log_evidence = lambda context, values: evidence(np.log(values) / np.log(100.0), context)
+
+
+def normal(centre, sd, floor=-25.0):
+    def evidence(shares, context=None):
+        return np.logaddexp(-0.5 * np.sum(((shares - centre) / sd) ** 2, axis=1), floor)
+
+    return evidence
+
+
+def test_a_mode_that_was_found_before_is_kept_though_the_first_values_say_nothing():
+    centre, sd = np.array([0.31, 0.62]), np.array([2e-3, 4e-3])
+    tabled = centre + sd * np.random.default_rng(0).standard_normal((20, 2))
+    values = Known(tabled, normal(centre, sd)).values([None])
+    logs = normal(centre, sd)(np.log(values.points) / np.log(100.0)) + values.log_weights
+    assert np.logaddexp.reduce(logs) == pytest.approx(np.log(2 * np.pi * np.prod(sd)), abs=0.3)
+
+
+def test_what_carries_one_context_is_kept_beside_another_that_is_narrower():
+    centre, widths = np.array([0.31, 0.62]), {"wide": 0.05, "narrow": 0.01}
+
+    def evidence(shares, context):
+        return normal(centre, widths[context])(shares)
+
+    values = Known([centre], evidence).values(list(widths))
+    shares = np.log(values.points) / np.log(100.0)
+    for context, sd in widths.items():
+        found = np.logaddexp.reduce(evidence(shares, context) + values.log_weights)
+        assert found == pytest.approx(np.log(2 * np.pi * sd**2), abs=0.3)
+
+
+def test_values_without_a_column_are_no_values():
+    assert Known([[0.3, 0.6]], lambda shares, context: np.full(len(shares), -np.inf)).values([None]) is None
