@@ -102,7 +102,10 @@ class _Context(NamedTuple):
 
 
 def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesis]) -> dict[tuple[str, ...], _Context]:
-    """Return the likeliest contexts of an effect by the names in them; none where the effect is unlikely."""
+    """Return the likeliest contexts of an effect by the names in them, none that is unlikely.
+
+    Values that fit one which has no probability would stand for the effect in all.
+    """
     free, group = tuple(regressors.of_kind(FREE)), set(regressors.group(label))
     if not hypotheses:
         return {(): _Context(free, 0)}
@@ -116,9 +119,8 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
         # The likeliest comes first.
         contexts.setdefault(names, _Context(others, hypothesis.point))
         probability[names] = probability.get(names, 0.0) + hypothesis.probability
-    if sum(probability.values()) < MATTERS:
-        return {}
-    return {names: contexts[names] for names in sorted(contexts, key=lambda n: -probability[n])[:MOST_COMPANIONS]}
+    likely = sorted(contexts, key=lambda names: -probability[names])[:MOST_COMPANIONS]
+    return {names: contexts[names] for names in likely if probability[names] > MATTERS}
 
 
 class _Search:
