@@ -91,9 +91,8 @@ class ForcedPath(LatentForce):
         H[range(p), list(self.outputs)], H[:, -1] = 1.0, float(sensor)
         start, started = np.zeros((d, d)), np.zeros((d, d))
         start[range(d - 1), range(d - 1)], started[-1, -1] = self.start_sd**2, 1.0
-        if sensor:
-            # A start is as uncertain as before, though a part of the noise is correlated now: r² of it.
-            started[range(d - 1), range(d - 1)] = self.start_sd**2
+        # A start is as uncertain as beside white noise, though r² of a sensor's noise is correlated now.
+        started[range(d - 1), range(d - 1)] = float(sensor) * self.start_sd**2
         F, Q = self._transitions(scale, sensor)
         return Process(F, Q, H, self.spread.reshape(p, -1).T ** 2, self.fresh, start, started)
 

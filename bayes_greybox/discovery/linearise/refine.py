@@ -10,7 +10,7 @@ from bayes_greybox.discovery.grid.latent_force import LatentForce
 from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, log_evidences
 from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
-from bayes_greybox.discovery.grid.weigh import Hypothesis
+from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.regressors.columns import (
     Cloud,
     Values,
@@ -38,14 +38,14 @@ before: sixteen reach a millionth of the range, where a resonance is known to a 
 
 LEAST_WIDTH = 1e-3
 """Least standard deviation, as a share of the range, of the first cloud around values refined before: they may lie on a
-line, or be one."""
+line, or be one. Weights are right around any cloud: it only saves some of the halvings from the first grid's width."""
 
 MOST_COMPANIONS = 3
 """Number of companions, likeliest first, beside which an effect's values are refined."""
 
 CARRIED_SHARE, LEAST_KEPT, KEPT_NATS = 0.99, 8, 12.0
-"""Share of the posterior that the kept values carry: with less, intervals are too narrow, and the evidence is too small
-by what is left out. At least so many are kept within the nats behind the best, for rows that will move."""
+"""Share of the posterior that the kept values carry: without the rest the evidence loses 0.01 nats; with less,
+intervals are too narrow. At least so many are kept within the nats behind the best, for rows that will move."""
 
 
 class Ground(NamedTuple):
@@ -55,6 +55,11 @@ class Ground(NamedTuple):
     forces: Sequence[LatentForce]
     points: Sequence[NoisePoint]
     floor: float
+
+    @classmethod
+    def of(cls, weighed: Weighed) -> "Ground":
+        """Return the table and the points of weighed hypotheses."""
+        return cls(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
 
     def whiten(self, number: int, table: np.ndarray) -> np.ndarray:
         """Return a table whitened under one noise point."""

@@ -15,10 +15,7 @@ from .near import Near, Point, noise_shapes
 from .refine import Company, Ground, refined
 from .source import Source
 from .standing import LIKELIER, standing_visit
-from .visits import Visit, best_of, table_of, weighed_on
-
-MOST_OUTER_ITERATIONS = 6
-"""Largest number of outer iterations; after the last, everything is weighed again."""
+from .visits import MOST_OUTER_ITERATIONS, Visit, best_of, table_of, weighed_on
 
 SMALL_TABLE = 100_000
 """Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
@@ -42,8 +39,7 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
     for iteration in range(MOST_OUTER_ITERATIONS):
         here = best_of(visits, seed)
         near, weighed = here.near, here.near.weighed
-        ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
-        finer, companies = refined(near.regressors, ground, weighed.hypotheses, companies)
+        finer, companies = refined(near.regressors, Ground.of(weighed), weighed.hypotheses, companies)
         point = _next(near, finer, source, odds)
         same_shapes = [s.name for s in point.shapes] == [s.name for s in near.rows.point.shapes]
         stays = not finer and same_shapes and here.stays(point)

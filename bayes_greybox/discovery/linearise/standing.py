@@ -17,14 +17,11 @@ from bayes_greybox.running.errors import InputError
 from .near import Near, Point
 from .refine import Ground, refined
 from .source import Source
-from .visits import Visit, weighed_on
+from .visits import MOST_OUTER_ITERATIONS, Visit, weighed_on
 
 LIKELIER = 1.0
 """Nats of log evidence that make a difference to a search: six coefficients that move by 0.6 standard deviations do so.
 It ends searches, and decides no name."""
-
-MOST_STEPS = 6
-"""Largest number of paths on the way to one that stays."""
 
 NO_EFFECT = ""
 """Label of the hypothesis with corrections alone, among those of effects."""
@@ -40,7 +37,8 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     something along its path, and a discrepancy is likelier: then no rows are returned.
     """
     complete = near.likeliest.complete
-    if not near.rows.model.rows.follows_path or complete and near.likeliest.members == near.weighed.before.members:
+    nothing = complete and near.likeliest.members == near.weighed.before.members
+    if nothing or not near.rows.model.rows.follows_path:
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
     if complete and (visit := search.step(near)) is not None:
@@ -91,7 +89,7 @@ class _Standing:
         except (InputError, np.linalg.LinAlgError):
             return None
         visit: Visit | None = None
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_OUTER_ITERATIONS):
             following = self.step(near) if label in (NO_EFFECT, *near.names(near.likeliest)) else None
             if following is None:
                 return None
@@ -117,7 +115,7 @@ class _Standing:
     def followed(self, near: Near) -> Visit | None:
         """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before."""
         names: list[tuple[str, ...]] = []
-        for _ in range(MOST_STEPS):
+        for _ in range(MOST_OUTER_ITERATIONS):
             alone = replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
             names.append(alone.names(alone.likeliest))
             # Two that lead to each other lead nowhere.
@@ -130,8 +128,6 @@ class _Standing:
 
 def _following(near: Near) -> Point:
     """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
-    weighed = near.weighed
-    ground = Ground(weighed.table, weighed.forces, weighed.grid.points, weighed.floor)
-    finer, _ = refined(near.regressors, ground, weighed.hypotheses)
+    finer, _ = refined(near.regressors, Ground.of(near.weighed), near.weighed.hypotheses)
     point = near.point_of(near.likeliest)
     return replace(point, values={**point.values, **finer})

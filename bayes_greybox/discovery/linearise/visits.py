@@ -14,6 +14,9 @@ from bayes_greybox.discovery.odds import Odds
 
 from .near import Near, Point, Rows, as_regressor
 
+MOST_OUTER_ITERATIONS = 6
+"""Largest number of times that rows are taken anew on the way to a hypothesis that stays."""
+
 
 class Visit(NamedTuple):
     """Rows near a hypothesis, where it is weighed accurately; the others are linearised far from their modes.

@@ -66,7 +66,7 @@ def paths(monkeypatch):
 
     monkeypatch.setattr(standing, "weighed_on", weighed_on)
     monkeypatch.setattr(standing, "refined", lambda *_: ({}, frozenset()))
-    monkeypatch.setattr(standing, "Ground", lambda *_: None)
+    monkeypatch.setattr(standing, "Ground", SimpleNamespace(of=lambda weighed: None))
     paths.cube, paths.stands, paths.visited = -5.0, {(CUBE,)}, visited
     return paths
 
