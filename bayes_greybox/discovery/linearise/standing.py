@@ -30,8 +30,8 @@ NO_EFFECT = ""
 def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Visit | None:
     """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
-    The likeliest on the first rows is taken if it leaves nothing, and on rows near itself is still the likeliest,
-    leaves nothing, and has lost less than a nat: else the first path flattered it. Then every effect is weighed by
+    The likeliest that leaves nothing on the first rows is taken if on rows near itself it is the likeliest, leaves
+    nothing, and has lost less than a nat: else the first path flattered it. Then every effect is weighed by
     itself, those with memory, whose paths take longest, only if no other stands. If something remains along the best of
     these paths, the likeliest hypotheses there are followed, each on rows near the one before. A wrong one leaves
     something along its path, and a discrepancy is likelier: then no rows are returned.
@@ -41,8 +41,9 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     if nothing or not near.rows.model.rows.follows_path:
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
-    if complete and (visit := search.step(near)) is not None:
-        here = Visit(near, visit.hypothesis)
+    alone = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
+    if (visit := search.step(alone)) is not None:
+        here = Visit(alone, visit.hypothesis)
         if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
