@@ -1,8 +1,8 @@
 """Kalman filters of several intensities of one process at once, compiled: innovations of tables, and a smoothed state.
 
 x_k = F_k x_{k-1} + r q_k,  z_ka = H_a x_k + s_ka e_ka. The gains are the same for every column of a table, so that the
-innovations whiten all of them (de Jong 1989, Biometrika 76:663). Records are filled up to a power of two in length, and
-tables to a multiple of columns, so that few shapes are compiled.
+innovations whiten all of them (de Jong 1989, Biometrika 76:663). Records are filled up to few lengths, and tables to a
+multiple of columns, so that few shapes are compiled.
 """
 
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from bayes_greybox.physics.integration.sensitivity import power_of_two
+from bayes_greybox.physics.integration.sensitivity import filled_length
 from bayes_greybox.running.compiling import compiled
 
 COLUMN_MULTIPLE = 32
@@ -56,7 +56,7 @@ def smoothed(
 
 def _filled(process: Process, z: np.ndarray) -> tuple[Process, np.ndarray]:
     """Return process and table filled up behind the record, where nothing sees it."""
-    rows, columns = power_of_two(len(z)) - len(z), -z.shape[2] % COLUMN_MULTIPLE
+    rows, columns = filled_length(len(z)) - len(z), -z.shape[2] % COLUMN_MULTIPLE
 
     def longer(values: np.ndarray, by: float = 0.0) -> np.ndarray:
         return np.concatenate([values, np.full((rows, *values.shape[1:]), by, dtype=values.dtype)])

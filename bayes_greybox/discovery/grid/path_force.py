@@ -71,12 +71,9 @@ class ForcedPath(LatentForce):
 
     def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
         """See `LatentForce.whiten`."""
-        # Without any force one filter serves all.
-        used, repeats = (ratios, 1) if np.any(ratios) else (np.zeros(1), len(ratios))
-        white, logs = innovations(self._process(scale, sensor), used, self._by_sample(table))
+        white, logs = innovations(self._process(scale, sensor), ratios, self._by_sample(table))
         white = white.swapaxes(0, 1).reshape(len(table), *white.shape[2:])
-        logs = logs.swapaxes(0, 1).reshape(len(table), -1)
-        return np.repeat(white, repeats, axis=1), np.repeat(logs, repeats, axis=1)
+        return white, logs.swapaxes(0, 1).reshape(len(table), -1)
 
     def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
         """See `LatentForce.smooth`: w at the samples."""

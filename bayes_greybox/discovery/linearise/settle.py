@@ -15,11 +15,7 @@ from .near import Near, Point, noise_shapes
 from .refine import Company, Ground, refined
 from .source import Source
 from .standing import LIKELIER, standing_visit
-from .visits import MOST_OUTER_ITERATIONS, Visit, best_of, table_of, weighed_on
-
-SMALL_TABLE = 100_000
-"""Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
-everything."""
+from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, best_of, table_of, weighed_on
 
 
 def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Near:

@@ -17,7 +17,7 @@ from bayes_greybox.running.errors import InputError
 from .near import Near, Point
 from .refine import Ground, refined
 from .source import Source
-from .visits import MOST_OUTER_ITERATIONS, Visit, weighed_on
+from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, weighed_on
 
 LIKELIER = 1.0
 """Nats of log evidence that make a difference to a search: six coefficients that move by 0.6 standard deviations do so.
@@ -42,7 +42,8 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
     alone = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
-    if (visit := search.step(alone)) is not None:
+    likely = near.window._replace(called=near.window.called | alone.window.called)
+    if (visit := search.step(alone, None if near.weighed.table.columns.size < SMALL_TABLE else likely)) is not None:
         here = Visit(alone, visit.hypothesis)
         if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit
@@ -91,7 +92,9 @@ class _Standing:
             return None
         visit: Visit | None = None
         for _ in range(MOST_OUTER_ITERATIONS):
-            following = self.step(near) if label in (NO_EFFECT, *near.names(near.likeliest)) else None
+            following = (
+                self.step(near, near.rows.point.window) if label in (NO_EFFECT, *near.names(near.likeliest)) else None
+            )
             if following is None:
                 return None
             before, visit, near = visit, following, following.near
@@ -106,10 +109,11 @@ class _Standing:
         except (InputError, np.linalg.LinAlgError):
             return None
 
-    def step(self, near: Near) -> Visit | None:
+    def step(self, near: Near, window: Window | None) -> Visit | None:
         """Return rows near the likeliest hypothesis; None if no path of it follows the samples."""
         try:
-            return Visit(self.weighed(_following(near)), near.names(near.likeliest), near)
+            there = self.weighed(replace(_following(near), window=window))
+            return Visit(there, near.names(near.likeliest), near)
         except (InputError, np.linalg.LinAlgError):
             return None
 
@@ -120,7 +124,7 @@ class _Standing:
             alone = replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
             names.append(alone.names(alone.likeliest))
             # Two that lead to each other lead nowhere.
-            visit = None if names[-1] in names[:-2] else self.step(alone)
+            visit = None if names[-1] in names[:-2] else self.step(alone, None)
             if visit is None or _stands(visit):
                 return visit
             near = visit.near

@@ -17,6 +17,10 @@ from .near import Near, Point, Rows, as_regressor
 MOST_OUTER_ITERATIONS = 6
 """Largest number of times that rows are taken anew on the way to a hypothesis that stays."""
 
+SMALL_TABLE = 100_000
+"""Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
+everything."""
+
 
 class Visit(NamedTuple):
     """Rows near a hypothesis, where it is weighed accurately; the others are linearised far from their modes.

@@ -22,8 +22,8 @@ ROUGH = 0.1
 POINTS_WITHIN_A_STEP = (8, 64)
 """Points within a step at which a rough force is evaluated first, and again where these show something else."""
 
-FEWEST_SMOOTHER_STEPS = 8
-"""Least number of steps of a smoother: programs are compiled for powers of two."""
+FEWEST_SMOOTHER_STEPS, LONG = 8, 2048
+"""Least number of steps of a smoother, and number from which on a step more costs as much as another program."""
 
 
 class Grid(NamedTuple):
@@ -103,9 +103,13 @@ def carried(
     return whole
 
 
-def power_of_two(n: int) -> int:
-    """Return the power of two that is not below a number, nor below `FEWEST_SMOOTHER_STEPS`."""
-    return max(FEWEST_SMOOTHER_STEPS, 1 << (n - 1).bit_length())
+def filled_length(n: int) -> int:
+    """Return the length that a record is filled up to, so that few lengths are compiled.
+
+    It is a power of two; for a long record a multiple of an eighth of the power below it: at most an eighth more work.
+    """
+    power = max(FEWEST_SMOOTHER_STEPS, 1 << (n - 1).bit_length())
+    return power if power <= LONG else -(-n // (power // 16)) * (power // 16)
 
 
 def triples(x: Float[np.ndarray, "n_segment n_node *k"]) -> Float[np.ndarray, "n_segment n_step 3 *k"]:

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .sensitivity import Grid, Response, power_of_two, triples
+from .sensitivity import Grid, Response, filled_length, triples
 
 TRIED_SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 """Shares of a change of the path, of which the largest is taken that keeps the equations defined."""
@@ -122,7 +122,7 @@ def filtered(
         args: Last argument of the rate.
     """
     n_step = grid.time.shape[1] // 2
-    more = power_of_two(n_step) - n_step
+    more = filled_length(n_step) - n_step
     # Steps of no length are appended, because the number of steps changes with the time scales of each trial.
     time, inputs = (np.pad(x, ((0, 0), (0, 2 * more), *((0, 0),) * (x.ndim - 2)), mode="edge") for x in grid)
     values = np.pad(np.asarray(observed.values), ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
@@ -131,9 +131,9 @@ def filtered(
 
 
 def _padded(steps: Steps, observed: Observed) -> tuple[Steps, Observed]:
-    """Append steps of no length, up to a power of two."""
+    """Append steps of no length, see `filled_length`."""
     n_step, n_state = steps.M.shape[1:3]
-    more = power_of_two(n_step) - n_step
+    more = filled_length(n_step) - n_step
     still = np.broadcast_to(np.eye(n_state), (len(steps.M), more, n_state, n_state))
     M = np.concatenate([steps.M, still], axis=1)
     c, B, length = (np.pad(np.asarray(x), ((0, 0), (0, more), *((0, 0),) * (x.ndim - 2))) for x in steps[1:])
