@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import eigh
 
+from bayes_greybox.running.threads import in_threads
+
 from .latent_force import LatentForce
 from .points import LATENT_FORCE, LAW, MEMORY, RATIO_DECADES, SENSOR_NOISE, NoisePoint
 from .table import RegressorTable
@@ -117,24 +119,28 @@ def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[L
     shared: dict[tuple, list[int]] = {}
     for k, point in enumerate(points):
         shared.setdefault((point.shape, point.kind, point.scale, point.memory), []).append(k)
-    n_white = len(Z)
-    for (shape, kind, scale, _), places in shared.items():
-        force, ratios = forces[shape], np.array([points[k].ratio for k in places])
-        if kind in (LATENT_FORCE, SENSOR_NOISE):
-            white, logs = force.whiten(Z, scale, ratios, kind == SENSOR_NOISE)
+
+    def fill(places: Sequence[int]) -> int:
+        first, ratios = points[places[0]], np.array([points[k].ratio for k in places])
+        force = forces[first.shape]
+        if first.kind in (LATENT_FORCE, SENSOR_NOISE):
+            white, logs = force.whiten(Z, first.scale, ratios, first.kind == SENSOR_NOISE)
             for j, k in enumerate(places):
                 products[k] = white[:, j].T @ white[:, j]
             log_det[places] = logs.sum(axis=0)
-            continue
-        white, logs = force.whiten_at(points[places[0]], Z)
-        n_white = len(white)
+            return len(Z)
+        white, logs = force.whiten_at(first, Z)
         products[places], log_det[places] = white.T @ white, logs.sum()
-        if kind in (LAW, MEMORY):
-            basis = discrepancy_basis(table, points[places[0]], force)
+        if first.kind in (LAW, MEMORY):
+            basis = discrepancy_basis(table, first, force)
             projected = basis.features.T @ white
             for k, ratio in zip(places, ratios, strict=True):
                 products[k] -= projected.T @ (basis.shrunk(ratio)[:, None] * projected)
                 log_det[k] += basis.log_det(ratio)
+        return len(white)
+
+    # Rows of noise that repeats itself are fewer once they are white.
+    n_white = min(in_threads(fill, shared.values()))
     return Gram(tuple(points), products, log_det, float(n_white), table.force.gap)
 
 

@@ -96,12 +96,15 @@ class ForcedPath(LatentForce):
     def _transitions(self, scale: float, sensor: bool) -> tuple[np.ndarray, np.ndarray]:
         """Return the transition of (δ, w) to each sample from the one before, and the covariance that unit w adds."""
         key = (scale, sensor)
-        if key not in self._moved:
+        moved = self._moved.get(key)
+        if moved is None:
+            steps = self.steps._replace(b=np.zeros_like(self.steps.b)) if sensor else self.steps
+            moved = _discretised(steps, self.fresh, scale)
+            # Other threads take from it meanwhile.
             if len(self._moved) > MOST_TRANSITIONS:
                 self._moved.clear()
-            steps = self.steps._replace(b=np.zeros_like(self.steps.b)) if sensor else self.steps
-            self._moved[key] = _discretised(steps, self.fresh, scale)
-        return self._moved[key]
+            self._moved[key] = moved
+        return moved
 
 
 def _discretised(steps: PathSteps, fresh: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:

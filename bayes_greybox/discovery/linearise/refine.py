@@ -1,13 +1,14 @@
 """Finer values of nonlinear parameters where the posterior needs them, at the noise point of a hypothesis."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.discovery.grid.latent_force import LatentForce
-from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, log_evidences
+from bayes_greybox.discovery.grid.log_evidence import Gram, discrepancy_basis, gram, log_evidences
 from bayes_greybox.discovery.grid.points import LAW, MEMORY, NoisePoint
 from bayes_greybox.discovery.grid.table import EFFECT, FREE, RegressorTable
 from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
@@ -21,6 +22,7 @@ from bayes_greybox.discovery.regressors.columns import (
     weights_of,
 )
 from bayes_greybox.discovery.regressors.regressors import Regressors
+from bayes_greybox.running.threads import in_threads
 
 from .near import MATTERS
 
@@ -85,18 +87,27 @@ def refined(
     The likeliest value depends on the regressors beside an effect: its values are refined alone at first, then beside
     its likeliest companions.
     """
-    finer, companies = {}, set(before)
+    searched: dict[str, list[_Context]] = {}
+    companies = set(before)
     for label in dict.fromkeys(c.effect.label for c in regressors.columns if c.effect is not None and c.inner):
         contexts = _contexts(regressors, label, hypotheses)
-        if not any((label, names) not in before for names in contexts):
-            continue
         # Values are searched for in all of them anew: those of one context may carry nothing in another.
-        companies |= {(label, names) for names in contexts}
-        search = _Search(regressors, ground, label)
-        values = search.values(list(contexts.values()))
-        if values is not None:
-            finer[label] = values
+        if any((label, names) not in before for names in contexts):
+            searched[label] = list(contexts.values())
+            companies |= {(label, names) for names in contexts}
+    rival = -np.inf if hypotheses else _best_alone(ground)
+    found = in_threads(lambda label: _Search(regressors, ground, label, rival).values(searched[label]), searched)
+    finer = {label: values for label, values in zip(searched, found, strict=True) if values is not None}
     return finer, frozenset(companies)
+
+
+def _best_alone(ground: Ground) -> float:
+    """Return the log evidence of the likeliest regressor beside the user's terms alone, at the first noise point."""
+    table, free = ground.table, ground.table.of_kind(FREE)
+    singles = [(*free, i) for i in range(len(table.regressors)) if i not in free]
+    precision = np.array([each.sd**-2.0 for each in table.regressors])
+    products = replace(gram(table, ground.points[:1], ground.forces), log_det=np.zeros(1))
+    return float(np.max(log_evidences(products, precision, singles, ground.floor), initial=-np.inf))
 
 
 class _Context(NamedTuple):
@@ -135,8 +146,8 @@ class _Search:
     the posterior then: they say where to look now.
     """
 
-    def __init__(self, regressors: Regressors, ground: Ground, label: str) -> None:
-        self.regressors, self.ground = regressors, ground
+    def __init__(self, regressors: Regressors, ground: Ground, label: str, rival: float) -> None:
+        self.regressors, self.ground, self._rival = regressors, ground, rival
         group = [regressors.columns[i] for i in regressors.group(label)]
         shape = group[0].effect
         assert shape is not None
@@ -192,10 +203,15 @@ class _Search:
         values, drawn = first, [None] * len(shares)
         for context in contexts:
             logs, tabled, cloud = self._log_evidence(context, values), self._log_evidence(context, self.tabled), None
+            bests: list[float] = []
             for _ in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
                 behind = np.max(tabled) > np.max(logs)
                 if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES and not behind:
+                    break
+                # A cloud of half the width is left a fourth to gain: two more gain less than the two before.
+                bests.append(float(np.max(logs)))
+                if len(bests) > 2 and 2 * bests[-1] - bests[-3] < self._rival - KEPT_NATS:
                     break
                 # Values that were refined before are in no cloud yet: one around them comes first.
                 centre = known[int(np.argmax(tabled))] if behind else shares[int(np.argmax(posterior))]
@@ -231,11 +247,11 @@ class _Search:
         values_at_rows, sd = zip(*(column for column in columns if column is not None), strict=True)
         white = ground.whiten(context.point, np.column_stack(values_at_rows))
         Z = np.hstack([self._base(context), white])
-        gram = Gram((ground.points[context.point],), (Z.T @ Z)[None], np.zeros(1), float(len(Z)))
+        products = Gram((ground.points[context.point],), (Z.T @ Z)[None], np.zeros(1), float(len(Z)))
         gap = ground.table.force.gap
         spread = np.array([*(ground.table.regressors[i].sd for i in context.others), *(gap * np.array(sd))])
         sets = [(*range(first), first + j) for j in range(len(there))]
-        logs[there] = log_evidences(gram, spread**-2.0, sets, ground.floor)[:, 0]
+        logs[there] = log_evidences(products, spread**-2.0, sets, ground.floor)[:, 0]
         return logs
 
     def _base(self, context: _Context) -> np.ndarray:
