@@ -203,15 +203,14 @@ class _Search:
         values, drawn = first, [None] * len(shares)
         for context in contexts:
             logs, tabled, cloud = self._log_evidence(context, values), self._log_evidence(context, self.tabled), None
-            bests: list[float] = []
+            inside = logs
             for _ in range(MOST_CLOUDS):
                 posterior = _shares(logs + weights_of(shares, drawn))
                 behind = np.max(tabled) > np.max(logs)
                 if not 1 / np.sum(posterior**2) <= ENOUGH_VALUES and not behind:
                     break
-                # A cloud of half the width is left a fourth to gain: two more gain less than the two before.
-                bests.append(float(np.max(logs)))
-                if len(bests) > 2 and 2 * bests[-1] - bests[-3] < self._rival - KEPT_NATS:
+                # At a peak the best of a cloud is nearer to its top than to the cloud's middle.
+                if cloud is not None and 2 * np.max(logs) - np.median(inside) < self._rival - KEPT_NATS:
                     break
                 # Values that were refined before are in no cloud yet: one around them comes first.
                 centre = known[int(np.argmax(tabled))] if behind else shares[int(np.argmax(posterior))]
@@ -231,7 +230,8 @@ class _Search:
                 fresh = self._least * (self._most / self._least) ** cloud.points
                 shares, values = np.vstack([shares, cloud.points]), np.vstack([values, fresh])
                 drawn = drawn + [cloud] * len(cloud.points)
-                logs = np.concatenate([logs, self._log_evidence(context, fresh)])
+                inside = self._log_evidence(context, fresh)
+                logs = np.concatenate([logs, inside])
         return values, weights_of(shares, drawn)
 
     def _shares_of_range(self, values: np.ndarray) -> np.ndarray:

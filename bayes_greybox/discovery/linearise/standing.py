@@ -42,8 +42,10 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
     alone = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
-    likely = near.window._replace(called=near.window.called | alone.window.called)
-    if (visit := search.step(alone, None if near.weighed.table.columns.size < SMALL_TABLE else likely)) is not None:
+    # Of a large table that is weighed whole once more at the end, the likely will do.
+    large = near.weighed.table.columns.size > SMALL_TABLE
+    likely = near.window._replace(called=near.window.called | alone.window.called) if large else None
+    if (visit := search.step(alone, likely)) is not None:
         here = Visit(alone, visit.hypothesis)
         if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit

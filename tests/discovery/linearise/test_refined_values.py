@@ -104,8 +104,13 @@ def test_values_refined_again_on_other_rows_stand_for_no_more_of_the_prior():
 class Known(_Search):
     """A search among values whose evidence is known: shares of the ranges of two parameters."""
 
-    def __init__(self, tabled, evidence):
-        self._least, self._most, self.tabled = np.ones(2), np.full(2, 100.0), 100.0 ** np.asarray(tabled)
+    def __init__(self, tabled, evidence, rival=-np.inf):
+        self._rival, self._least, self._most, self.tabled = (
+            rival,
+            np.ones(2),
+            np.full(2, 100.0),
+            100.0 ** np.asarray(tabled),
+        )
         middles = (np.arange(8) + 0.5) / 8
         grid = np.array([(a, b) for a in middles for b in middles])
         self.first = Values(100.0**grid, np.full(64, -np.log(64)))
@@ -125,6 +130,24 @@ def test_a_mode_that_was_found_before_is_kept_though_the_first_values_say_nothin
     values = Known(tabled, normal(centre, sd)).values([None])
     logs = normal(centre, sd)(np.log(values.points) / np.log(100.0)) + values.log_weights
     assert np.logaddexp.reduce(logs) == pytest.approx(np.log(2 * np.pi * np.prod(sd)), abs=0.3)
+
+
+def test_values_are_searched_for_while_the_effect_can_still_catch_up_with_another():
+    centre, calls = np.array([0.31, 0.62]), []
+
+    def evidence(shares, context):
+        calls.append(len(shares))
+        return normal(centre, 1e-4, floor=-1e9)(shares)
+
+    def best(rival):
+        calls.clear()
+        first = Known([centre + 0.1], evidence).first.points
+        values = Known(np.log(first) / np.log(100.0), evidence, rival).values([None])
+        return np.max(evidence(np.log(values.points) / np.log(100.0), None)), len(calls)
+
+    # The first values are 10⁵ nats behind a peak that is as high as the other effect's, or 10⁷ lower.
+    (near, searched), (behind, given_up) = best(0.0), best(1e7)
+    assert near > -3.0 and behind < -100.0 and given_up < searched / 2
 
 
 def test_what_carries_one_context_is_kept_beside_another_that_is_narrower():

@@ -3,8 +3,10 @@
 from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from bayes_greybox.discovery.grid.sets import Window
 from bayes_greybox.discovery.linearise import standing
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.standing import standing_visit
@@ -20,6 +22,7 @@ class Table:
     point: Point
     complete: bool = False
     log_unit: float = 0.0
+    n_value: int = 1
     weighed: object = None
     likeliest: object = field(init=False)
     rows: object = field(init=False)
@@ -29,7 +32,8 @@ class Table:
         names = max(self.logs, key=self.logs.__getitem__)
         hypotheses = [SimpleNamespace(names=n, log_weight=w) for n, w in self.logs.items()]
         before = SimpleNamespace(names=(), members=())
-        without = SimpleNamespace(hypotheses=hypotheses, before=before, prior=None, table=None, forces=(), floor=0.0)
+        table = SimpleNamespace(columns=np.broadcast_to(0.0, self.n_value))
+        without = SimpleNamespace(hypotheses=hypotheses, before=before, prior=None, table=table, forces=(), floor=0.0)
         without.grid, without.without_discrepancy = SimpleNamespace(points=()), lambda reach, seed: without
         effects = [SimpleNamespace(label=n, effect=SimpleNamespace(hidden=n == LAG)) for n in (CUBE, LAG, DRAG)]
         for name, value in {
@@ -39,6 +43,10 @@ class Table:
             "regressors": SimpleNamespace(columns=[SimpleNamespace(effect=effect) for effect in effects]),
         }.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def window(self):
+        return Window(frozenset(self.likeliest.names), None, ())
 
     def names(self, hypothesis):
         return hypothesis.names
@@ -93,6 +101,12 @@ def test_what_is_as_likely_along_its_own_path_needs_no_search(paths):
     paths.cube, paths.stands = -9.0, {(CUBE,)}
     assert found(paths, logs={(CUBE,): -9.5, (LAG,): -20.0}, complete=True).hypothesis == (CUBE,)
     assert paths.visited == [((CUBE,), None)]
+
+
+def test_on_a_large_table_only_what_is_likely_is_weighed_on_the_way_there(paths):
+    paths.cube, paths.stands = -9.0, {(CUBE,)}
+    found(paths, logs={(CUBE,): -9.5, (LAG,): -20.0}, complete=True, n_value=10**6)
+    assert paths.visited == [((CUBE,), {CUBE})]
 
 
 def test_effects_with_memory_are_followed_if_no_other_stands(paths):
