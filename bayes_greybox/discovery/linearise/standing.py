@@ -7,12 +7,14 @@ first.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.threads import in_threads
 
 from .near import Near, Point
 from .refine import Ground, refined
@@ -41,12 +43,12 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     if nothing or not near.rows.model.rows.follows_path:
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
-    alone = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
+    likeliest = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
     # Of a large table that is weighed whole once more at the end, the likely will do.
     large = near.weighed.table.columns.size > SMALL_TABLE
-    likely = near.window._replace(called=near.window.called | alone.window.called) if large else None
-    if (visit := search.step(alone, likely)) is not None:
-        here = Visit(alone, visit.hypothesis)
+    likely = near.window._replace(called=near.window.called | likeliest.window.called) if large else None
+    if (visit := search.step(likeliest, likely)) is not None:
+        here = Visit(likeliest, visit.hypothesis)
         if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
@@ -54,11 +56,13 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     visits: list[Visit] = []
     best: Visit | None = None
     for labels in ([NO_EFFECT, *plain], [label for label in effects if label not in plain]):
-        visits += [visit for label in labels if (visit := search.by_itself(near.rows.point, label)) is not None]
-        likeliest = max(visits, key=lambda each: each.log_weight, default=None)
-        if likeliest is None or best is not None and likeliest.hypothesis == best.hypothesis:
+        rival = max((visit.log_weight for visit in visits), default=-np.inf)
+        alone = in_threads(partial(search.by_itself, near.rows.point, rival=rival), labels)
+        visits += [visit for visit in alone if visit is not None]
+        first = max(visits, key=lambda each: each.log_weight, default=None)
+        if first is None or best is not None and first.hypothesis == best.hypothesis:
             continue
-        best = search.whole(likeliest)
+        best = search.whole(first)
         if best is not None and _stands(best):
             return best
     return search.followed(near if best is None else best.near)
@@ -82,10 +86,11 @@ class _Standing:
         """Return all hypotheses on rows near a point."""
         return weighed_on(self.source.near(point), self.odds, self.reach, self.seed)
 
-    def by_itself(self, point: Point, label: str) -> Visit | None:
+    def by_itself(self, point: Point, label: str, rival: float) -> Visit | None:
         """Return rows near the likeliest hypothesis with one effect, and no discrepancy.
 
-        It is None if the effect is in no likely hypothesis, and if no path follows the samples.
+        It is None if the effect is in no likely hypothesis, and if no path follows the samples. The rows are the last
+        ones where another step that gains as much would not catch up with a rival's log weight.
         """
         called = frozenset({label, *(error.key for error in point.sensors)})
         try:
@@ -94,13 +99,13 @@ class _Standing:
             return None
         visit: Visit | None = None
         for _ in range(MOST_OUTER_ITERATIONS):
-            following = (
-                self.step(near, near.rows.point.window) if label in (NO_EFFECT, *near.names(near.likeliest)) else None
-            )
+            has = label in (NO_EFFECT, *near.names(near.likeliest))
+            following = self.step(near, near.rows.point.window) if has else None
             if following is None:
                 return None
             before, visit, near = visit, following, following.near
-            if before is not None and abs(visit.log_weight - before.log_weight) < LIKELIER:
+            gain = np.inf if before is None else visit.log_weight - before.log_weight
+            if abs(gain) < LIKELIER or visit.log_weight + gain < rival - self.reach.window:
                 break
         return visit
 

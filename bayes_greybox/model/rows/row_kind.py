@@ -1,5 +1,6 @@
 """The interface of a kind of rows: how the rows of an equation are built from data."""
 
+import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -26,15 +27,19 @@ class Remembered:
 
     def __init__(self) -> None:
         self._results: WeakKeyDictionary[Trajectories, dict[Any, Any]] = WeakKeyDictionary()
+        self._lock = threading.Lock()
 
     def result(self, samples: Trajectories, key: Any, compute: Callable[[], Result]) -> Result:
         """Return the result for some samples under a key, computed unless it is remembered."""
         results = self._results.setdefault(samples, {})
-        if key not in results:
-            while len(results) >= MOST_REMEMBERED:
-                del results[next(iter(results))]
-            results[key] = compute()
-        return results[key]
+        found = results.get(key)
+        if found is None:
+            found = compute()
+            with self._lock:
+                while len(results) >= MOST_REMEMBERED:
+                    del results[next(iter(results))]
+                results[key] = found
+        return found
 
 
 RowsOfRuns = Callable[[Trajectories, tuple[str, ...], Simulation], EquationRows]

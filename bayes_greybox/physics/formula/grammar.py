@@ -7,6 +7,7 @@ the whitelist is refused by name.
 import ast
 import keyword
 import math
+import threading
 import unicodedata
 import warnings
 from collections.abc import Iterable
@@ -33,6 +34,8 @@ _MAX_ROOT = 1000
 
 REMEMBERED_FORMULAS = 4096
 """Size of caches: a study reads the same formulas along every path, and each takes milliseconds."""
+
+_QUIET = threading.Lock()
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _REFUSED = {
@@ -148,7 +151,8 @@ def _clean(text: str) -> str:
 
 def _syntax_tree(text: str) -> ast.expr:
     try:
-        with warnings.catch_warnings(record=True):
+        # What is done with warnings is one for all threads.
+        with _QUIET, warnings.catch_warnings(record=True):
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
         position = min(max(error.offset or 1, 1), len(text))

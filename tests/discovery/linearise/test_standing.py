@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.sets import Window
+from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.linearise import standing
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.standing import standing_visit
@@ -81,7 +81,7 @@ def paths(monkeypatch):
 
 def found(paths, **first):
     first = Table({(): -60.0, (LAG,): -10.0} | first.pop("logs", {}), Point(), **first)
-    return standing_visit(first, SimpleNamespace(near=lambda point: point), None, None, 0)
+    return standing_visit(first, SimpleNamespace(near=lambda point: point), None, Reach(), 0)
 
 
 def test_the_effect_that_is_likeliest_along_its_own_path_is_found_though_the_first_path_says_another(paths):
