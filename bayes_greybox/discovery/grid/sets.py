@@ -159,7 +159,7 @@ class Reach:
     """
 
     effects: int = 3
-    sensors: int = 2
+    sensors: int = 3
     members: int = 6
     beam: int = 24
     swapped: int = 3
