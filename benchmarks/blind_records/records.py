@@ -1,8 +1,9 @@
-"""48 records meant to fool a missing-effect study. NumPy, SciPy and pandas only; deterministic (explicit seeds).
+"""48 records meant to fool a missing-effect study; 16 more are in `sampled_records`. NumPy, SciPy and pandas only; deterministic (explicit seeds).
 
 `study_kwargs` has what a normal user would say, by these keys:
     states, inputs, derivatives, units, missing   for bg.read(table, time="t", ...)
     learn                                         the one equation in question: dictionary={learn: []}
+    sampled                                       only samples of states were measured: rows=bg.TrajectoryRows()
     catalogue, roles, interpolation               for bg.find_missing_effects
 `right`: slugs that are right, confusable twins included; `harmless`: not right, not absurd; any other name is wrong.
 `verdicts_ok` has the words of docs/howto/study.md.

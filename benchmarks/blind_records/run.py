@@ -9,6 +9,7 @@ from bayes_greybox.running.errors import InputError
 from benchmarks import answers
 from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
 
+from . import sampled_records  # noqa: F401 - its records are among those of that name
 from .records import names, record
 
 if TYPE_CHECKING:
@@ -35,9 +36,10 @@ def studied(made: "BlindRecord") -> "Study":
     reading = {
         key: settings.pop(key) for key in ("states", "inputs", "derivatives", "units", "missing") if key in settings
     }
-    learned = settings.pop("learn", None)
+    learned, rows = settings.pop("learn", None), bg.TrajectoryRows() if settings.pop("sampled", False) else None
     train, test = bg.read(made.table, time="t", **reading).split(1 - HELD_OUT_SHARE)
-    model = bg.GreyBox(simulation=made.equations, **({"dictionary": {learned: []}} if learned else {}))
+    asked = {"dictionary": {learned: []} if learned else None, "rows": rows}
+    model = bg.GreyBox(simulation=made.equations, **{key: value for key, value in asked.items() if value is not None})
     return answers.studied(model, train, test=test, **settings)[0]
 
 

@@ -109,6 +109,19 @@ def test_no_set_has_two_values_of_one_effect_or_more_than_is_allowed():
         assert not any(each.kind == SENSOR for each in own)
 
 
+def test_an_effect_is_found_beside_three_errors_of_sensors_that_act_at_once():
+    """With two of them at most, stand-ins for the third were named: a constant force for an offset."""
+    rng = np.random.default_rng(5)
+    errors = tuple(Regressor(SENSOR, f"{SENSOR}:{name}", name, 1.0) for name in ("delay", "drift", "offset"))
+    effects = tuple(Regressor(EFFECT, name, name, 1.0) for name in ("cube", "constant", "square"))
+    X = rng.standard_normal((200, 6))
+    # The constant is nearly the offset.
+    X[:, 4] = X[:, 2] + 0.2 * rng.standard_normal(200)
+    Z = np.column_stack([X[:, :4].sum(axis=1) + 0.05 * rng.standard_normal(200), X])
+    gram, own = Gram((NoisePoint(NO_DISCREPANCY),), (Z.T @ Z)[None], np.zeros(1), 200.0), errors + effects
+    assert search(own, weight_of(gram, own), Reach())[0] == (0, 1, 2, 3)
+
+
 def test_sets_far_behind_the_likeliest_are_not_kept():
     weight = problem(1)
     found = search(CATALOGUE, weight, Reach(window=3.0))
