@@ -15,6 +15,7 @@ from .data.datasets import dataset_table as dataset_table
 from .data.datasets import load_dataset as load_dataset
 from .data.reading.door import read as read
 from .data.reading.door import read_table as read_table
+from .data.reading.joining import join as join
 from .data.streams.door import stream as stream
 from .data.streams.row_stream import RowStream as RowStream
 from .data.trajectories import Trajectories as Trajectories
