@@ -1,4 +1,4 @@
-"""Work on one array after the other, in as many threads as there are cores: NumPy and JAX compute outside Python."""
+"""Calls of one function in as many threads as there are cores: NumPy and JAX leave Python free while they compute."""
 
 import os
 from collections.abc import Callable, Iterable

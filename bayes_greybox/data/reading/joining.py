@@ -15,10 +15,10 @@ from bayes_greybox.running.limits import is_finite
 from .cells import numbers, stamps
 from .door import layout_of
 from .sources import read_source
-from .table import Layout, Table
+from .table import Layout, Table, capital
 
 HOW = ("linear", "hold")
-"""What an input is between two of its samples."""
+"""Ways in which an input goes on between two of its samples."""
 
 
 def join(
@@ -73,16 +73,15 @@ def join(
             "which is meant."
         )
     known, at = _times(first, second, clocks, way)
-    groups = _by_run(first, second, runs)
+    values = {name: numbers(first, name, way) for name in added}
     columns = {name: np.full(len(at), np.nan) for name in added}
-    for own, rows in groups:
-        order = own[np.isfinite(known[own])]
-        _require_forward(known[order], first, clocks[0])
+    for own, rows in _by_run(first, second, runs):
+        stamped = own[np.isfinite(known[own])]
+        _require_forward(known[stamped], first, clocks[0])
         for name in added:
-            values = numbers(first, name, way)[order]
-            there = np.isfinite(values)
-            columns[name][rows] = _at(known[order][there] - offset, values[there], at[rows], how)
-    if added and not any(np.isfinite(values).any() for values in columns.values()):
+            there = stamped[np.isfinite(values[name][stamped])]
+            columns[name][rows] = _at(known[there] - offset, values[name][there], at[rows], how)
+    if added and not any(np.isfinite(column).any() for column in columns.values()):
         raise InputError(
             f"No row of {second.where} lies within the record of {first.where}: their times go from "
             f"{np.nanmin(known) - offset:g} to {np.nanmax(known) - offset:g} and from {np.nanmin(at):g} to "
@@ -99,6 +98,9 @@ def _times(
 ) -> tuple[Float[np.ndarray, " n_input"], Float[np.ndarray, " n_row"]]:
     """Return the stamps of both tables, counted from one time."""
     where = f"{first.where} and {second.where}"
+    units = [table.units.get(name) for table, name in zip((first, second), clocks, strict=True)]
+    if None not in units and units[0] != units[1]:
+        raise InputError(f"The times of {where} are in {units[0]} and in {units[1]}: convert one.")
     one, two = (table.frame[name] for table, name in zip((first, second), clocks, strict=True))
     dated = [stamps(table, name, layout).dated for table, name in zip((first, second), clocks, strict=True)]
     if dated[0] != dated[1]:
@@ -115,7 +117,7 @@ def _by_run(first: Table, second: Table, runs: Sequence[str]) -> list[tuple[np.n
     one, two = (table.frame[name].astype(str).to_numpy() for table, name in zip((first, second), runs, strict=True))
     lacking = [label for label in dict.fromkeys(two.tolist()) if label not in set(one.tolist())]
     if lacking:
-        raise InputError(f'{first.where} has no inputs of run "{lacking[0]}", which {second.where} has.')
+        raise InputError(f'{capital(first.where)} has no inputs of run "{lacking[0]}", which {second.where} has.')
     return [(np.flatnonzero(one == label), np.flatnonzero(two == label)) for label in dict.fromkeys(two.tolist())]
 
 

@@ -150,6 +150,9 @@ class Reach:
     """Limits of a search.
 
     Attributes:
+        effects: Largest number of effects.
+        sensors: Largest number of errors of sensors and inputs. One that is refused is taken for an effect: beside a
+            delay and a drift an offset was a constant force and a quadratic spring.
         members: Largest number of regressors that are not free.
         beam: Number of the likeliest sets whose neighbours are weighed.
         swapped: Number of the likeliest sets of which one regressor is exchanged for any other, once nothing else

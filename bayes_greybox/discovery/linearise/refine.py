@@ -95,7 +95,7 @@ def refined(
         if any((label, names) not in before for names in contexts):
             searched[label] = list(contexts.values())
             companies |= {(label, names) for names in contexts}
-    rival = -np.inf if hypotheses else _best_alone(ground)
+    rival = _best_alone(ground) if searched and not hypotheses else -np.inf
     found = in_threads(lambda label: _Search(regressors, ground, label, rival).values(searched[label]), searched)
     finer = {label: values for label, values in zip(searched, found, strict=True) if values is not None}
     return finer, frozenset(companies)

@@ -43,12 +43,12 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     if nothing or not near.rows.model.rows.follows_path:
         return None
     search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
-    likeliest = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
-    # Of a large table that is weighed whole once more at the end, the likely will do.
+    leaving_nothing = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
+    # A large table is weighed whole at the end anyway: on the way there what is likely is enough.
     large = near.weighed.table.columns.size > SMALL_TABLE
-    likely = near.window._replace(called=near.window.called | likeliest.window.called) if large else None
-    if (visit := search.step(likeliest, likely)) is not None:
-        here = Visit(likeliest, visit.hypothesis)
+    likely = near.window._replace(called=near.window.called | leaving_nothing.window.called) if large else None
+    if (visit := search.step(leaving_nothing, likely)) is not None:
+        here = Visit(leaving_nothing, visit.hypothesis)
         if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
             return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
@@ -89,8 +89,8 @@ class _Standing:
     def by_itself(self, point: Point, label: str, rival: float) -> Visit | None:
         """Return rows near the likeliest hypothesis with one effect, and no discrepancy.
 
-        It is None if the effect is in no likely hypothesis, and if no path follows the samples. The rows are the last
-        ones where another step that gains as much would not catch up with a rival's log weight.
+        It is None if the effect is in no likely hypothesis, and if no path follows the samples. Steps end early where
+        one more that gains as much as the last, which steps to a mode do not, would stay behind a rival's log weight.
         """
         called = frozenset({label, *(error.key for error in point.sensors)})
         try:

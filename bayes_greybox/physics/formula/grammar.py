@@ -36,6 +36,7 @@ REMEMBERED_FORMULAS = 4096
 """Size of caches: a study reads the same formulas along every path, and each takes milliseconds."""
 
 _QUIET = threading.Lock()
+"""Lock of the filters of warnings while a formula is parsed."""
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _REFUSED = {
@@ -151,7 +152,7 @@ def _clean(text: str) -> str:
 
 def _syntax_tree(text: str) -> ast.expr:
     try:
-        # What is done with warnings is one for all threads.
+        # All threads share the filters of warnings.
         with _QUIET, warnings.catch_warnings(record=True):
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:

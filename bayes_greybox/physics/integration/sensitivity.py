@@ -22,8 +22,9 @@ ROUGH = 0.1
 POINTS_WITHIN_A_STEP = (8, 64)
 """Points within a step at which a rough force is evaluated first, and again where these show something else."""
 
-FEWEST_SMOOTHER_STEPS, LONG = 8, 2048
-"""Least number of steps of a smoother, and number from which on a step more costs as much as another program."""
+FEWEST_SMOOTHER_STEPS, LONG_RECORD = 8, 2048
+"""Least number of steps of a smoother; number above which filling up to a power of two costs more than another
+program."""
 
 
 class Grid(NamedTuple):
@@ -109,7 +110,7 @@ def filled_length(n: int) -> int:
     It is a power of two; for a long record a multiple of an eighth of the power below it: at most an eighth more work.
     """
     power = max(FEWEST_SMOOTHER_STEPS, 1 << (n - 1).bit_length())
-    return power if power <= LONG else -(-n // (power // 16)) * (power // 16)
+    return power if power <= LONG_RECORD else -(-n // (power // 16)) * (power // 16)
 
 
 def triples(x: Float[np.ndarray, "n_segment n_node *k"]) -> Float[np.ndarray, "n_segment n_step 3 *k"]:

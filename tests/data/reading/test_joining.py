@@ -79,7 +79,7 @@ def test_what_cannot_be_joined_is_refused(asked, words):
         bg.join(INPUTS, measured([0.0, 1.0]), **{"time": "t", **asked})
 
 
-def test_two_columns_of_one_name_and_a_time_that_goes_back_are_refused():
+def test_two_columns_of_one_name_and_times_that_do_not_compare_are_refused():
     with pytest.raises(bg.InputError, match='Both tables have a column "x"'):
         bg.join({"t": [0.0, 1.0], "x": [0.0, 1.0]}, measured([0.0, 1.0]), time="t")
     with pytest.raises(bg.InputError, match="does not go forward after 2"):
@@ -87,3 +87,5 @@ def test_two_columns_of_one_name_and_a_time_that_goes_back_are_refused():
     dated = {"t": ["2024-03-25 10:00:00", "2024-03-25 10:00:01"], "F": [0.0, 1.0]}
     with pytest.raises(bg.InputError, match="dates in only one of them"):
         bg.join(dated, measured([0.0, 1.0]), time="t")
+    with pytest.raises(bg.InputError, match="are in ms and in s: convert one"):
+        bg.join({"t [ms]": [0.0, 1.0], "F": [0.0, 1.0]}, {"t [s]": [0.0, 1.0], "x": [1.0, 2.0]}, time="t")
