@@ -46,6 +46,7 @@ from .physics.experiments import systems as systems
 from .physics.experiments.candidate import Candidate as Candidate
 from .physics.simulation.fmu.given import FMU as FMU
 from .physics.terms import Dictionary as Dictionary
+from .physics.parameters import Parameter as Parameter
 from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial
 from .prior_comparison import PriorComparison as PriorComparison

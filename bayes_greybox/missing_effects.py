@@ -300,7 +300,9 @@ def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
     hidden = [state for amendment in found.amendments.values() for state in amendment.hidden]
     dictionary = found.model.dictionary
     # The study may have found how inputs behave between samples.
-    amended = replace(model, rows=found.base.rows, dictionary=dictionary, noise=found.model.noise)
+    amended = replace(
+        model, rows=found.base.rows, dictionary=dictionary, noise=found.model.noise, parameters=found.model.parameters
+    )
     amended = amended.remembering(hidden_used(dictionary, hidden), found.train)
     # Other states of the path that the study followed are not part of the answer.
     known = amended.states(train)

@@ -11,6 +11,7 @@ from bayes_greybox.model.noise.asked import FIT, Noise
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
 from bayes_greybox.model.program import AnyProgram
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.parameters import Parameter
 from bayes_greybox.physics.terms import Term
 
 from .answer.equation_study import EquationStudy
@@ -24,7 +25,8 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
     dictionary: dict[str, list[Term]] = {}
     for name, study in findings.items():
         regressors, indices = study.regressors, study.coefficients.indices
-        plain = [regressors.columns[i].formula for i in (*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION))]
+        own = [regressors.columns[i] for i in (*regressors.of_kind(FREE), *regressors.of_kind(CORRECTION))]
+        plain = [column.formula for column in own if not column.parameter]
         base = indices[len(indices) - len(study.verdict.labels) :]
         added = [_formula(regressors.columns, i, study.amendment.hidden) for i in base]
         fixed: list[Term] = []
@@ -34,8 +36,10 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
             # The study's own terms are without their stated priors, which a copy of the dictionary should have.
             by_name = {term.name: term for term in parts.all.terms}
             plain = [by_name.get(term.name, term) for term in plain]
+        model = replace(model, parameters={**model.parameters, **_moved(model, own, study, regressors.target_scale)})
         # A dictionary needs a term; an offset is the least that can be asked for.
-        terms = [*fixed, *([*plain, *added] or [Term("1")])]
+        least = [] if model.learns(name) else [Term("1")]
+        terms = [*fixed, *([*plain, *added] or least)]
         # A term of the dictionary is a plain formula: its hidden states are the simulation's.
         dictionary[name] = [replace(term, states=()) for term in terms]
         model = model if study.amendment.rows is None else replace(model, rows=study.amendment.rows)
@@ -60,6 +64,17 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
         force=noise.force or (FIT if PROCESS in kinds and correlation is None else None),
     )
     return replace(model, dictionary=dictionary, noise=noise)
+
+
+def _moved(
+    model: AnyProgram, own: Sequence[Column], study: EquationStudy, target_scale: float
+) -> dict[str, Parameter]:
+    """Return the parameters that the answer moves, learned with the priors that the study weighed them by."""
+    sd = {column.parameter: column.sd * target_scale / column.scale for column in own if column.parameter}
+    moved = {name: model.parameters[name] for name in study.amendment.parameters}
+    return {
+        name: replace(each, sd=each.sd or sd[name], at=study.amendment.parameters[name]) for name, each in moved.items()
+    }
 
 
 def _noise(study: EquationStudy) -> set[str]:

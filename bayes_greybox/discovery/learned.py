@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.equations.learned import (
@@ -15,6 +15,7 @@ from bayes_greybox.equations.learned import (
     LearnedSystem,
     LearnedTerm,
     Value,
+    parameters_of,
 )
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -55,18 +56,41 @@ def extended_system(
     """
     for amendment in amendments.values():
         base = amendment.model(base) if amendment.hidden else base
+    values: dict[str, Value] = {}
+    for amendment in amendments.values():
+        values |= _parameters(amendment, base)
     learned = {name: _equation(name, each, base, data, probabilities) for name, each in amendments.items()}
-    return LearnedSystem("study", base.simulator(data, lacking=True), data, learned, RULE)
+    simulation = base.with_values({name: value.mean for name, value in values.items()}).simulator(data, lacking=True)
+    return LearnedSystem("study", simulation, data, learned, RULE, parameters_of(base.parameters, values))
+
+
+def _pattern(amendment: Amendment) -> tuple[Bool[np.ndarray, " n_own"], Int[np.ndarray, " n"], float]:
+    """Return which of the model's own columns are in the commonest pattern, the draws with it, and its share."""
+    after, able = amendment.after, amendment.able
+    in_draws = after.draws[able, : after.n_own] != 0
+    patterns, which, count = np.unique(in_draws, axis=0, return_inverse=True, return_counts=True)
+    likeliest = int(np.argmax(count))
+    return patterns[likeliest], able[np.ravel(which) == likeliest], float(count[likeliest] / np.sum(count))
+
+
+def _parameters(amendment: Amendment, base: Program) -> dict[str, Value]:
+    """Return the values of the parameters that the answer has moved."""
+    statistics, after = amendment.statistics, amendment.after
+    active, alike, _ = _pattern(amendment)
+    columns = [statistics.columns[index] for index in after.indices[: after.n_own]]
+    return {
+        c.parameter: Value.of(base.parameters[c.parameter].value + draws * statistics.target_scale / c.scale)
+        for c, there, draws in zip(columns, active, after.draws[alike].T[: after.n_own], strict=True)
+        if there and c.parameter
+    }
 
 
 def _equation(
     name: str, amendment: Amendment, base: Program, data: Trajectories, probabilities: ByTerm
 ) -> LearnedEquation:
-    stated = base.stated(name, data) if base.dictionary.get(name) else None
+    stated = base.stated(name, data) if base.learns(name) else None
     statistics, after, n_own, able = amendment.statistics, amendment.after, amendment.after.n_own, amendment.able
-    patterns, which, count = np.unique(after.draws[able, :n_own] != 0, axis=0, return_inverse=True, return_counts=True)
-    likeliest = int(np.argmax(count))
-    alike, active = able[np.ravel(which) == likeliest], patterns[likeliest]
+    active, alike, share = _pattern(amendment)
     target, scale = target_unit(name, data), statistics.target_scale
     priors = {} if stated is None else stated.priors
     # A study learns a coefficient's difference from its stated mean.
@@ -79,6 +103,8 @@ def _equation(
     terms, left_out, inner = [], [], []
     columns = [statistics.columns[index] for index in after.indices[:n_own]]
     for k, (column, there) in enumerate(zip(columns, active, strict=True)):
+        if column.parameter:
+            continue
         draws = after.draws[alike if there else able, k] * scale / column.scale
         draws = draws + means.get(column.formula.name, 0.0) * (column.kind == FREE)
         (terms if there else left_out).append(learned(column.formula.name, column.formula, draws))
@@ -102,7 +128,7 @@ def _equation(
     return LearnedEquation(
         terms=tuple(terms),
         left_out=tuple(left_out),
-        pattern=float(np.max(count) / np.sum(count)) if any(c.kind == CORRECTION for c in columns) else None,
+        pattern=share if any(c.kind == CORRECTION for c in columns) else None,
         discrepancy=discrepancy,
         drawn=_drawn(amendment, means),
         inner=tuple(inner),
@@ -121,7 +147,11 @@ def _drawn(amendment: Amendment, means: Mapping[str, float]) -> Drawn:
     """Return all draws that one model can have, the coefficients with their stated means."""
     n_draw, f = len(amendment.able), amendment.discrepancy
     # Beside orthogonal features the coefficients are the effects' own.
-    added = replace(amendment, discrepancy=None).added(0, n_draw)
+    added = replace(amendment, discrepancy=None, remainder=()).added(0, n_draw)
     weights = added.weights if f is None else amendment.statistics.target_scale * f.weights(n_draw)
-    stated = np.array([means.get(term.name, 0.0) for term in added.terms])
-    return Drawn(tuple(added.terms), added.coefficients + stated, weights)
+    # The simulation has the means of its parameters.
+    named = [k for k, term in enumerate(added.terms) if term.parameter]
+    stated = np.array([means.get(term.name, 0.0) * (not term.parameter) for term in added.terms])
+    coefficients = added.coefficients + stated
+    coefficients[:, named] -= np.mean(coefficients[:, named], axis=0)
+    return Drawn(tuple(added.terms), coefficients, weights)

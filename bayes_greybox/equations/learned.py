@@ -18,6 +18,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.formula.grammar import symbol
+from bayes_greybox.physics.parameters import Parameters
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 
@@ -83,6 +84,22 @@ class InnerValue:
 
 
 @dataclass(frozen=True)
+class LearnedParameter:
+    """A named parameter of the simulation, whose formulas have its mean.
+
+    Attributes:
+        value: Its value, in `unit`; exact where it was given and not learned.
+        unit: Its unit; "" if unknown.
+        learned: True if it was learned, or found off.
+    """
+
+    name: str
+    value: Value
+    unit: str
+    learned: bool
+
+
+@dataclass(frozen=True)
 class LearnedDiscrepancy:
     """The f of one equation.
 
@@ -104,7 +121,7 @@ class Drawn:
     """Posterior draws of one equation, of any pattern.
 
     Attributes:
-        terms: All terms that any draw has.
+        terms: All terms that any draw has; slopes of parameters have a parameter's difference from its mean.
         coefficients: Coefficients of the terms, user's units; zero if a draw excludes a term.
         weights: Weights of the features of f, user's units of the rate; no columns without f.
     """
@@ -143,10 +160,11 @@ class LearnedSystem:
 
     Attributes:
         origin: "fit" or "study".
-        simulation: g, with hidden states and with terms whose coefficients are fixed.
+        simulation: g, with hidden states, with terms whose coefficients are fixed, and at the means of parameters.
         data: Training data, for names, units and labels.
         learned: Learned parts, by state or output.
         rule: Criteria for the terms in an equation, and for f, in words.
+        parameters: Named parameters of the simulation.
     """
 
     origin: str
@@ -154,6 +172,7 @@ class LearnedSystem:
     data: Trajectories
     learned: Mapping[str, LearnedEquation]
     rule: str
+    parameters: tuple[LearnedParameter, ...] = ()
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -210,3 +229,11 @@ class LearnedSystem:
         if f is None or not f.left:
             return sympy.S.Zero
         return sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables))
+
+
+def parameters_of(parameters: Parameters, learned: Mapping[str, Value]) -> tuple[LearnedParameter, ...]:
+    """Return named parameters, with the posterior values of those that were learned."""
+    return tuple(
+        LearnedParameter(name, learned.get(name) or Value.exact(each.value), each.unit or "", name in learned)
+        for name, each in parameters.items()
+    )

@@ -28,6 +28,7 @@ from .learned import (
     LearnedSystem,
     LearnedTerm,
     Value,
+    parameters_of,
 )  # fmt: skip
 
 LIKELY_INSIDE = 0.5
@@ -52,7 +53,8 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
     """
     table = inclusion(posterior, INTERVAL_LEVEL)
     patterned = "inclusion" in table
-    equations = {}
+    equations: dict[str, LearnedEquation] = {}
+    values: dict[str, Value] = {}
     for name, learned in posterior.learned().items():
         part = _Part.of(posterior, learned)
         rows = table.loc[name].loc[list(learned.frame.dictionary.names)]
@@ -62,12 +64,14 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)
         in_pattern = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
         units = table.loc[name]["unit"]
+        named = {term.name: term.value for term in in_pattern if term.term.parameter}
+        values |= named
         equations[name] = LearnedEquation(
-            terms=tuple(term for term, there in zip(in_pattern, inside, strict=True) if there),
-            left_out=tuple(term for term, there in zip(every, inside, strict=True) if not there),
+            terms=tuple(t for t, there in zip(in_pattern, inside, strict=True) if there and t.name not in named),
+            left_out=tuple(t for t, there in zip(every, inside, strict=True) if not there and t.name not in named),
             pattern=float(np.mean(part.alike)) if patterned else None,
             discrepancy=part.discrepancy(posterior),
-            drawn=Drawn(learned.frame.dictionary.terms, part.theta, part.weight),
+            drawn=Drawn(learned.frame.dictionary.terms, part.theta - part.means(named), part.weight),
             given=tuple(
                 LearnedTerm(term.name, term, Value.exact(value), units[term.name], None, stated.priors[term.name])
                 for term, value in stated.fixed
@@ -79,9 +83,9 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         terms = f"Terms: those likely to move the rate by {leaves}"
     f = f"; f where the data tell it from zero and it moves the rate by {leaves}"
     rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
-    return LearnedSystem(
-        "fit", posterior.model.simulator(posterior.data, lacking=True), posterior.data, equations, rule
-    )
+    model = posterior.model.with_values({name: value.mean for name, value in values.items()})
+    simulation, parameters = model.simulator(posterior.data, lacking=True), parameters_of(model.parameters, values)
+    return LearnedSystem("fit", simulation, posterior.data, equations, rule, parameters)
 
 
 @dataclass(frozen=True)
@@ -116,6 +120,10 @@ class _Part:
             LearnedTerm(term.name, term, Value.of(draws), unit, p, stated.get(term.name))
             for term, draws, unit, p in zip(terms, self.theta[rows].T, units, probability, strict=True)
         ]
+
+    def means(self, values: Mapping[str, Value]) -> Float[np.ndarray, " n_term"]:
+        """Return the means of named parameters, by term; zero for all other terms."""
+        return np.array([values[t.name].mean if t.name in values else 0.0 for t in self.learned.frame.dictionary.terms])
 
     def discrepancy(self, posterior: Posterior) -> LearnedDiscrepancy | None:
         """Return f given the terms; None if the model has none."""

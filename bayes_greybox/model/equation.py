@@ -85,9 +85,14 @@ class Equation:
 
     def moved(self, before: Sequence[tuple[Term, float]]) -> float:
         """Return the largest change of a coefficient of `ridge` from others, in its standard deviations."""
-        theta, precision = self._least_squares
-        sd = np.sqrt(self.variance * np.diag(np.linalg.inv(precision)))
+        theta, sd = self._least_squares[0], self.standard_deviations() / self.frame.coefficient_scale
         return float(np.max(np.abs(theta - self._scaled(before)) / sd))
+
+    def standard_deviations(self) -> Float[np.ndarray, " n_term"]:
+        """Return the standard deviations of the coefficients of `ridge`, user's units."""
+        _, precision = self._least_squares
+        sd = np.sqrt(self.variance * np.diag(np.linalg.inv(precision)))
+        return sd * np.asarray(self.frame.coefficient_scale)
 
     def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
         """Return the log density of the samples and of stated priors at other coefficients, up to a constant."""

@@ -4,17 +4,30 @@ import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, TypeVar
+
+import sympy
 
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
+from bayes_greybox.model.estimate.tangents import at_estimate
 from bayes_greybox.physics.coefficient import Coefficient
+from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.parameters import Parameter, Tangent, moved_to, read_parameters, tangent
 from bayes_greybox.physics.simulation.fmu.given import FMU
-from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
-from bayes_greybox.physics.simulation.reading import named_outputs, not_known, readable, simulation_of, with_states
-from bayes_greybox.physics.terms import Dictionary, stating, terms_of
-from bayes_greybox.physics.units import check_units
+from bayes_greybox.physics.simulation.protocol import KnownTerms, RightHandSide, Simulation
+from bayes_greybox.physics.simulation.reading import (
+    named_outputs,
+    not_known,
+    readable,
+    simulation_of,
+    tangents_of,
+    with_states,
+)
+from bayes_greybox.physics.terms import Dictionary, Term, stating, terms_of
+from bayes_greybox.physics.units import check_units, slope_unit, target_unit
 from bayes_greybox.running.errors import InputError
 
 from .assemble import assemble
@@ -55,6 +68,8 @@ class Program(SamplingProgram):
         coefficients: Priors of single coefficients by equation and term, in user's units, which replace or limit
             `prior`; those stated by terms of the dictionary are added. A term whose coefficient is fixed belongs to the
             simulation, and f need not be orthogonal to it.
+        parameters: Numbers with names in the formulas of the simulation, `{"m": bg.Parameter(2.0, sd=0.1), "k": 30.0}`.
+            With a standard deviation one is learned, and its posterior stands among the coefficients; see `Parameter`.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -65,6 +80,7 @@ class Program(SamplingProgram):
     noise: float | Noise = 1.0
     rows: RowKind = field(default_factory=AsMeasured)
     coefficients: Mapping[str, Any] = field(default_factory=dict)
+    parameters: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.dictionary, Mapping):
@@ -77,6 +93,7 @@ class Program(SamplingProgram):
         if any(lists[name] is not terms for name, terms in self.dictionary.items()):
             object.__setattr__(self, "dictionary", lists)
         object.__setattr__(self, "coefficients", read_coefficients(self.coefficients, self.dictionary))
+        object.__setattr__(self, "parameters", read_parameters(self.parameters))
         if isinstance(self.prior, type) or not isinstance(self.prior, Prior):
             raise InputError(f"GreyBox(prior={self.prior!r}) is not a prior: give one such as bg.Laplace(scale=0.5).")
         if not (self.discrepancy is None or isinstance(self.discrepancy, OrthogonalGP)):
@@ -90,21 +107,52 @@ class Program(SamplingProgram):
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g} and 1: below that range, "
                 "rounding decides which terms are likely."
             )
-        if not self.rows.linear and not self.rows.shared and len(self.dictionary) > 1:
-            raise InputError(f"{type(self.rows).__name__} learn one equation, not {len(self.dictionary)}.")
-        if self.rows.shared and len(self.dictionary) > 1 and self.discrepancy is not None:
+        self._require_one_equation()
+        n_equation = len(self.equations)
+        if not self.rows.linear and not self.rows.shared and n_equation > 1:
+            raise InputError(f"{type(self.rows).__name__} learn one equation, not {n_equation}.")
+        if self.rows.shared and n_equation > 1 and self.discrepancy is not None:
             raise InputError(
-                f"Rows of samples for {len(self.dictionary)} equations cannot have a discrepancy: the samples "
+                f"Rows of samples for {n_equation} equations cannot have a discrepancy: the samples "
                 "do not show in which equation it acts. Use GreyBox(discrepancy=None), leave one equation in the "
                 "dictionary, or give rates: derivatives=..., or data.differentiate()."
             )
         if not isinstance(self.noise, Noise) and not (is_number(self.noise) and 0 < self.noise < math.inf):
             raise InputError(f"GreyBox(noise={self.noise!r}) must be a positive number, or bg.Noise(...).")
 
-    @property
+    @cached_property
     def equations(self) -> tuple[str, ...]:
-        """Learned states and outputs."""
-        return tuple(self.dictionary)
+        """Learned states and outputs: those of the dictionary, and those with parameters that are learned."""
+        return tuple(dict.fromkeys((*self.dictionary, *self._slopes)))
+
+    @property
+    def formulas(self) -> Mapping[str, str]:
+        """Formulas of the simulation by state or output; none where it is code."""
+        return (self.simulation or {}) if readable(self.simulation) else {}
+
+    @cached_property
+    def _tangents(self) -> dict[str, Tangent]:
+        return tangents_of(self.simulation, self.parameters)
+
+    @cached_property
+    def _slopes(self) -> dict[str, dict[str, sympy.Expr]]:
+        """Slopes ∂g/∂p of learned parameters, by equation."""
+        learned = {name for name, each in self.parameters.items() if each.learned}
+        slopes = {
+            name: {p: slope for p, slope in each.slopes.items() if p in learned and slope != 0}
+            for name, each in self._tangents.items()
+        }
+        return {name: each for name, each in slopes.items() if each}
+
+    def _require_one_equation(self) -> None:
+        """Refuse a learned parameter in several equations, whose coefficients would be several."""
+        for parameter in self.parameters:
+            places = [name for name, slopes in self._slopes.items() if parameter in slopes]
+            if len(places) > 1:
+                raise InputError(
+                    f"The parameter {parameter!r} is learned and stands in the equations of {' and '.join(places)}, "
+                    "each of which would learn one of its own: give it as a number, or another name in all but one."
+                )
 
     @property
     def blocks(self) -> dict[str, tuple[str, ...]]:
@@ -126,7 +174,7 @@ class Program(SamplingProgram):
         Raises:
             InputError: No dictionary; unknown states, names or units; duplicate terms; only fixed coefficients.
         """
-        if not self.dictionary:
+        if not self.equations:
             raise InputError(
                 "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y']}) "
                 "or look for what the simulation misses with bg.find_missing_effects(model, data)."
@@ -153,12 +201,47 @@ class Program(SamplingProgram):
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
         """Return the terms of one equation with the priors stated for their coefficients."""
         names = (*self.states(data), *data.input_names)
-        return stated_terms(self.dictionary[equation], self.coefficients.get(equation, {}), names, equation)
+        slopes, terms = self._slopes.get(equation, {}), self.dictionary.get(equation, ())
+        if not slopes:
+            return stated_terms(terms, self.coefficients.get(equation, {}), names, equation)
+        priors = {**self.coefficients.get(equation, {}), **{p: self.parameters[p].prior for p in slopes}}
+        target = target_unit(equation, data)
+        own = [Term(e, p, slope_unit(target, self.parameters[p].unit), parameter=p) for p, e in slopes.items()]
+        return stated_terms([*terms_of(terms), *own], priors, names, equation)
+
+    def learns(self, equation: str) -> bool:
+        """Return True if an equation has terms or parameters with coefficients to learn."""
+        return bool(self.dictionary.get(equation, ())) or equation in self._slopes
+
+    def slopes_at(self, equation: str, values: Mapping[str, float]) -> KnownTerms:
+        """Return the slopes of an equation at values of its parameters, with the change of each one to there."""
+        if not values or equation not in self._tangents:
+            return ()
+        slopes = self.at(values)._tangents[equation].slopes
+        changes = {name: value - self.parameters[name].value for name, value in values.items()}
+        return [(Term(slopes[name], name), change) for name, change in changes.items() if name in slopes]
+
+    def remainder(self, equation: str, values: Mapping[str, float]) -> KnownTerms:
+        """Return what a tangent of an equation adds to the equation as given, beside its slopes, if anything.
+
+            g(x, u, p̂) + Σ (p_k − p̂_k) ∂g/∂p_k(x, u, p̂) − g(x, u, p)
+        """
+        if not values or equation not in self._tangents:
+            return ()
+        believed = {name: replace(each, sd=None, at=None) for name, each in self.parameters.items()}
+        formula = parse_expression(str(self.formulas[equation]))
+        there, here = (tangent(formula, each).rest for each in (moved_to(believed, values), believed))
+        rest = sympy.expand(there - here)
+        return [(Term(rest, "remainder"), 1.0)] if rest != 0 else ()
 
     @property
     def prior_text(self) -> str:
         """The prior in words: its name, and the priors of single coefficients."""
-        stated = stated_in_words(self.coefficients, several=len(self.equations) > 1)
+        priors = {
+            name: {**self.coefficients.get(name, {}), **{p: self.parameters[p].prior for p in self._slopes.get(name, {})}}
+            for name in self.equations
+        }
+        stated = stated_in_words(priors, several=len(self.equations) > 1)
         return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 
     @property
@@ -167,15 +250,28 @@ class Program(SamplingProgram):
         return Sites(self.blocks)
 
     def centred(self) -> "Program":
-        """Return the model with the means of single coefficients moved into its simulation; the rest is normal."""
-        if not self.coefficients:
+        """Return the model with the means of single coefficients moved into its simulation; the rest is normal.
+
+        Of a learned parameter the change is left, whatever its bounds.
+        """
+        if not self.coefficients and not self._slopes:
             return self
+        parameters = {name: replace(each, change=each.learned, at=None) for name, each in self.parameters.items()}
         # Priors stated by terms are in `coefficients`.
         dictionary = {
             name: [term.plain for term in terms_of(terms)] if stating(terms) else terms
             for name, terms in self.dictionary.items()
         }
-        return replace(self, dictionary=dictionary, coefficients=centred(self.coefficients))
+        return replace(self, dictionary=dictionary, coefficients=centred(self.coefficients), parameters=parameters)
+
+    def at(self: "AnyProgram", values: Mapping[str, float]) -> "AnyProgram":
+        """Return the model with formulas linearised at values of their parameters; the others stay where they are."""
+        return replace(self, parameters=moved_to(self.parameters, values)) if values else self
+
+    def with_values(self: "AnyProgram", values: Mapping[str, float]) -> "AnyProgram":
+        """Return the model with parameters that are numbers: these values, and those that the others have."""
+        given = {p: Parameter(values.get(p, each.value), unit=each.unit) for p, each in self.parameters.items()}
+        return replace(self, parameters=given) if given else self
 
     def simulator(self, data: Trajectories, lacking: bool = False) -> Simulation:
         """Return the simulation with fixed-coefficient terms, parsed with the names of the data.
@@ -185,8 +281,10 @@ class Program(SamplingProgram):
         states, outputs, simulation = self.states(data), data.output_names, self.simulation
         if lacking:
             outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
-        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units)
-        return simulation.beside({name: self.stated(name, data).known for name in self.coefficients})
+        parameters = self.parameters
+        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units, parameters)
+        stating = dict.fromkeys((*self.coefficients, *self._slopes))
+        return simulation.beside({name: self.stated(name, data).known for name in stating})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
         """Return the measured states, then those that the rows allow to be hidden."""
@@ -247,10 +345,16 @@ class Program(SamplingProgram):
         follows it; see `near.near_estimate`.
         """
         model = self.on(data)
-        if model.rows.linear:
-            return model, data
-        model = near_estimate(model, data)
-        return model, model.complete(data)
+        if model.curved:
+            model = at_estimate(model, data, lambda each: each if each.rows.linear else near_estimate(each, data))
+        elif not model.rows.linear:
+            model = near_estimate(model, data)
+        return model, data if model.rows.linear else model.complete(data)
+
+    @property
+    def curved(self) -> bool:
+        """True if the formulas are not linear in a parameter that is learned."""
+        return any(each.curved for each in self._tangents.values())
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """Return the model and the training data with the noise parameters held fixed, as a fit and its folds use them.

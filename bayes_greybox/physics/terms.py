@@ -52,6 +52,7 @@ class Term:
         prior: Mean and standard deviation of the coefficient.
         fixed: Value of the coefficient.
         bounds: Its least and largest value; None leaves an end open.
+        parameter: Name of the parameter of the simulation whose slope the term is, and whose value its coefficient.
         named: The same formula, if it was parsed before, with names for numbers in it. Text is then read only when it
             is asked for: a study evaluates hundreds of terms that differ in a number.
         stated: Sign, prior, fixed and bounds as one; None where nothing is stated.
@@ -65,6 +66,7 @@ class Term:
     prior: tuple[float, float] | None = None
     fixed: float | None = None
     bounds: Bounds | None = None
+    parameter: str = ""
     named: InitVar[Named | None] = None
     stated: Coefficient | None = field(init=False, repr=False, compare=False)
     _named: Named | None = field(init=False, repr=False, compare=False)

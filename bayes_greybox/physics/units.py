@@ -23,6 +23,10 @@ from bayes_greybox.running.errors import InputError
 from .terms import Term
 
 
+UNKNOWN_UNIT = "?"
+"""Declared unit of a term whose numbers carry units that nobody wrote."""
+
+
 def parse_unit(text: str, what: str) -> Any:
     """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'".
 
@@ -118,6 +122,8 @@ def term_unit(term: Term, units: Mapping[str, str]) -> Any:
     Raises:
         InputError: The term adds or compares different units, or has a unit inside a function such as sin.
     """
+    if term.unit == UNKNOWN_UNIT:
+        return None
     if term.unit:
         return parse_unit(term.unit, f"term {term.name!r}")
     return _Walk(term.name, units).quantity(term.expr).unit
@@ -139,6 +145,11 @@ def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> 
     size, base = registry().get_base_units(quotient)
     simpler = abs(float(size) - 1.0) < 1e-12 and len(_shown(base)) < len(_shown(quotient))
     return _shown(base if simpler else quotient)
+
+
+def slope_unit(target: str, unit: str | None) -> str:
+    """Return the declared unit of a slope ∂g/∂p, from those of what the equation gives and of the parameter."""
+    return f"({target})/({unit})" if target and unit else UNKNOWN_UNIT
 
 
 def check_units(

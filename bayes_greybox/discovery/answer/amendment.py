@@ -18,6 +18,7 @@ from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.simulation.protocol import KnownTerms
 from bayes_greybox.physics.terms import Term
 
 from .coefficients import Coefficients, factor_of
@@ -113,6 +114,8 @@ class Amendment:
         alike: Draws whose hidden states have these rates; None: all.
         gain: Factor from rows to the sensor that they are of.
         forced: True if a latent force is part of the rows' noise.
+        parameters: Values of the named parameters at which the columns of the model after are slopes.
+        remainder: What the tangent there adds to the simulation before, with coefficients in the unit of the rate.
     """
 
     statistics: EvaluatedColumns
@@ -128,6 +131,8 @@ class Amendment:
     alike: Int[np.ndarray, " n"] | None = None
     gain: float = 1.0
     forced: bool = False
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    remainder: KnownTerms = ()
 
     @property
     def able(self) -> Int[np.ndarray, " n"]:
@@ -162,7 +167,8 @@ class Amendment:
                 after[rows] += np.outer(beta[rows, n_own + k], statistics.evaluate([int(index)], columns)[:, 0])
         if self.discrepancy is not None:
             after += self.discrepancy.rates(columns, n_draw)
-        return self.rates_before(columns), statistics.target_scale * after
+        rest = sum((value * np.asarray(term.evaluate(columns)) for term, value in self.remainder), np.zeros(()))
+        return self.rates_before(columns), statistics.target_scale * after + rest
 
     def rates_before(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, " n_row"]:
         """Return the rate that the user's own dictionary adds to the simulation's at rows."""
@@ -199,7 +205,10 @@ class Amendment:
         appear = np.flatnonzero(values.any(axis=0))
         chosen = [statistics.columns[indices[k]] for k in appear]
         scale = np.array([statistics.target_scale / column.scale for column in chosen])
-        return Added([column.formula for column in chosen], values[:, appear] * scale, weights)
+        known = np.zeros((len(values), len(self.remainder)))
+        known[n_before:] = [value for _, value in self.remainder]
+        terms = [*(column.formula for column in chosen), *(term for term, _ in self.remainder)]
+        return Added(terms, np.hstack([values[:, appear] * scale, known]), weights)
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Return the features of f before projection, for an integrator; beyond their domain they are constant."""

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -125,7 +125,8 @@ def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collec
     if rows.exact is None or amendment.forced or any(each and each.channel in inputs for each in sensors):
         return []
     n_draw = draws_followed(rows)
-    terms, coefficients, _ = amendment.added(0, n_draw)
+    # The path of the rows has the tangent that the remainder is a part of.
+    terms, coefficients, _ = replace(amendment, remainder=()).added(0, n_draw)
     if any(state.name not in rows.columns for term in terms for state in term.states):
         # Its memory was followed along the path, and is no state of it.
         return []
@@ -165,7 +166,7 @@ def other_sizes(regressors: Regressors) -> list[str]:
     sizes = []
     for value, i in zip(theta[len(free) :], corrections, strict=True):
         column = regressors.columns[i]
-        ratio = 1 + float(value) * regressors.target_scale / (column.scale * column.nominal)
+        ratio = 1 + float(value) * regressors.target_scale / (column.scale * column.nominal) if column.nominal else 1.0
         if not 1 / OTHER_SIZE < ratio < OTHER_SIZE:
             sizes.append(f"{column.formula.text} {ratio:.4g} times")
     if not sizes:

@@ -45,7 +45,7 @@ EFFECT_COLUMNS = (
     "quantity", "status", "reverse", "agreement", "family",
 )  # fmt: skip
 
-CORRECTION_COLUMNS = ("equation", "term", "nominal", "probability", *MOMENTS, "unit", "agreement")
+CORRECTION_COLUMNS = ("equation", "term", "nominal", "probability", *MOMENTS, "unit", "agreement", "parameter")
 
 UNUSUAL = "the opposite of what such an effect usually does"
 """Words for a reversed effect where the catalogue has none of its own."""
@@ -188,14 +188,19 @@ class EquationStudy:
         return pd.DataFrame(rows, self._index("check", [c.name for c in self.checks]), names)
 
     def corrections(self, data: Trajectories) -> pd.DataFrame:
-        """Return the changes of the simulation's own coefficients: how likely, and how large if there is one."""
-        rows, by_correction = [], self.probabilities.by_correction
+        """Return the changes of the simulation's own coefficients: how likely, and how large if there is one.
+
+        A parameter of the simulation stands by its name, and `parameter` is true.
+        """
+        rows, by_correction, parameters = [], self.probabilities.by_correction, self.source.model.parameters
         for index in self.regressors.of_kind(CORRECTION):
             column, unit = self.near.column(index), self._in_units(index)
             share, moments = by_correction[column.called], _interval(*self._correction(index), unit)
             term = column.formula
             about = (self.equation, term.name, column.nominal, share.probability)
-            rows.append((*about, *moments, self._unit(data, term), share.agreement))
+            named = parameters.get(column.parameter)
+            measured_in = self._unit(data, term) if named is None else named.unit or ""
+            rows.append((*about, *moments, measured_in, share.agreement, named is not None))
         return pd.DataFrame(rows, columns=list(CORRECTION_COLUMNS)).set_index(["equation", "term"])
 
     def _correction(self, index: int) -> tuple[float, float]:

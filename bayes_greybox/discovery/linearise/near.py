@@ -97,6 +97,7 @@ class Point:
 
     Attributes:
         added: Terms beside the simulation, with their coefficients.
+        parameters: Values of named parameters that are not what the model says.
         shapes: Shapes of the noise beside white.
         spread: Relative standard deviations of the sensors' noise; empty where there is one sensor.
         window: Effects, errors and memories that are weighed there; None for all.
@@ -108,6 +109,7 @@ class Point:
     shapes: tuple[Shape, ...] = ()
     spread: tuple[float, ...] = ()
     window: Window | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     def weighs(self, called: str) -> bool:
         """Return true if an effect, a sensor error or a memory is weighed."""
@@ -207,9 +209,13 @@ class Near:
         """Return the linearisation point at the mode of a hypothesis."""
         sizes = (hypothesis.mean * self.in_units(hypothesis)).tolist()
         columns = [(self.column(i), size) for i, size in zip(hypothesis.members, sizes, strict=True)]
-        added = tuple((c.term, size) for c, size in columns if c.term is not None and size != 0)
+        moved = {c.parameter: size for c, size in columns if c.parameter and size != 0}
+        terms = ((c, size) for c, size in columns if not c.parameter)
+        added = tuple((c.term, size) for c, size in terms if c.term is not None and size != 0)
         sensors = {c.suspect: size for c, size in columns if c.suspect is not None}
-        return replace(self.rows.point, added=added, sensors=sensors)
+        given = self.rows.model.parameters
+        parameters = {name: given[name].value + size for name, size in moved.items()}
+        return replace(self.rows.point, added=added, sensors=sensors, parameters=parameters)
 
     def stays(self, before: "Near") -> bool:
         """Return true if the likeliest hypothesis is the one before, its coefficients known no better.

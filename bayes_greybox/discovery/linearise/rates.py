@@ -72,9 +72,11 @@ class RateRows(Source):
         whole = undone(self._measured, self.equation, delays)
         used = _usable(self._measured, self.equation, delays, self._out)
         data = whole.keep(used)
-        rate = modelled_rate(self.model, whole, self.equation, point.added)
+        model = self.model.at(point.parameters)
+        added = (*point.added, *self.model.slopes_at(self.equation, point.parameters))
+        rate = modelled_rate(model, whole, self.equation, added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
-        regressors = regressors_of(self.model, data, self.equation, effects, point.values)
+        regressors = regressors_of(model, data, self.equation, effects, point.values)
         columns = []
         for error, column in suspect_columns(whole, self.equation, rate):
             if error.kind == DELAY:
@@ -95,7 +97,7 @@ class RateRows(Source):
         scale = regressors.target_scale
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
         return Rows(
-            point, self.model, data, regressors, _force(regressors, data), rate, np.flatnonzero(used),
+            point, model, data, regressors, _force(regressors, data), rate, np.flatnonzero(used),
             self.train.n_obs, floor, math.log(scale),
         )  # fmt: skip
 

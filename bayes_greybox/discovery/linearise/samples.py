@@ -51,13 +51,14 @@ class SampleRows(Source):
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
         train, equation, hidden = self.train, self.equation, point.hidden
-        model = _with_hidden(self.model, hidden, train)
+        model = _with_hidden(self.model.at(point.parameters), hidden, train)
         simulation = model.simulator(train)
-        model = replace(model, rows=model.rows.around(point.added))
+        added = (*point.added, *self.model.slopes_at(equation, point.parameters))
+        model = replace(model, rows=model.rows.around(added))
         right = freed(self._samples, equation, point.sensors, train) if point.sensors else train
         data = model.rows.complete(right, equation, simulation)
-        rate = modelled_rate(model, data, equation, point.added)
-        errors = PathErrors.of(model, data, equation, point, rate)
+        rate = modelled_rate(model, data, equation, added)
+        errors = PathErrors.of(model, data, equation, replace(point, added=added), rate)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, equation, effects, point.values, errors.shown)
         identifiable = errors.identifiable(regressors)
@@ -118,7 +119,9 @@ class SampleRows(Source):
     def _after(self, point: Point) -> Program:
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""
         model = _with_hidden(self.model, point.hidden, self.train)
-        after = replace(model, rows=model.rows.around(point.added))
+        values, equation = point.parameters, self.equation
+        tangent = (*self.model.slopes_at(equation, values), *self.model.remainder(equation, values))
+        after = replace(model, rows=model.rows.around((*point.added, *tangent)))
         try:
             after.rows.complete(self._samples, self.equation, after.simulator(self._samples))
         except InputError:

@@ -29,7 +29,8 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         values, companies = refined(rows.regressors, ground)
         rows = source.near(replace(start, values=values)) if values else rows
     near = weighed_on(rows, odds, reach, seed)
-    visits = [Visit(near, None if start.added or start.sensors else near.names(near.weighed.before))]
+    away = start.added or start.parameters or start.sensors
+    visits = [Visit(near, None if away else near.names(near.weighed.before))]
     if (standing := standing_visit(near, source, odds, reach, seed)) is not None:
         visits = [standing]
     for iteration in range(MOST_OUTER_ITERATIONS):

@@ -144,13 +144,14 @@ def regressors_of(
     hidden = any(effect.effect.hidden for effect in effects)
     path = model.rows.nodes(data, equation, simulation, whole=True) if hidden else None
     regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows)
-    if model.dictionary.get(equation, ()):
+    if model.learns(equation):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}
-        regressors.add(FREE, [(term, {"spread": spreads.get(term.name)}) for term in stated.learned])
-    parts = simulation.additive_terms(equation)
-    regressors.add(CORRECTION, [(term, {"nominal": value}) for term, value in parts])
-    nominals = {term.name: value for term, value in parts}
+        free = [(term, {"spread": spreads.get(term.name), "parameter": term.parameter}) for term in stated.learned]
+        regressors.add(FREE, free)
+    off = simulation.correctable(equation)
+    regressors.add(CORRECTION, [(each.term, {"nominal": each.nominal, "parameter": each.parameter}) for each in off])
+    nominals = simulation.nominals(equation)
     terms = {regressors.columns[i].formula.name for i in regressors.of_kind(FREE)} | set(nominals)
     # An input that acts late on another body, or as a factor, has no lag here.
     idle = [e for e in effects if e.effect.nominal and e.names[e.effect.nominal] not in terms]

@@ -47,7 +47,8 @@ class Visit(NamedTuple):
     def stays(self, point: Point) -> bool:
         """Return true if the likeliest hypothesis is that of the rows, at a point that has settled."""
         near = self.near
-        if (point.added, point.sensors) == (near.rows.point.added, near.rows.point.sensors):
+        here = near.rows.point
+        if (point.added, point.parameters, point.sensors) == (here.added, here.parameters, here.sensors):
             return True
         same = near.names(near.likeliest) == self.hypothesis
         return same and self.origin is not None and near.stays(self.origin)

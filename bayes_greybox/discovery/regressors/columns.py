@@ -90,6 +90,7 @@ class Column:
         expected: Expected coefficient of such an effect, scaled units; 0 where nothing is known.
         direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
             the effects of a drive with the other sign.
+        parameter: Name of the simulation's parameter whose slope the term is, and whose change its coefficient.
         memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
             rows, scaled.
     """
@@ -110,6 +111,7 @@ class Column:
     drawn: Cloud | None = None
     nearer: Nearer | None = None
     law: BoundEffect | None = None
+    parameter: str = ""
 
     @property
     def sign(self) -> int:
@@ -118,7 +120,9 @@ class Column:
 
     @property
     def called(self) -> str:
-        """Return the name: the key of an error, the label of an effect, or the text of a term."""
+        """Return the name: the key of an error, the label of an effect, of a parameter its own, or a term's text."""
+        if self.parameter:
+            return self.parameter
         if self.suspect is not None:
             return self.suspect.key
         return self.formula.text if self.effect is None else self.effect.label

@@ -123,7 +123,8 @@ class Regressors(EvaluatedColumns):
         if spread is not None:
             sd = spread * size / self.target_scale
         if kind == CORRECTION:
-            sd = CORRECTION_SCALE * abs(fields["nominal"]) * size / self.target_scale
+            # Of a parameter that is zero nothing says how large it might be.
+            sd = CORRECTION_SCALE * abs(fields["nominal"]) * size / self.target_scale or EFFECT_SCALE
         if kind == EFFECT and fields.get("nominal"):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)
@@ -207,10 +208,12 @@ class Regressors(EvaluatedColumns):
             if beside:
                 fitted = np.linalg.lstsq(white[:, beside], white[:, place], rcond=1e-12)[0]
                 outside = float(np.sum((white[:, place] - white[:, beside] @ fitted) ** 2))
-            if outside >= COLLINEAR * norm:
+            spans = outside >= COLLINEAR * norm
+            # One wrong mass is one parameter, though changes of all the others would do the same.
+            if spans or column.parameter:
                 new.append(k)
-                if column.kind in (FREE, CORRECTION):
-                    base.append(place)
+            if spans and column.kind in (FREE, CORRECTION):
+                base.append(place)
         why = "the model has this term already: a change of its coefficient is a recalibration"
         refused = {c.effect.slug: why for k, c in enumerate(kept) if c.effect is not None and k not in new}
         self.columns += [kept[k] for k in new]

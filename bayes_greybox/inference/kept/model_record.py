@@ -14,6 +14,7 @@ from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.printing import to_text
+from bayes_greybox.physics.parameters import Parameter
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import simulation_from, simulation_record
@@ -42,16 +43,21 @@ class LostRows(RowKind):
 def describe(model: Program, data: Trajectories) -> dict[str, Any]:
     """Return a model as plain values, the inverse of `rebuild`; its expressions use the names of the data."""
     # A study may learn an equation that it was given no terms for.
-    stated = {equation: model.stated(equation, data) for equation in model.equations if model.dictionary[equation]}
+    stated = {equation: model.stated(equation, data) for equation, terms in model.dictionary.items() if terms}
     terms = {
         equation: [
-            {"expression": to_text(t.expr), "name": t.name, "unit": t.unit, **_stated(t)} for t in part.all.terms
+            {"expression": to_text(t.expr), "name": t.name, "unit": t.unit, **_stated(t)}
+            for t in part.all.terms
+            if not t.parameter
         ]
         for equation, part in stated.items()
     }
-    priors = {equation: {term: c.record() for term, c in part.priors.items()} for equation, part in stated.items()}
+    priors = {
+        equation: {term: c.record() for term, c in part.priors.items() if term not in model.parameters}
+        for equation, part in stated.items()
+    }
     return {
-        "dictionary": {equation: terms.get(equation, []) for equation in model.equations},
+        "dictionary": {equation: terms.get(equation, []) for equation in model.dictionary},
         "simulation": simulation_record(model.simulation),
         "prior": _describe_part(model.prior, _class_names(PRIORS)),
         "discrepancy": None if model.discrepancy is None else dataclasses.asdict(model.discrepancy),
@@ -59,6 +65,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "noise_floor": model.noise_floor,
         "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
         "coefficients": {equation: each for equation, each in priors.items() if each},
+        "parameters": {name: dataclasses.asdict(each) for name, each in model.parameters.items()},
     }
 
 
@@ -79,6 +86,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = 
             equation: {term: Coefficient(**fields) for term, fields in priors.items()}
             for equation, priors in record.get("coefficients", {}).items()
         },
+        parameters={name: Parameter(**_fields(each)) for name, each in record.get("parameters", {}).items()},
     )
 
 

@@ -1,7 +1,7 @@
 """A simulation of formulas."""
 
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,11 +11,13 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.formula.rounding import rounded
+from bayes_greybox.physics.parameters import Parameters, tangent
 from bayes_greybox.physics.terms import Term
 
-from .protocol import Input, Inputs, Jacobians, Simulation, State, States, Times, finite
+from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, State, States, Times, finite
 
 
 @dataclass(frozen=True)
@@ -23,10 +25,24 @@ class ExpressionSimulation(Simulation):
     """Expressions by state or output; missing ones are zero.
 
     Attributes:
-        expressions: Parsed expressions by state or output.
+        expressions: Parsed expressions by state or output, without names of parameters (see `with_parameters`).
+        written: The same as the user wrote them, with names of parameters; empty where there are none.
+        parameters: The parameters.
     """
 
     expressions: Mapping[str, sympy.Expr]
+    written: Mapping[str, sympy.Expr] = field(default_factory=dict)
+    parameters: Parameters = field(default_factory=dict)
+
+    @classmethod
+    def with_parameters(
+        cls, states: tuple[str, ...], inputs: tuple[str, ...], written: Mapping[str, sympy.Expr], parameters: Parameters
+    ) -> "ExpressionSimulation":
+        """Return formulas at the values of their parameters, without the terms of those that are learned."""
+        if not parameters:
+            return cls(states, inputs, written)
+        expressions = {name: tangent(expr, parameters).rest for name, expr in written.items()}
+        return cls(states, inputs, expressions, written, parameters)
 
     @property
     def equations(self) -> tuple[str, ...]:
@@ -64,15 +80,33 @@ class ExpressionSimulation(Simulation):
         """Return the expression; zero where there is none."""
         return self.expressions.get(name, sympy.S.Zero)
 
+    def written_formula(self, name: str) -> sympy.Expr:
+        """Return the expression with names of parameters."""
+        return self.written.get(name, self.formula(name))
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Split an expression into additive terms with coefficients: F - 2*y gives (F, 1) and (y, -2)."""
-        if state not in self.expressions:
-            return []
-        values: dict[sympy.Expr, float] = {}
-        for part in sympy.Add.make_args(sympy.expand(self.expressions[state])):
-            value, form = part.as_coeff_Mul()
-            values[form] = values.get(form, 0.0) + float(value)
-        return [(Term(form), value) for form, value in values.items() if value != 0]
+        return _additive(self.expressions[state]) if state in self.expressions else []
+
+    def correctable(self, state: str) -> list[Correctable]:
+        """Return the coefficients of terms without parameters, and the parameters that are not learned anyway."""
+        if state not in self.written:
+            return super().correctable(state)
+        formula, names = self.written[state], {symbol(name) for name in self.parameters}
+        parts = [part for part in sympy.Add.make_args(sympy.expand(formula)) if not part.free_symbols & names]
+        plain = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
+        return plain + [
+            Correctable(Term(slope, name, parameter=name), self.parameters[name].value, name)
+            for name, slope in tangent(formula, self.parameters).slopes.items()
+            if slope != 0 and not self.parameters[name].learned
+        ]
+
+    def nominals(self, state: str) -> dict[str, float]:
+        """Return the numbers that the additive terms of the whole formula have."""
+        if state not in self.written:
+            return super().nominals(state)
+        values = {symbol(name): sympy.Float(each.here) for name, each in self.parameters.items()}
+        return {term.name: value for term, value in _additive(self.written[state].xreplace(values))}
 
     def rate_name(self, state: str) -> str | None:
         """Return the state whose name is the expression."""
@@ -96,3 +130,12 @@ class ExpressionSimulation(Simulation):
     def key(self) -> Hashable:
         """Names and formulas, with all digits of their numbers."""
         return self.states, self.inputs, tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())
+
+
+def _additive(formula: sympy.Expr) -> list[tuple[Term, float]]:
+    """Split a formula into additive terms with coefficients: F - 2*y gives (F, 1) and (y, -2)."""
+    values: dict[sympy.Expr, float] = {}
+    for part in sympy.Add.make_args(sympy.expand(formula)):
+        value, form = part.as_coeff_Mul()
+        values[form] = values.get(form, 0.0) + float(value)
+    return [(Term(form), value) for form, value in values.items() if value != 0]

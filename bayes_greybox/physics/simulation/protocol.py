@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +31,22 @@ Jacobians = Float[np.ndarray, "*n n_state n_state"]
 
 KnownTerms = Sequence[tuple[Term, float]]
 """Terms with their coefficients."""
+
+
+
+class Correctable(NamedTuple):
+    """A number of a simulation that a study may find off.
+
+    Attributes:
+        term: ∂g by that number, as a formula: the term of a coefficient, the slope of a parameter.
+        nominal: The number.
+        parameter: Its name, where the user gave it one.
+    """
+
+    term: Term
+    nominal: float
+    parameter: str = ""
+
 
 CENTRAL_DIFFERENCE_STEP = 6e-6
 """Step of central differences over the size of a column: the cube root of rounding."""
@@ -101,9 +117,21 @@ class Simulation(ABC):
         """Return the formula without terms beside the simulation (see `beside`)."""
         return self.formula(name)
 
+    def written_formula(self, name: str) -> sympy.Expr:
+        """Return the formula of `own_formula` as the user wrote it, with names of parameters."""
+        return self.own_formula(name)
+
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of a state's rate, or of an output, with coefficients; code has none that can be read."""
+
+    def correctable(self, state: str) -> list[Correctable]:
+        """Return the numbers in a state's rate, or in an output, that a study may find off."""
+        return [Correctable(term, value) for term, value in self.additive_terms(state)]
+
+    def nominals(self, state: str) -> dict[str, float]:
+        """Return the coefficients of the additive terms by name."""
+        return {term.name: value for term, value in self.additive_terms(state)}
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of `additive_terms`, and those whose coefficients are known besides."""
@@ -230,9 +258,21 @@ class _WithTerms(Simulation):
         """Return the formula of the simulation."""
         return self.base.own_formula(name)
 
+    def written_formula(self, name: str) -> sympy.Expr:
+        """Return the formula of the simulation."""
+        return self.base.written_formula(name)
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of the simulation: coefficients of the others are known, and nobody corrects them."""
         return self.base.additive_terms(state)
+
+    def correctable(self, state: str) -> list[Correctable]:
+        """Return the numbers of the simulation."""
+        return self.base.correctable(state)
+
+    def nominals(self, state: str) -> dict[str, float]:
+        """Return those of the simulation."""
+        return self.base.nominals(state)
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of the simulation, and those that are known."""

@@ -8,10 +8,11 @@ breaks between summands at the width of a phone.
 import re
 from html import escape
 
-from bayes_greybox.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedParameter, LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import WORD_GAP, to_latex, to_mathml
 from bayes_greybox.report.equations.text import Piece, pieces
+from bayes_greybox.report.words.formatting import concise, exact, unit_text
 
 _POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 
@@ -19,7 +20,14 @@ _POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 def equations_latex(system: LearnedSystem) -> str:
     """Return all equations of the model, also those of the simulation alone, in an `aligned` environment."""
     rows = [f"{left_latex(system, name)} &= {right_latex(system, name)}" for name in system.names]
+    rows += [_parameter_latex(each) for each in system.parameters]
     return "\n".join([r"\begin{aligned}", " \\\\\n".join(rows), r"\end{aligned}"])
+
+
+def _parameter_latex(each: LearnedParameter) -> str:
+    negative, size = concise(each.value.mean, each.value.sd) if each.learned else exact(each.value.mean)
+    value = _latex(Piece(negative, size, unit_text(each.unit), None, not each.learned))
+    return f"{to_latex(symbol(each.name))} &= {'-' if negative else ''}{value}"
 
 
 def left_latex(system: LearnedSystem, name: str) -> str:

@@ -26,7 +26,7 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
 
     The right-hand side of an equation is its `simulation` plus the sum of `mean` times `expression` over its `terms`,
     plus f where `discrepancy` says that it is left. `given` lists the terms of the simulation whose coefficients were
-    fixed. Formulas are those of configuration files.
+    fixed. Formulas are those of configuration files, at the means of the `parameters`.
     """
     data, code = system.data, any(system.simulation.formula(name).atoms(AppliedUndef) for name in system.names)
     names = (*system.states, *system.inputs)
@@ -42,6 +42,7 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
             "hidden_states": list(system.hidden),
             "units": {name: data.unit(name) for name in ("t", *names)},
             "simulation": CODE if code else "formulas",
+            "parameters": [asdict(each) for each in system.parameters],
             "equations": [_equation(system, name) for name in system.names],
         }
     )

@@ -8,7 +8,8 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.equations.learned import LearnedSystem
+from bayes_greybox.equations.learned import LearnedParameter, LearnedSystem
+from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.report.words.formatting import Concise, concise, exact, formula, unit_text
@@ -45,7 +46,7 @@ class Piece:
 
 def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
     """Yield the summands of an equation's right-hand side: simulation, given and learned terms, f."""
-    simulated: Any = system.simulation.own_formula(name)
+    simulated: Any = system.simulation.written_formula(name)
     for part in simulated.as_ordered_terms() if simulated != 0 else ():
         negative = bool(part.could_extract_minus_sign())
         yield Piece(negative, None, "", _short(-part if negative else part, system, name))
@@ -101,6 +102,7 @@ def equations_text(system: LearnedSystem) -> str:
     lines = [equation_text(system, name) for name in system.shown]
     for name in system.learned:
         lines += [f"  {text}" for text in inner_text(system, name)]
+    lines += [f"  {text}" for text in parameter_text(system)]
     return "\n".join([*lines, note(system)])
 
 
@@ -125,9 +127,26 @@ def inner_text(system: LearnedSystem, name: str) -> list[str]:
     return lines
 
 
+def parameter_text(system: LearnedSystem) -> list[str]:
+    """Return the named parameters in the shown equations: `m = 2.201(4) kg`, `c = 0.8(given)`."""
+    lines = []
+    for each in shown_parameters(system):
+        negative, size = concise(each.value.mean, each.value.sd) if each.learned else exact(each.value.mean)
+        unit, mark = unit_text(each.unit), "" if each.learned else GIVEN_MARK
+        lines.append(f"{each.name} = {'−' if negative else ''}{size}{mark}{f' {unit}' if unit else ''}")
+    return lines
+
+
+def shown_parameters(system: LearnedSystem) -> list[LearnedParameter]:
+    """Return the parameters in the shown equations."""
+    used = {name for each in system.shown for name in symbol_names(system.simulation.written_formula(each))}
+    return [each for each in system.parameters if each.name in used]
+
+
 def note(system: LearnedSystem) -> str:
     """Return the rule by which terms stand in the equations, and how numbers are written."""
     given = any(piece.given for name in system.shown for piece in pieces(system, name))
+    given = given or not all(each.learned for each in shown_parameters(system))
     return f"{system.rule} {NOTATION}{f' {GIVEN_NOTE}' if given else ''}"
 
 

@@ -1,7 +1,5 @@
 """A model as the text of a program in Python, C or Modelica, below a header with its origin and uncertainty."""
 
-import builtins
-import keyword
 import textwrap
 from collections.abc import Sequence
 from importlib.metadata import version
@@ -12,31 +10,7 @@ from bayes_greybox.report.words.formatting import estimate, interval, probabilit
 from bayes_greybox.running.errors import InputError
 
 from .printers import CPrinter, ModelicaPrinter, PythonPrinter, ascii_text, identifiers, one_line, quoted, within_c
-
-C_WORDS = """
-    auto break case char const continue default do double else enum extern float for goto if inline int long register
-    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while bool true false
-    asm typeof linux unix main t x u y dxdt acos asin atan atan2 ceil cos cosh exp fabs floor fmod frexp ldexp log log10
-    modf pow sin sinh sqrt tan tanh acosh asinh atanh cbrt copysign erf erfc exp2 expm1 fdim fma fmax fmin hypot ilogb
-    isfinite isinf isnan isnormal lgamma log1p log2 logb nan nearbyint nextafter remainder rint round scalbn signbit
-    tgamma trunc j0 j1 jn y0 y1 yn gamma signgam NAN INFINITY HUGE_VAL HUGE NULL sign_of step_of max_of min_of
-    DOMAIN OVERFLOW
-    UNDERFLOW SING isgreater isless fpclassify matherr PLOSS TLOSS MAXFLOAT M_E M_LOG2E M_LOG10E M_LN2 M_LN10 M_PI
-    M_PI_2 M_PI_4 M_1_PI M_2_PI M_2_SQRTPI M_SQRT2 M_SQRT1_2 FP_NAN FP_INFINITE FP_ZERO FP_SUBNORMAL FP_NORMAL
-""".split()
-MODELICA_WORDS = """
-    algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
-    elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if
-    import impure in initial inner input loop model not operator or outer output package parameter partial protected
-    public pure record redeclare replaceable return stream then true type when while within time abs sign sqrt div mod
-    rem ceil floor integer sin cos tan asin acos atan atan2 sinh cosh tanh exp log log10 pre edge change sample reinit
-    smooth noEvent delay homotopy semiLinear min max sum product size fill zeros ones identity Real Integer Boolean
-    String StateSelect cat array scalar vector matrix transpose cross skew terminal terminate cardinality ndims
-    spatialDistribution
-""".split()
-PYTHON_WORDS = [*keyword.kwlist, *keyword.softkwlist, *dir(builtins), "numpy", "rhs", "outputs", "t", "x", "u", "g",
-                "simulation", "STATES", "INPUTS", "OUTPUTS", "START"]  # fmt: skip
-
+from .reserved import C_WORDS, MODELICA_WORDS, PYTHON_WORDS
 
 def python_program(model: ExportedModel, name: str) -> str:
     """Return a module with `rhs(t, x, u)`; beside a simulation that is code, `rhs(t, x, u, simulation)`."""
@@ -152,7 +126,8 @@ def _called(model: ExportedModel, name: str, words: Sequence[str]) -> str:
 
 
 def _names(model: ExportedModel, words: list[str]) -> dict[str, str]:
-    return identifiers([each.name for each in model.quantities], [*words, *(f.name for f in model.factors)])
+    names = identifiers([each.name for each in model.quantities], [*words, *(f.name for f in model.factors)])
+    return {**names, **{each.parameter: each.name for each in model.factors if each.parameter}}
 
 
 def _sum(printer: PythonPrinter | CPrinter | ModelicaPrinter, formula: Formula, times: float = 1.0) -> str:
@@ -219,7 +194,7 @@ def comment(text: str, mark: str, end: str = "") -> list[str]:
 def uncertainty(factor: Factor) -> str:
     """Return the term of a coefficient, its uncertainty and its probability, as a comment."""
     value = factor.value
-    parts = [f"{factor.formula} in {factor.equation}"]
+    parts = [f"{factor.formula} in {factor.equation}" if factor.equation else f"parameter {factor.parameter}"]
     if value.sd > 0:
         parts.append(f"{estimate(value.mean, value.sd, factor.unit)}, 90 % {interval(value.lower, value.upper)}")
     elif unit_text(factor.unit):

@@ -6,7 +6,7 @@ f is not in it: it has no formula.
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -17,7 +17,8 @@ from sympy.core.function import AppliedUndef
 from bayes_greybox.equations.learned import InnerValue, LearnedSystem, LearnedTerm, Value
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
-from bayes_greybox.report.exports.printers import distinct
+from bayes_greybox.report.exports.printers import distinct, identifiers
+from bayes_greybox.report.exports.reserved import C_WORDS, MODELICA_WORDS, PYTHON_WORDS
 from bayes_greybox.running.errors import InputError
 
 LONGEST_FACTOR_NAME = 40
@@ -44,7 +45,7 @@ class Factor:
     """A coefficient, by its identifier in the program, with its term, its posterior in `unit` and its probability.
 
     A unit is "1" for a plain number, "" where it is not known. `correction` says that it corrects one of the
-    simulation.
+    simulation. A `parameter` of the simulation stands in the formulas by that name.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Factor:
     probability: float | None
     about: str
     correction: bool = False
+    parameter: str = ""
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,8 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     drives = "state without an equation, which drives the others"
     driving = dict.fromkeys((name for name in kept if name not in formulas and name in used), drives)
     driving = {**dict.fromkeys(system.inputs, "input"), **driving}
-    unknown = sorted(used - {*states, *driving})
+    named = [factor.parameter for factor, _ in factors if factor.parameter]
+    unknown = sorted(used - {*states, *driving, *named})
     if unknown:
         raise InputError(
             f"The equations use {unknown[0]!r}, which is neither a state nor an input of the model, and cannot be "
@@ -195,8 +198,15 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     )
 
 
-def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, LearnedTerm]]:
-    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
+Factors = list[tuple[Factor, LearnedTerm | None]]
+"""Coefficients with their terms; parameters of the simulation have none."""
+
+
+def _named(system: LearnedSystem, names: Sequence[str]) -> Factors:
+    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike.
+
+    Parameters keep their names, but for those that mean something in a language.
+    """
     learned = {name: system.learned[name] for name in names if name in system.learned}
     every = [(name, term) for name, equation in learned.items() for term in (*equation.given, *equation.terms)]
     short = [_readable(term.name) for _, term in every]
@@ -206,12 +216,22 @@ def _named(system: LearnedSystem, names: Sequence[str]) -> list[tuple[Factor, Le
     ]
     taken = {*system.states, *system.inputs, *system.names}
     called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
-    factors = []
+    factors = [(each, None) for each in _parameters(system, {*taken, *called})]
     for new, (name, term) in zip(called, every, strict=True):
         about = _about(system, name, term, term in learned[name].given)
         factor = Factor(new, name, term.term.text, term.value, term.unit, term.probability, *about)
         factors.append((factor, term))
     return factors
+
+
+def _parameters(system: LearnedSystem, taken: Collection[str]) -> list[Factor]:
+    reserved = {*taken, *PYTHON_WORDS, *C_WORDS, *MODELICA_WORDS}
+    called = identifiers([each.name for each in system.parameters], reserved)
+    about = {True: "", False: "given, not estimated"}
+    return [
+        Factor(called[p.name], "", p.name, p.value, p.unit, None, about[p.learned], parameter=p.name)
+        for p in system.parameters
+    ]
 
 
 def _readable(text: str) -> str:
@@ -231,16 +251,16 @@ def _about(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> 
 
 
 def _formula(
-    system: LearnedSystem, states: Sequence[str], name: str, factors: Iterable[tuple[Factor, LearnedTerm]]
+    system: LearnedSystem, states: Sequence[str], name: str, factors: Iterable[tuple[Factor, LearnedTerm | None]]
 ) -> Formula:
     simulation = system.simulation
     # Terms with given coefficients are those of the learned equation.
-    known: Any = simulation.own_formula(name) if name in system.learned else simulation.formula(name)
+    known: Any = simulation.written_formula(name) if name in system.learned else simulation.formula(name)
     calls = known.atoms(AppliedUndef)
     if calls and name not in states:
         raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
     known = known.xreplace({call: sympy.Symbol(rate_symbol(states.index(name)), real=True) for call in calls})
-    added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors)
+    added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors if each is not None)
     return Formula(name, target_unit(name, system.data), known, added)
 
 
@@ -285,7 +305,7 @@ FEWEST_ALIKE = 20
 
 
 def _correlations(
-    system: LearnedSystem, factors: Sequence[tuple[Factor, LearnedTerm]]
+    system: LearnedSystem, factors: Factors
 ) -> tuple[tuple[str, str, float], ...]:
     """Return posterior correlations of coefficients of one equation, over the draws that have just its terms."""
     pairs = []
@@ -294,7 +314,7 @@ def _correlations(
         placed = [
             (factor.name, place[each.term.name])
             for factor, each in factors
-            if factor.equation == name and each in equation.terms and each.term.name in place
+            if each is not None and factor.equation == name and each in equation.terms and each.term.name in place
         ]
         if len(placed) < len(equation.terms) or len(placed) < 2:
             continue

@@ -19,7 +19,7 @@ from bayes_greybox.inference.kept.model_record import describe
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report import plots as figures
 from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
-from bayes_greybox.report.equations.text import equation_text, inner_text, note
+from bayes_greybox.report.equations.text import equation_text, inner_text, note, parameter_text
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
 
@@ -110,7 +110,7 @@ def equations_block(system: LearnedSystem) -> Equations | None:
     if not system.learned:
         return None
     shown = [Equation(equation_mathml(system, name), equation_text(system, name)) for name in system.shown]
-    notes = [text for name in system.learned for text in inner_text(system, name)]
+    notes = [*(text for name in system.learned for text in inner_text(system, name)), *parameter_text(system)]
     return Equations(shown, notes, note(system), equations_latex(system))
 
 

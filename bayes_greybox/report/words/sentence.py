@@ -26,7 +26,7 @@ from bayes_greybox.discovery.summary import (
 from bayes_greybox.physics.catalogue.names import within
 
 from .doubts import role_text
-from .formatting import formula, listed, number, numbers_in, probability_text, share_text
+from .formatting import estimate, formula, listed, number, numbers_in, probability_text, share_text, unit_text
 from .study import closed_share, name_of, named_in, remembered, reversed_text, risen
 
 
@@ -267,5 +267,10 @@ def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
     instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
     unsure = row["probability"] < study.criteria.named
     p = f" (probability {probability_text(row['probability'])})" if unsure else ""
+    # Tables of earlier versions have no parameters.
+    if row.get("parameter"):
+        now = estimate(row["nominal"] + row["mean"], row["sd"], row["unit"])
+        unit = unit_text(row["unit"])
+        return f"{row['term']} should be {now}, not {wrong}{f' {unit}' if unit else ''}{p}{instead}"
     label = study.train.target_label(row["equation"])
     return f"{formula(row['term'])} in {label} should have {right}, not {wrong}{p}{instead}"

@@ -1,0 +1,175 @@
+"""Named parameters of a simulation's formulas, what is known of them, and the tangent of a formula in them.
+
+Of g(x, u, p) the tangent at p̂ is
+
+    g(x, u, p) ≈ g(x, u, p̂) + Σ_k (p_k − p̂_k) ∂g/∂p_k(x, u, p̂),
+
+whose slopes ∂g/∂p_k are terms with the coefficients p_k. It is exact for parameters that g is linear in; for others it
+is taken anew at the estimate until that stays (Gauss–Newton).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import sympy
+
+from bayes_greybox.physics.formula.grammar import check_name, symbol
+from bayes_greybox.running.errors import InputError
+
+from .coefficient import Bounds, Coefficient, coefficient_of_term
+
+RELATIVE_STEP = 1e-4
+"""Step of central differences over a parameter's size, where a formula has no finite derivative by it everywhere: their
+error is of the order of its square."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number with a name in the formulas of a simulation, and what is known of it.
+
+        Parameter(30.0)                                      believed; a study may find it off
+        Parameter(2.0, sd=0.1, bounds=(0, None), unit="kg")  learned: N(2, 0.1²) between the bounds
+
+    Attributes:
+        value: Its value, or with `sd` its expected value.
+        sd: Standard deviation of its prior; None: it is not learned in fits.
+        bounds: Its least and largest possible value; None leaves an end open.
+        unit: Its unit, for tables.
+        at: Value that formulas are linearised at; a fit or a study sets it. None: `value`.
+        change: If true, what is learned is the difference from `value`, as in a study.
+
+    Raises:
+        InputError: A value that cannot be used: not finite, `sd` not above 0, bounds reversed or without the value.
+    """
+
+    value: float
+    sd: float | None = None
+    bounds: Bounds | None = None
+    unit: str | None = None
+    at: float | None = None
+    change: bool = False
+
+    def __post_init__(self) -> None:
+        # The same rules as for a coefficient; without an own standard deviation only the value and bounds are checked.
+        stated = coefficient_of_term("", None, (self.value, 1.0 if self.sd is None else self.sd), None, self.bounds)
+        assert stated is not None
+        object.__setattr__(self, "value", float(self.value))
+        object.__setattr__(self, "sd", None if self.sd is None else float(self.sd))
+        bounds = self.bounds and tuple(None if end is None else float(end) for end in self.bounds)
+        object.__setattr__(self, "bounds", bounds)
+
+    @property
+    def learned(self) -> bool:
+        """True if it has a prior, and with it a posterior in every fit."""
+        return self.sd is not None
+
+    @property
+    def here(self) -> float:
+        """The value that formulas are linearised at."""
+        return self.value if self.at is None else self.at
+
+    @property
+    def prior(self) -> Coefficient:
+        """The prior of its coefficient: of its value, or of the change."""
+        least, most = self.bounds or (None, None)
+        if self.change:
+            return Coefficient(self.value, self.sd).centred()
+        return Coefficient(self.value, self.sd, None, least, most)
+
+    def inside(self, value: float) -> bool:
+        """Return True if a value is between the bounds."""
+        least, most = self.bounds or (None, None)
+        return (least is None or value >= least) and (most is None or value <= most)
+
+
+Parameters = Mapping[str, Parameter]
+"""Parameters by name."""
+
+
+def read_parameters(given: Any) -> dict[str, Parameter]:
+    """Return the parameters that a user gave, numbers among them.
+
+    Raises:
+        InputError: A name that formulas cannot use, or a value that is neither a number nor a `Parameter`.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError(
+            f"GreyBox(parameters={given!r}) must map names in the formulas to numbers or bg.Parameter(...), for "
+            "example {'m': bg.Parameter(2.0, sd=0.1), 'k': 30.0}."
+        )
+    return {check_name(name): _parameter(name, each) for name, each in given.items()}
+
+
+def _parameter(name: str, given: Any) -> Parameter:
+    if isinstance(given, Parameter):
+        return given
+    try:
+        return Parameter(given)
+    except (InputError, TypeError, ValueError) as error:
+        raise InputError(
+            f"The parameter {name!r} is {given!r}: give a finite number, or bg.Parameter(2.0, sd=0.1)."
+        ) from error
+
+
+class Tangent(NamedTuple):
+    """A formula at the values of its parameters, and its slopes there.
+
+    Attributes:
+        rest: What the formula is without the terms of learned parameters, whose coefficients are their values.
+        slopes: ∂g/∂p by parameter.
+        curved: True if the formula is not linear in the learned parameters.
+    """
+
+    rest: sympy.Expr
+    slopes: dict[str, sympy.Expr]
+    curved: bool
+
+
+def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
+    """Return the tangent of a formula in its parameters.
+
+    The rest is g(p̂) − Σ p̂_k ∂g/∂p_k over learned parameters, and + Σ (p_k − p̂_k) ∂g/∂p_k over believed ones, whose
+    values p_k stay what they are said to be, wherever the tangent is taken.
+    """
+    return _tangent(formula, tuple(parameters.items()))
+
+
+@lru_cache(maxsize=1024)
+def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...]) -> Tangent:
+    used = {name: each for name, each in parameters if symbol(name) in formula.free_symbols}
+    here = {symbol(name): _number(each.here) for name, each in used.items()}
+    slopes = {name: _slope(formula, name, each.here) for name, each in used.items()}
+    rest: Any = formula
+    for name, each in used.items():
+        if each.learned:
+            rest = rest - symbol(name) * slopes[name]
+        elif each.here != each.value:
+            rest = rest + (_number(each.value) - symbol(name)) * slopes[name]
+    # Expanded, k*y − k*y is gone before rounding can leave anything of it.
+    rest = formula if rest is formula else sympy.expand(rest)
+    learned = {symbol(name) for name, each in used.items() if each.learned}
+    curved = any(slope.free_symbols & learned for name, slope in slopes.items() if symbol(name) in learned)
+    return Tangent(rest.xreplace(here), {name: slope.xreplace(here) for name, slope in slopes.items()}, curved)
+
+
+def _slope(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
+    """Return the derivative of a formula by a parameter, or central differences where it is not finite everywhere."""
+    slope = sympy.diff(formula, symbol(name))
+    logs = slope.atoms(sympy.log) - formula.atoms(sympy.log)
+    if not logs and not slope.has(sympy.DiracDelta, sympy.Derivative, sympy.Subs):
+        return slope
+    step = _number(RELATIVE_STEP * (abs(value) or 1.0))
+    p = symbol(name)
+    more, less = (formula.xreplace({p: p + sign * step}) for sign in (1, -1))
+    return (more - less) / (2 * step)
+
+
+def _number(value: float) -> sympy.Expr:
+    return sympy.Integer(int(value)) if value == int(value) else sympy.Float(value)
+
+
+def moved_to(parameters: Parameters, values: Mapping[str, float]) -> dict[str, Parameter]:
+    """Return parameters with formulas linearised at some values."""
+    return {name: replace(each, at=values.get(name, each.at)) for name, each in parameters.items()}
