@@ -44,9 +44,9 @@ from .physics.catalogue.table import catalogue as catalogue
 from .physics.experiments import signals as signals
 from .physics.experiments import systems as systems
 from .physics.experiments.candidate import Candidate as Candidate
+from .physics.parameters import Parameter as Parameter
 from .physics.simulation.fmu.given import FMU as FMU
 from .physics.terms import Dictionary as Dictionary
-from .physics.parameters import Parameter as Parameter
 from .physics.terms import Term as Term
 from .physics.terms import polynomial as polynomial
 from .prior_comparison import PriorComparison as PriorComparison

@@ -12,6 +12,7 @@ from .hidden_effects.run import HIDDEN_EFFECTS
 from .hudson_bay.run import HUDSON_BAY
 from .measured_records.run import MEASURED_RECORDS
 from .memory_effects.run import MEMORY_EFFECTS
+from .named_parameters.run import NAMED_PARAMETERS
 from .next_experiment.run import NEXT_EXPERIMENT
 from .published_odes.run import PUBLISHED_ODES
 from .runner import Asked, Benchmark, Tables, perform
@@ -29,8 +30,8 @@ BENCHMARKS: dict[str, Benchmark] = {
     benchmark.name: benchmark
     for benchmark in (
         HIDDEN_EFFECTS, CALIBRATION, CONFOUNDING, SAMPLED_SYSTEMS, SAMPLED_TRAPS, SAMPLED_COVERAGE, PUBLISHED_ODES,
-        STATIC_MAPS, MEMORY_EFFECTS, SPRING_PENDULUM, NEXT_EXPERIMENT, WEAK_ODES, WEAK_COVERAGE, HUDSON_BAY,
-        BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
+        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, SPRING_PENDULUM, NEXT_EXPERIMENT, WEAK_ODES, WEAK_COVERAGE,
+        HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
     )
 }  # fmt: skip
 """Benchmarks by name, in the order in which they are listed."""

@@ -14,7 +14,7 @@ from bayes_greybox.report.folders.holding import CONFIG, author_text, command_of
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Prior, Rows, Simulation
+from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Parameters, Prior, Rows, Simulation
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
 
@@ -113,6 +113,7 @@ class Config(Section):
     asset: str | None = None
     data: Data
     simulation: Simulation = {}
+    parameters: Parameters = {}
     dictionary: Dictionary = {}
     coefficients: Coefficients = {}
     prior: Prior = None
@@ -243,7 +244,7 @@ class Config(Section):
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
         model = self.models[name] if name is not None else Model()
         dictionary = self._dictionary(model)
-        if not dictionary:
+        if not dictionary and not any(each.sd for each in self.parameters.values()):
             raise InputError(
                 f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
                 "look for what the simulation misses with bayes-greybox discover."
@@ -291,6 +292,7 @@ class Config(Section):
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
+            parameters={name: each.build() for name, each in self.parameters.items()},
             coefficients={state: {name: c.build() for name, c in each.items()} for state, each in coefficients.items()},
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),

@@ -12,7 +12,7 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite
 
 if TYPE_CHECKING:
-    from bayes_greybox.physics import terms
+    from bayes_greybox.physics import parameters, terms
     from bayes_greybox.physics.simulation.fmu.given import FMU
 
 
@@ -88,6 +88,37 @@ Simulation = Annotated[
     AlsoAs((dict[str, str], FMUFile), only=True),
 ]
 """Formulas by state, or an FMU."""
+
+
+class Parameter(Section):
+    """What is known of one named number in the formulas of [simulation]; with `sd` it is learned in fits."""
+
+    value: Finite
+    sd: Positive | None = None
+    lower: Finite | None = None
+    upper: Finite | None = None
+    unit: str | None = None
+
+    @model_validator(mode="after")
+    def _check_stated(self) -> Any:
+        try:
+            self.build()
+        except InputError as error:
+            raise wrong(str(error)) from None
+        return self
+
+    def build(self) -> "parameters.Parameter":
+        """Return the parameter of the package."""
+        from bayes_greybox.physics.parameters import Parameter
+
+        ends = (self.lower, self.upper)
+        return Parameter(self.value, self.sd, None if ends == (None, None) else ends, self.unit)
+
+
+Parameters = dict[
+    str,
+    Annotated[Parameter, BeforeValidator(lambda v: {"value": v} if is_finite(v) else v), AlsoAs((float,))],
+]
 
 
 def _pair(given: Any, what: str) -> Any:

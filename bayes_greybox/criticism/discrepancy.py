@@ -80,8 +80,12 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         frame, n_row = equation.frame, equation.rows.n_row
         index = np.unique(np.linspace(0, n_row - 1, min(n_row, SHARE_ROWS)).astype(int))
         draws = posterior.draws(name, equation.design.worthwhile(PREDICTION_DRAWS))
-        y, g = equation.rows.measured[index], equation.rows.simulated[index]
+        y, theta = equation.rows.measured[index], np.asarray(draws.theta)
         Phi = equation.parts(index)[0] * frame.target_scale
+        # Parameters are the simulation's: it has them at their means.
+        named = [bool(term.parameter) for term in frame.dictionary.terms]
+        mean = np.where(named, theta.mean(axis=0), 0.0)
+        g = equation.rows.simulated[index] + Phi @ mean
         f = frame.target_scale * equation.discrepancy(draws, index)
         centred = y - y.mean()
 
@@ -89,7 +93,7 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
             return np.asarray(part @ centred / (centred @ centred))
 
         of_f = share(f)
-        parts = {"simulation": share(g), "dictionary": share(draws.theta @ Phi.T).mean(), "discrepancy": of_f.mean()}
+        parts = {"simulation": share(g), "dictionary": share((theta - mean) @ Phi.T).mean(), "discrepancy": of_f.mean()}
         parts["noise"] = 1.0 - sum(parts.values())
         tail = (1 - level) / 2
         trade = trade_offs(equation, draws)

@@ -9,7 +9,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.coefficient import stated_terms
 from bayes_greybox.model.noise.asked import FIT, Noise
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING
-from bayes_greybox.model.program import AnyProgram
+from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.parameters import Parameter
 from bayes_greybox.physics.terms import Term
@@ -66,9 +66,7 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
     return replace(model, dictionary=dictionary, noise=noise)
 
 
-def _moved(
-    model: AnyProgram, own: Sequence[Column], study: EquationStudy, target_scale: float
-) -> dict[str, Parameter]:
+def _moved(model: Program, own: Sequence[Column], study: EquationStudy, target_scale: float) -> dict[str, Parameter]:
     """Return the parameters that the answer moves, learned with the priors that the study weighed them by."""
     sd = {column.parameter: column.sd * target_scale / column.scale for column in own if column.parameter}
     moved = {name: model.parameters[name] for name in study.amendment.parameters}

@@ -203,11 +203,15 @@ class Program(SamplingProgram):
         names = (*self.states(data), *data.input_names)
         slopes, terms = self._slopes.get(equation, {}), self.dictionary.get(equation, ())
         if not slopes:
-            return stated_terms(terms, self.coefficients.get(equation, {}), names, equation)
-        priors = {**self.coefficients.get(equation, {}), **{p: self.parameters[p].prior for p in slopes}}
+            return stated_terms(terms, self._priors(equation), names, equation)
         target = target_unit(equation, data)
         own = [Term(e, p, slope_unit(target, self.parameters[p].unit), parameter=p) for p, e in slopes.items()]
-        return stated_terms([*terms_of(terms), *own], priors, names, equation)
+        return stated_terms([*terms_of(terms), *own], self._priors(equation), names, equation)
+
+    def _priors(self, equation: str) -> dict[str, Coefficient]:
+        """Return the stated priors of single coefficients of an equation, and those of its parameters."""
+        parameters = {p: self.parameters[p].prior for p in self._slopes.get(equation, {})}
+        return {**self.coefficients.get(equation, {}), **parameters}
 
     def learns(self, equation: str) -> bool:
         """Return True if an equation has terms or parameters with coefficients to learn."""
@@ -224,7 +228,7 @@ class Program(SamplingProgram):
     def remainder(self, equation: str, values: Mapping[str, float]) -> KnownTerms:
         """Return what a tangent of an equation adds to the equation as given, beside its slopes, if anything.
 
-            g(x, u, p̂) + Σ (p_k − p̂_k) ∂g/∂p_k(x, u, p̂) − g(x, u, p)
+        g(x, u, p̂) + Σ (p_k − p̂_k) ∂g/∂p_k(x, u, p̂) − g(x, u, p)
         """
         if not values or equation not in self._tangents:
             return ()
@@ -237,10 +241,7 @@ class Program(SamplingProgram):
     @property
     def prior_text(self) -> str:
         """The prior in words: its name, and the priors of single coefficients."""
-        priors = {
-            name: {**self.coefficients.get(name, {}), **{p: self.parameters[p].prior for p in self._slopes.get(name, {})}}
-            for name in self.equations
-        }
+        priors = {name: self._priors(name) for name in self.equations}
         stated = stated_in_words(priors, several=len(self.equations) > 1)
         return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 

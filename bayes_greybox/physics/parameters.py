@@ -8,6 +8,7 @@ whose slopes ∂g/∂p_k are terms with the coefficients p_k. It is exact for pa
 is taken anew at the estimate until that stays (Gauss–Newton).
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,8 +18,9 @@ import sympy
 
 from bayes_greybox.physics.formula.grammar import check_name, symbol
 from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import is_finite
 
-from .coefficient import Bounds, Coefficient, coefficient_of_term
+from .coefficient import Bounds, Coefficient
 
 RELATIVE_STEP = 1e-4
 """Step of central differences over a parameter's size, where a formula has no finite derivative by it everywhere: their
@@ -52,13 +54,17 @@ class Parameter:
     change: bool = False
 
     def __post_init__(self) -> None:
-        # The same rules as for a coefficient; without an own standard deviation only the value and bounds are checked.
-        stated = coefficient_of_term("", None, (self.value, 1.0 if self.sd is None else self.sd), None, self.bounds)
-        assert stated is not None
+        if not is_finite(self.value):
+            raise InputError(f"Parameter({self.value!r}) needs a finite number, such as Parameter(2.0, sd=0.1).")
+        if self.sd is not None and not (is_finite(self.sd) and self.sd > 0):
+            raise InputError(
+                f"Parameter({self.value:g}, sd={self.sd!r}) needs a standard deviation above 0; leave sd out for a "
+                "parameter that is believed."
+            )
         object.__setattr__(self, "value", float(self.value))
         object.__setattr__(self, "sd", None if self.sd is None else float(self.sd))
-        bounds = self.bounds and tuple(None if end is None else float(end) for end in self.bounds)
-        object.__setattr__(self, "bounds", bounds)
+        if self.bounds is not None:
+            object.__setattr__(self, "bounds", _ends(self.value, self.bounds))
 
     @property
     def learned(self) -> bool:
@@ -78,10 +84,26 @@ class Parameter:
             return Coefficient(self.value, self.sd).centred()
         return Coefficient(self.value, self.sd, None, least, most)
 
-    def inside(self, value: float) -> bool:
-        """Return True if a value is between the bounds."""
+    @property
+    def changes(self) -> tuple[float, float]:
+        """The least and the largest change that the bounds allow."""
         least, most = self.bounds or (None, None)
-        return (least is None or value >= least) and (most is None or value <= most)
+        return (-math.inf if least is None else least - self.value, math.inf if most is None else most - self.value)
+
+
+def _ends(value: float, bounds: Any) -> Bounds:
+    """Return bounds as plain numbers, or refuse them."""
+    shown = f"Parameter({value:g}, bounds={bounds!r})"
+    pair = isinstance(bounds, tuple | list) and len(bounds) == 2
+    if not pair or not all(end is None or is_finite(end) for end in bounds):
+        raise InputError(f"{shown} needs a least and a largest value, such as (0, None): None leaves an end open.")
+    least, most = (None if end is None else float(end) for end in bounds)
+    low, high = -math.inf if least is None else least, math.inf if most is None else most
+    if not low < high:
+        raise InputError(f"{shown} leaves no interval between {low:g} and {high:g}: give the lower bound first.")
+    if not low <= value <= high:
+        raise InputError(f"{shown} rules the value out: move the bounds around it, or correct it.")
+    return least, most
 
 
 Parameters = Mapping[str, Parameter]
@@ -105,12 +127,9 @@ def read_parameters(given: Any) -> dict[str, Parameter]:
 def _parameter(name: str, given: Any) -> Parameter:
     if isinstance(given, Parameter):
         return given
-    try:
-        return Parameter(given)
-    except (InputError, TypeError, ValueError) as error:
-        raise InputError(
-            f"The parameter {name!r} is {given!r}: give a finite number, or bg.Parameter(2.0, sd=0.1)."
-        ) from error
+    if not is_finite(given):
+        raise InputError(f"The parameter {name!r} is {given!r}: give a finite number, or bg.Parameter(2.0, sd=0.1).")
+    return Parameter(given)
 
 
 class Tangent(NamedTuple):
@@ -139,8 +158,8 @@ def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
 @lru_cache(maxsize=1024)
 def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...]) -> Tangent:
     used = {name: each for name, each in parameters if symbol(name) in formula.free_symbols}
-    here = {symbol(name): _number(each.here) for name, each in used.items()}
-    slopes = {name: _slope(formula, name, each.here) for name, each in used.items()}
+    here: dict[Any, Any] = {symbol(name): _number(each.here) for name, each in used.items()}
+    slopes: dict[str, Any] = {name: _slope(formula, name, each.here) for name, each in used.items()}
     rest: Any = formula
     for name, each in used.items():
         if each.learned:
@@ -161,9 +180,9 @@ def _slope(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
     if not logs and not slope.has(sympy.DiracDelta, sympy.Derivative, sympy.Subs):
         return slope
     step = _number(RELATIVE_STEP * (abs(value) or 1.0))
-    p = symbol(name)
-    more, less = (formula.xreplace({p: p + sign * step}) for sign in (1, -1))
-    return (more - less) / (2 * step)
+    p: Any = symbol(name)
+    more: Any = formula.xreplace({p: p + step})
+    return (more - formula.xreplace({p: p - step})) / (2 * step)
 
 
 def _number(value: float) -> sympy.Expr:

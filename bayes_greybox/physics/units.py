@@ -22,7 +22,6 @@ from bayes_greybox.running.errors import InputError
 
 from .terms import Term
 
-
 UNKNOWN_UNIT = "?"
 """Declared unit of a term whose numbers carry units that nobody wrote."""
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_greybox.config.starting.plan import equation_of_motion
+from bayes_greybox.config.starting.plan import MASS, SPRING, equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
@@ -59,6 +59,7 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _units(plan),
         _differentiate(plan),
         _simulation(plan),
+        _parameters(plan),
         _dictionary(plan),
         "[study]\n"
         '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "all", or your own file.\n'
@@ -170,6 +171,23 @@ def _simulation(plan: Plan) -> str:
         lines.append(f'# {_key(name)} = "{PLACE}"  # {example}')
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
+    return "\n".join(lines)
+
+
+def _parameters(plan: Plan) -> str:
+    """Write examples of named numbers, as a comment: a section of numbers that no formula has is refused."""
+    lines = [
+        "# [parameters]",
+        "# Numbers of the formulas above by name, in units of the table. With sd one is learned by fit; without, it is",
+        "# believed, and discover says if it is off, and what it should be.",
+    ]
+    if plan.second or plan.chained:
+        lines += [
+            f'# m = {{ value = {MASS}, sd = 0.2, lower = 0.0, unit = "kg" }}',
+            f"# k = {SPRING}",
+        ]
+    else:
+        lines += [f'# tau = {{ value = 10.0, sd = 3.0, lower = 0.0, unit = "{plan.unit(plan.guess.time) or "s"}" }}']
     return "\n".join(lines)
 
 

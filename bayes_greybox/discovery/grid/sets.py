@@ -111,9 +111,9 @@ size, of a coefficient whose size is known."""
 
 
 def log_ranges(regressor: Regressor, mean: OfSets, sd: OfSets) -> OfSets:
-    """Return the change of the log evidence of sets by the sign, the size and the limit of one of their regressors.
+    """Return the change of the log evidence of sets by the sign, the size and the limits of one of their regressors.
 
-        log 2 (p₊ P(θ has the expected sign | y) + p₋ P(it has the other | y)),    log P(|θ| ≤ limit | y),
+        log 2 (p₊ P(θ has the expected sign | y) + p₋ P(it has the other | y)),    log P(least ≤ θ ≤ most | y),
         log ∫ p(θ | y) N₊(θ; b, (0.3 b)²)/N(θ; 0, s²) dθ where θ is about b
 
     A mean beyond a limit is impossible: rows would be linearised near an impossible value.
@@ -124,8 +124,10 @@ def log_ranges(regressor: Regressor, mean: OfSets, sd: OfSets) -> OfSets:
         total += log(2) + np.logaddexp(right, log(WRONG_SIGN) + log_ndtr(-regressor.sign * mean / sd))
     if regressor.expected:
         total += _log_near_size(mean, sd**2, regressor.expected, regressor.sd**2)
-    if np.isfinite(regressor.limit):
-        inside = (regressor.limit * regressor.sd - np.abs(mean)) / sd
+    if np.any(np.isfinite(regressor.limits)):
+        # The farther end matters only to a mean that is known no better than the limits are wide.
+        least, most = (limit * regressor.sd for limit in regressor.limits)
+        inside = np.minimum(mean - least, most - mean) / sd
         total += np.where(inside > 0, log_ndtr(inside), -np.inf)
     return total
 

@@ -25,7 +25,7 @@ class Regressor:
         log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
         sign: Sign that physics expects of its coefficient; 0 where it expects none.
         expected: Expected size of its coefficient; 0 where nothing is known.
-        limit: Largest size of its coefficient, in prior standard deviations; infinite where there is none.
+        limits: Least and largest value of its coefficient, in prior standard deviations; infinite where there is none.
     """
 
     kind: str
@@ -37,12 +37,12 @@ class Regressor:
     log_weight: float = 0.0
     sign: int = 0
     expected: float = 0.0
-    limit: float = math.inf
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def ranged(self) -> bool:
         """Return true if its prior is no plain normal density."""
-        return bool(self.sign or self.expected or math.isfinite(self.limit))
+        return bool(self.sign or self.expected or any(map(math.isfinite, self.limits)))
 
 
 @dataclass(frozen=True)

@@ -239,7 +239,8 @@ def as_regressor(column: Column, gap: float) -> Regressor:
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip
-    limit = np.inf
+    limits = column.limits
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
-    return Regressor(column.kind, f"{column.kind}:{column.called}", column.called, column.sd, limit=limit)
+        limits = (-limit, limit)
+    return Regressor(column.kind, f"{column.kind}:{column.called}", column.called, column.sd, limits=limits)

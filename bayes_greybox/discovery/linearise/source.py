@@ -150,7 +150,7 @@ def regressors_of(
         free = [(term, {"spread": spreads.get(term.name), "parameter": term.parameter}) for term in stated.learned]
         regressors.add(FREE, free)
     off = simulation.correctable(equation)
-    regressors.add(CORRECTION, [(each.term, {"nominal": each.nominal, "parameter": each.parameter}) for each in off])
+    regressors.add(CORRECTION, [(each.term, each.about()) for each in off])
     nominals = simulation.nominals(equation)
     terms = {regressors.columns[i].formula.name for i in regressors.of_kind(FREE)} | set(nominals)
     # An input that acts late on another body, or as a factor, has no lag here.

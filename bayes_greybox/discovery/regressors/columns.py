@@ -10,6 +10,7 @@ that a point weighs
 (Cornuet, Marin, Mira & Robert 2012, Scand. J. Stat. 39:798, with deterministic weights).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -91,6 +92,7 @@ class Column:
         direction: Sign of the simulation's own coefficient of the input that an effect is of; an input that brakes has
             the effects of a drive with the other sign.
         parameter: Name of the simulation's parameter whose slope the term is, and whose change its coefficient.
+        limits: Least and largest value of its coefficient, in prior standard deviations.
         memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
             rows, scaled.
     """
@@ -112,6 +114,7 @@ class Column:
     nearer: Nearer | None = None
     law: BoundEffect | None = None
     parameter: str = ""
+    limits: tuple[float, float] = (-math.inf, math.inf)
 
     @property
     def sign(self) -> int:

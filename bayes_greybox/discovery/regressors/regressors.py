@@ -26,6 +26,8 @@ COLLINEAR, PARALLEL = 1e-9, 1e-4
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
 of a sensor error's square outside another column's span below which the two are one."""
 
+NO_LIMITS = (-np.inf, np.inf)
+
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
 """Reasons why a term cannot serve."""
 
@@ -82,7 +84,7 @@ class Regressors(EvaluatedColumns):
         Args:
             kind: Kind of the columns.
             items: Terms, with further fields of their columns (nominal, effect, inner, log_weight), or the prior
-                standard deviation of their coefficients (spread, user's units).
+                standard deviation of their coefficients (spread), or of a correction its limits, both in user's units.
 
         Raises:
             InputError: A free term that is zero or not finite on the data.
@@ -125,6 +127,9 @@ class Regressors(EvaluatedColumns):
         if kind == CORRECTION:
             # Of a parameter that is zero nothing says how large it might be.
             sd = CORRECTION_SCALE * abs(fields["nominal"]) * size / self.target_scale or EFFECT_SCALE
+            # Changes that a parameter's bounds allow.
+            least, most = (float(end) * size / self.target_scale / sd for end in fields.get("limits", NO_LIMITS))
+            fields["limits"] = (least, most)
         if kind == EFFECT and fields.get("nominal"):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)

@@ -34,12 +34,13 @@ def at_estimate(model: Model, data: Trajectories, near: Callable[[Model], Model]
         InputError: See `Program.assemble`; parameters that do not settle.
     """
     model = near(model)
+    found, moved = _estimates(model, data)
     for _ in range(MOST_TANGENTS):
-        found, moved = _estimates(model, data)
         if moved < STAYING_WITHIN:
             return model
         before = {name: model.parameters[name].here for name in found}
         model = _stepped(model, before, found, near)
+        found, moved = _estimates(model, data)
     if moved > UNSETTLED_BEYOND:
         raise InputError(
             f"The parameters {', '.join(found)} do not settle: after {MOST_TANGENTS} steps one still moves by "

@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -96,7 +97,9 @@ class ExpressionSimulation(Simulation):
         parts = [part for part in sympy.Add.make_args(sympy.expand(formula)) if not part.free_symbols & names]
         plain = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
         return plain + [
-            Correctable(Term(slope, name, parameter=name), self.parameters[name].value, name)
+            Correctable(
+                Term(slope, name, parameter=name), self.parameters[name].value, name, self.parameters[name].changes
+            )
             for name, slope in tangent(formula, self.parameters).slopes.items()
             if slope != 0 and not self.parameters[name].learned
         ]
@@ -106,7 +109,8 @@ class ExpressionSimulation(Simulation):
         if state not in self.written:
             return super().nominals(state)
         values = {symbol(name): sympy.Float(each.here) for name, each in self.parameters.items()}
-        return {term.name: value for term, value in _additive(self.written[state].xreplace(values))}
+        formula: Any = self.written[state].xreplace(values)
+        return {term.name: value for term, value in _additive(formula)}
 
     def rate_name(self, state: str) -> str | None:
         """Return the state whose name is the expression."""

@@ -1,5 +1,6 @@
 """The protocol of a simulation, which formulas, code and FMUs fulfil."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,7 +34,6 @@ KnownTerms = Sequence[tuple[Term, float]]
 """Terms with their coefficients."""
 
 
-
 class Correctable(NamedTuple):
     """A number of a simulation that a study may find off.
 
@@ -41,11 +41,17 @@ class Correctable(NamedTuple):
         term: ∂g by that number, as a formula: the term of a coefficient, the slope of a parameter.
         nominal: The number.
         parameter: Its name, where the user gave it one.
+        limits: Changes of it that are possible.
     """
 
     term: Term
     nominal: float
     parameter: str = ""
+    limits: tuple[float, float] = (-math.inf, math.inf)
+
+    def about(self) -> dict[str, Any]:
+        """Return all but the term, by name."""
+        return {"nominal": self.nominal, "parameter": self.parameter, "limits": self.limits}
 
 
 CENTRAL_DIFFERENCE_STEP = 6e-6

@@ -12,6 +12,7 @@ from bayes_greybox.running.errors import InputError
 from .printers import CPrinter, ModelicaPrinter, PythonPrinter, ascii_text, identifiers, one_line, quoted, within_c
 from .reserved import C_WORDS, MODELICA_WORDS, PYTHON_WORDS
 
+
 def python_program(model: ExportedModel, name: str) -> str:
     """Return a module with `rhs(t, x, u)`; beside a simulation that is code, `rhs(t, x, u, simulation)`."""
     identified = _names(model, PYTHON_WORDS)

@@ -216,7 +216,7 @@ def _named(system: LearnedSystem, names: Sequence[str]) -> Factors:
     ]
     taken = {*system.states, *system.inputs, *system.names}
     called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
-    factors = [(each, None) for each in _parameters(system, {*taken, *called})]
+    factors: Factors = [(each, None) for each in _parameters(system, {*taken, *called})]
     for new, (name, term) in zip(called, every, strict=True):
         about = _about(system, name, term, term in learned[name].given)
         factor = Factor(new, name, term.term.text, term.value, term.unit, term.probability, *about)
@@ -304,9 +304,7 @@ FEWEST_ALIKE = 20
 """Number of draws with the terms of the answer below which correlations are not written."""
 
 
-def _correlations(
-    system: LearnedSystem, factors: Factors
-) -> tuple[tuple[str, str, float], ...]:
+def _correlations(system: LearnedSystem, factors: Factors) -> tuple[tuple[str, str, float], ...]:
     """Return posterior correlations of coefficients of one equation, over the draws that have just its terms."""
     pairs = []
     for name, equation in system.learned.items():

@@ -34,7 +34,7 @@ def test_an_expected_sign_is_nine_times_as_likely_as_the_other(mean, sd, sign):
 @CASES
 def test_an_error_of_a_sensor_is_within_its_limit(mean, sd):
     expected = norm.logcdf((1.5 - abs(mean)) / sd)
-    assert found(Regressor(SENSOR, "s", "s", 0.3, limit=5.0), mean, sd) == pytest.approx(expected, abs=1e-9)
+    assert found(Regressor(SENSOR, "s", "s", 0.3, limits=(-5.0, 5.0)), mean, sd) == pytest.approx(expected, abs=1e-9)
 
 
 @CASES
@@ -51,13 +51,13 @@ def test_a_coefficient_that_is_about_as_large_as_another_has_that_prior_in_place
 def test_what_has_a_plain_prior_adds_nothing():
     plain = Regressor(EFFECT, "e", "e", 1.0)
     assert not plain.ranged and found(plain, 3.0, 0.1) == 0.0
-    for ranged in (Regressor(EFFECT, "e", "e", 1.0, sign=1), Regressor(SENSOR, "s", "s", 1.0, limit=5.0)):
+    for ranged in (Regressor(EFFECT, "e", "e", 1.0, sign=1), Regressor(SENSOR, "s", "s", 1.0, limits=(-5.0, 5.0))):
         assert ranged.ranged
 
 
 def test_what_is_known_exactly_is_no_division_by_zero():
     assert np.isfinite(found(Regressor(EFFECT, "e", "e", 1.0, sign=1, expected=0.5), 0.5, 0.0))
-    assert np.isfinite(found(Regressor(SENSOR, "s", "s", 1.0, limit=5.0), 1.0, 0.0))
+    assert np.isfinite(found(Regressor(SENSOR, "s", "s", 1.0, limits=(-5.0, 5.0)), 1.0, 0.0))
     # The priors' ratio there, without what rounding makes of 1/sd².
     effect = Regressor(EFFECT, "e", "e", 1.0, expected=0.8)
     ratio = norm.logpdf(0.7, 0.8, EXPECTED_SPREAD * 0.8) - norm.logcdf(1 / EXPECTED_SPREAD) - norm.logpdf(0.7)

@@ -1,0 +1,1 @@
+"""Named parameters: intervals of those that are learned, and names of those that are off."""
