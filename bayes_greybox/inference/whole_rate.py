@@ -35,7 +35,9 @@ class Numbers(NamedTuple):
 
 
 class WholeRate:
-    """dx/dt = g(x, u) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k, with smoothed jumps.
+    """dx/dt = g(x, u, p) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k, with smoothed jumps.
+
+    Parameters p that are learned stand in g itself, and not in its tangent.
 
     Two rates with the same formulas are equal, whatever the data of their frames: `numbers` are an argument of the
     rate, so that a program compiled for one serves the other.
@@ -50,10 +52,12 @@ class WholeRate:
         self, simulation: Simulation, frames: Mapping[str, Frame], columns: Mapping[str, Float[np.ndarray, " n"]]
     ) -> None:
         self._simulation = simulation.rounded(columns)
-        self._frames, self._formulas = dict(frames), {}
+        self._frames, self._formulas, self._named = dict(frames), {}, {}
         self.numbers: dict[str, Numbers] = {}
         for name, frame in frames.items():
             terms = frame.dictionary.rounded(columns).terms
+            if named := {k: term.parameter for k, term in enumerate(terms) if term.parameter}:
+                self._named[name] = named, self._simulation.in_parameters(name, [*named.values()])
             self._formulas[name], within = without_numbers(term.expr for term in terms)
             n_basis = 0 if frame.basis is None else frame.basis.size
             projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(terms), n_basis))
@@ -63,7 +67,8 @@ class WholeRate:
             (name, tuple(map(sympy.srepr, self._formulas[name])), frame.variables, frame.basis)
             for name, frame in self._frames.items()
         ]
-        self.key = (self._simulation.key, tuple(formulas))
+        named = tuple((name, tuple(each.items()), sympy.srepr(g)) for name, (each, g) in self._named.items())
+        self.key = (self._simulation.key, tuple(formulas), named)
 
     def __hash__(self) -> int:
         return hash(self.key)
@@ -87,12 +92,16 @@ class WholeRate:
             scale, frame = numbers[name], self._frames[name]
             values = {**columns, **as_columns(scale.within)}
             Phi = jnp.stack([evaluate(formula, values) for formula in self._formulas[name]], axis=-1) / scale.terms
-            force = sum(Phi[j] * theta[j] for j in range(len(theta)))
+            k = states.index(name)
+            named, g = self._named.get(name, ({}, None))
+            if g is not None:
+                own = {p: theta[j] * scale.target / scale.terms[j] for j, p in named.items()}
+                rate[k] = evaluate(g, {**columns, **own})
+            force = sum((Phi[j] * theta[j] for j in range(len(theta)) if j not in named), jnp.zeros(()))
             if frame.basis is not None:
                 position = (jnp.stack([columns[each] for each in frame.variables]) - scale.centre) / scale.half_width
                 # ψ̃ = ψ − Φₒ ⟨Φₒ, ψᵀ⟩
                 force = force + (held_features(frame.basis, position[None])[0] - Phi @ scale.projection) @ weight
-            k = states.index(name)
             rate[k] = rate[k] + scale.target * force
         return jnp.stack(rate)
 

@@ -1,8 +1,8 @@
 """A simulation of formulas."""
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Collection, Hashable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -85,6 +85,13 @@ class ExpressionSimulation(Simulation):
         """Return the expression with names of parameters."""
         return self.written.get(name, self.formula(name))
 
+    def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
+        """Return the formula with some names of parameters in place of the tangents in them."""
+        if name not in self.written:
+            return self.formula(name)
+        given = {symbol(p): sympy.Float(each.value) for p, each in self.parameters.items() if p not in parameters}
+        return cast(sympy.Expr, self.written[name].xreplace(given))
+
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Split an expression into additive terms with coefficients: F - 2*y gives (F, 1) and (y, -2)."""
         return _additive(self.expressions[state]) if state in self.expressions else []
@@ -122,7 +129,9 @@ class ExpressionSimulation(Simulation):
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
         """Round the jumps of the formulas."""
         smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
-        return replace(self, expressions=smooth)
+        named = {**columns, **{name: np.asarray(each.here) for name, each in self.parameters.items()}}
+        written = {name: rounded(expr, named) for name, expr in self.written.items()}
+        return replace(self, expressions=smooth, written=written)
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
         """Return formulas over numbers that are inputs; these are the last ones."""

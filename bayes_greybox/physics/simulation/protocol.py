@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, cast
 
@@ -126,6 +126,10 @@ class Simulation(ABC):
     def written_formula(self, name: str) -> sympy.Expr:
         """Return the formula of `own_formula` as the user wrote it, with names of parameters."""
         return self.own_formula(name)
+
+    def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
+        """Return a formula with the names of some parameters, whose terms it has; the others are numbers in it."""
+        return self.formula(name)
 
     @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
@@ -267,6 +271,11 @@ class _WithTerms(Simulation):
     def written_formula(self, name: str) -> sympy.Expr:
         """Return the formula of the simulation."""
         return self.base.written_formula(name)
+
+    def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
+        """Return the formula of the simulation plus the terms."""
+        added = [value * term.expr for term, value in self.known.get(name, ())]
+        return cast(sympy.Expr, sympy.Add(self.base.in_parameters(name, parameters), *added))
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of the simulation: coefficients of the others are known, and nobody corrects them."""
