@@ -102,7 +102,9 @@ def _answer(study: StudyResult) -> str:
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
     besides = ""
     if off:
-        what = "A coefficient of the simulation is" if len(off) == 1 else "Coefficients of the simulation are"
+        named = all(row.get("parameter") for row in off)
+        word = "parameter" if named else "coefficient"
+        what = f"A {word} of the simulation is" if len(off) == 1 else f"{word.capitalize()}s of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(study, row) for row in off)}."
     return f"{_missing(study, closed)}{besides}"
 
@@ -123,9 +125,14 @@ def _recalibrate(study: StudyResult, off: Sequence[Mapping[str, Any]], closed: s
         for each in by_common_factor(study, off)
     )
     one = len(off) == 1
-    what = "the coefficient of the simulation is" if one else "coefficients of the simulation are"
+    named = bool(off) and all(row.get("parameter") for row in off)
+    word = "parameter" if named else "coefficient"
+    what = f"{'a' if named else 'the'} {word} of the simulation is" if one else f"{word}s of the simulation are"
     clause = f"No effect is missing; {what} off"
-    clause = _likely(study, clause, probability_of_answer(study), right or "which one the data cannot say")
+    unsaid = "which one the data cannot say"
+    if not off and (tied := tied_parameters(study)):
+        clause, unsaid = "No effect is missing; a parameter of the simulation is off", f"{tied}, {unsaid}"
+    clause = _likely(study, clause, probability_of_answer(study), right or unsaid)
     return f"{clause}, and setting {'it' if one else 'them'} right {closed}.{_left_in_practice(study)}"
 
 
@@ -246,6 +253,15 @@ def _rest(study: StudyResult) -> str:
     p = max(study.settings.get("rest beside the answer", {}).values(), default=1.0)
     what = "something else that the catalogue does not have"
     return what if p >= study.criteria.missing else f"perhaps {what} (probability {probability_text(p)})"
+
+
+def tied_parameters(study: StudyResult) -> str:
+    """Return the named parameters of which any might be off instead of the others, in words; "" if there are none."""
+    table: Any = study.corrections.reset_index()
+    if "parameter" not in table:
+        return ""
+    likely = table[table["parameter"] & (table["probability"] >= study.criteria.tied * table["probability"].max())]
+    return " or ".join(likely["term"].astype(str)) if len(likely) > 1 else ""
 
 
 def _by_one_factor(study: StudyResult, each: CommonFactor) -> str:
