@@ -36,7 +36,7 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
             # The study's own terms are without their stated priors, which a copy of the dictionary should have.
             by_name = {term.name: term for term in parts.all.terms}
             plain = [by_name.get(term.name, term) for term in plain]
-        model = replace(model, parameters={**model.parameters, **_moved(model, own, study, regressors.target_scale)})
+        model = replace(model, parameters={**model.parameters, **_moved(model, study)})
         # A dictionary needs a term; an offset is the least that can be asked for.
         least = [] if model.learns(name) else [Term("1")]
         terms = [*fixed, *([*plain, *added] or least)]
@@ -66,13 +66,14 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
     return replace(model, dictionary=dictionary, noise=noise)
 
 
-def _moved(model: Program, own: Sequence[Column], study: EquationStudy, target_scale: float) -> dict[str, Parameter]:
+def _moved(model: Program, study: EquationStudy) -> dict[str, Parameter]:
     """Return the parameters that the answer moves, learned with the priors that the study weighed them by."""
-    sd = {column.parameter: column.sd * target_scale / column.scale for column in own if column.parameter}
-    moved = {name: model.parameters[name] for name in study.amendment.parameters}
-    return {
-        name: replace(each, sd=each.sd or sd[name], at=study.amendment.parameters[name]) for name, each in moved.items()
-    }
+    moved, regressors = {}, study.regressors
+    for name, value in study.amendment.parameters.items():
+        parameter = model.parameters[name]
+        own = next(column for column in regressors.columns if column.parameter == name)
+        moved[name] = replace(parameter, sd=parameter.sd or own.sd * regressors.target_scale / own.scale, at=value)
+    return moved
 
 
 def _noise(study: EquationStudy) -> set[str]:

@@ -10,6 +10,7 @@ DOMAINS = {
     "fluid": "Flows in and out of tanks: effects in the equation of a level.",
     "population": "Growth, death and meetings: effects in the equation of a population.",
     "electrical": "Losses, sources and storage: effects in the equation of a voltage, a current or a flux.",
+    "thermal": "Heat flows over heat capacities: effects in the equation of a temperature.",
 }
 """The packaged catalogues, and what is in each."""
 

@@ -13,7 +13,7 @@ from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.inner_parameter import InnerParameter
 from bayes_greybox.physics.formula.expressions import parse_expression
 
-POSITIVE = {"level", "upstream", "population", "other"}
+POSITIVE = {"level", "upstream", "population", "other", "absolute_temperature", "absolute_surroundings"}
 """Roles that are never negative."""
 
 LINE, GREY = "#3b82c4", "#808890"
@@ -107,7 +107,7 @@ def _loop(axes, effect: Effect) -> None:
     rates = {state.name: _function(state.rate) for state in effect.hidden}
 
     def columns(t: float, z: Mapping[str, float]) -> dict[str, np.ndarray]:
-        wave = {"position": math.sin(t), "velocity": math.cos(t), "input": math.sin(t)}
+        wave = {"position": math.sin(t), "velocity": math.cos(t), "input": math.sin(t), "temperature": math.sin(t)}
         return {**{k: np.array(v) for k, v in wave.items()}, **values, **{k: np.array(v) for k, v in z.items()}}
 
     def slope(t: float, z: np.ndarray) -> np.ndarray:
@@ -117,7 +117,7 @@ def _loop(axes, effect: Effect) -> None:
     h, z = 2 * math.pi / STEPS, np.zeros(len(rates))
     across, found = [], []
     value = _function(effect.expression)
-    driven = "input" if "input" in effect.roles else "position"
+    driven = next(role for role in ("input", "position", "temperature") if role in effect.roles)
     for k in range(6 * STEPS):
         t = k * h
         if k >= 5 * STEPS:

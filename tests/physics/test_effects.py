@@ -32,6 +32,7 @@ SLUGS = {
     "fluid": "linear-outflow torricelli-outflow overflow",
     "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
     "electrical": "diode saturating-inductor",
+    "thermal": "heat-loss linear-cooling constant-heat natural-convection radiation second-mass",
 }
 OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
@@ -236,7 +237,7 @@ def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
 @pytest.mark.parametrize("effect", [e for e in ALL if e.hidden and e.sign], ids=lambda effect: effect.slug)
 def test_memories_that_resist_take_power_from_a_motion_to_and_fro(effect):
     t = np.linspace(0.0, 60.0, 6001)
-    path = {"position": np.sin(t), "velocity": np.cos(t)}
+    path = {"position": np.sin(t), "velocity": np.cos(t), "temperature": np.cos(t)}
     term = effect.bind({role: role for role in effect.roles}).term(middle(effect, 1.0))
     (hidden,) = along([term.states], t, path, np.arange(len(t)) == 0)
     force = effect.sign * np.asarray(term.evaluate({**path, **hidden}))
@@ -258,12 +259,12 @@ def test_signs_of_flows_populations_and_circuits():
     signs = {slug: effect.sign for slug, effect in BY_SLUG.items()}
     losses = """linear-outflow torricelli-outflow overflow weir-overflow logistic-crowding cubic-crowding holling-ii
         holling-iii allee ohmic-loss cubic-resistor diode diode-pair brush-drop saturating-inductor cubic-storage
-        backlash"""
+        backlash linear-cooling"""
     gains = """linear-inflow torricelli-inflow overflow-inflow connecting-pipe holling-ii-gain holling-iii-gain
-        inductance-drop"""
+        inductance-drop heat-loss natural-convection radiation second-mass"""
     either = """quadratic-stiffness bilinear-stiffness velocity-squared position-velocity-coupling constant-force
         direction-dependent-friction input-gain cubic-input constant-inflow linear-growth bilinear-interaction migration
-        constant-harvest driven-growth constant-source actuator-lag"""
+        constant-harvest driven-growth constant-source actuator-lag constant-heat"""
     for sign, slugs in ((-1, losses), (1, gains), (0, either)):
         assert {slug: signs[slug] for slug in slugs.split()} == dict.fromkeys(slugs.split(), sign)
     assert sum(sign == 0 for sign in signs.values()) == len(either.split())
@@ -478,6 +479,21 @@ def test_circuits():
     assert "brush-drop" in found and "diode" not in found
 
 
+def test_temperatures():
+    units = {"T": "degC", "outside": "degC", "heater": "kW"}
+    house = roles_of({"T": "heater - T"}, ("T",), ("outside", "heater"), "T", units=units)
+    found = texts("thermal", house, units)
+    # A power is no temperature, and the fourth power of one in °C is no radiation.
+    assert {text for slug, text in found if slug == "heat-loss"} == {"outside-T"}
+    assert "radiation" not in {slug for slug, _ in found} and ("second-mass", "z_second_mass_T-T") in found
+    kelvin = {**units, "T": "K", "outside": "K"}
+    furnace = roles_of({"T": "heater - T"}, ("T",), ("outside", "heater"), "T", units=kelvin)
+    assert ("radiation", "outside**4-T**4") in texts("thermal", furnace, kelvin)
+    # In the equation of a speed there are none.
+    speed = texts("thermal", roles_of(None, ("v",), ("F",), "v", units={"v": "m/s", "F": "N"}), {"v": "m/s"})
+    assert not {slug for slug, _ in speed} & {"heat-loss", "linear-cooling", "natural-convection", "second-mass"}
+
+
 def of_output(simulation=None, states=("x", "v"), inputs=("u",), **given):
     return roles_of(simulation, states, inputs, "R", outputs=("R",), **given)
 
@@ -485,7 +501,8 @@ def of_output(simulation=None, states=("x", "v"), inputs=("u",), **given):
 def test_a_temperature_is_no_speed_no_level_and_no_population():
     known = {"T": "degC", "heater": "W", "outside": "K", "t": "s"}
     roles = roles_of({"T": "heater - T"}, ("T",), ("heater", "outside"), "T", units=known)
-    assert {role for role, columns in roles.items() if columns} == {"state", "input"}
+    thermal = {"temperature", "surroundings", "absolute_surroundings"}
+    assert {role for role, columns in roles.items() if columns} == {"state", "input"} | thermal
     assert roles["state"] == ("T",) and roles["input"] == ("heater", "outside")
     # Whoever says so may have it.
     assert roles_of(None, ("T",), (), "T", {"velocity": "T"}, known)["velocity"] == ("T",)

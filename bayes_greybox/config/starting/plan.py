@@ -82,7 +82,10 @@ class Plan:
         """The field of the states, by their names and units."""
         if any(LIQUID_LEVELS.match(state) for state in self.guess.states):
             return "fluid"
-        return "electrical" if any(is_electrical(self.unit(state)) for state in self.guess.states) else "mechanical"
+        units = [self.unit(state) for state in self.guess.states]
+        if any(map(is_electrical, units)):
+            return "electrical"
+        return "thermal" if any(map(is_temperature, units)) else "mechanical"
 
     def _is_position(self, state: str) -> bool:
         """Return True if a state is a position of a body: by its unit if it has one, else by its name."""
@@ -130,6 +133,11 @@ def is_length_or_angle(unit: str) -> bool:
 def is_electrical(unit: str) -> bool:
     """Return True if a unit is that of a voltage, a current, a charge or a flux."""
     return bool(unit) and any(registry().parse_units(unit).is_compatible_with(each) for each in ("V", "A", "C", "Wb"))
+
+
+def is_temperature(unit: str) -> bool:
+    """Return True if a unit is that of a temperature."""
+    return bool(unit) and registry().parse_units(unit).dimensionality == {"[temperature]": 1}
 
 
 def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None, units: tuple[str, str]) -> str:

@@ -27,13 +27,19 @@ ROLES: dict[str, str] = {
     "voltage": "the voltage whose equation is learned",
     "current": "the current whose equation is learned",
     "flux": "the flux linkage: the state whose rate is this voltage, or the state whose equation is learned",
+    "temperature": "the temperature whose equation is learned",
+    "surroundings": "another temperature, such as that of the surroundings",
+    "absolute_temperature": "the temperature whose equation is learned, in kelvin",
+    "absolute_surroundings": "another temperature, in kelvin",
     "stored": "charge or flux linkage: the state whose rate is this current or voltage",
 }
 """Roles of the packaged catalogues and their meaning in the equation of one state."""
 
 _ELECTRICAL_UNITS = {"voltage": "V", "current": "A", "flux": "Wb"}
 
-_TEMPERATURE_ROLES = ("state", "input", "other")
+_THERMAL_ROLES = ("temperature", "surroundings", "absolute_temperature", "absolute_surroundings")
+
+_TEMPERATURE_ROLES = ("state", "input", "other", *_THERMAL_ROLES)
 """Roles that a temperature plays: it is no speed, no level and no population, though it has a rate as they have."""
 
 _OUTPUT_ROLE_UNITS = {
@@ -48,8 +54,8 @@ _OUTPUT_ROLE_UNITS = {
 class Columns:
     """Names of the columns of the data, and their units.
 
-    A voltage, current or flux in a unit of something else is none, and a temperature may only be a state, an input or
-    another state.
+    A voltage, current, flux or temperature in a unit of something else is none, and a temperature may only be a state,
+    an input, another state, or what thermal effects ask for.
     """
 
     states: Sequence[str]
@@ -116,7 +122,12 @@ def roles_of(
         "current": (equation,),
         "flux": integrals or (equation,),
         "stored": integrals,
+        "temperature": (equation,),
+        "surroundings": (*others, *inputs),
     }
+    for role in ("temperature", "surroundings"):
+        roles[role] = tuple(name for name in roles[role] if _may_be(name, "K", units))
+        roles[f"absolute_{role}"] = tuple(name for name in roles[role] if _is_absolute(name, units))
     for role, quantity in _ELECTRICAL_UNITS.items():
         roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units))
     for role in set(roles).difference(_TEMPERATURE_ROLES):
@@ -230,6 +241,14 @@ def _may_be(name: str, quantity: str, units: Mapping[str, str]) -> bool:
 def _is_temperature(name: str, units: Mapping[str, str]) -> bool:
     unit = units.get(name)
     return bool(unit) and parse_unit(unit, f"column {name!r}").dimensionality == {"[temperature]": 1}
+
+
+def _is_absolute(name: str, units: Mapping[str, str]) -> bool:
+    """Return True for a temperature that counts from absolute zero; one without a unit may not."""
+    if not _is_temperature(name, units):
+        return False
+    zero = registry().Quantity(0.0, parse_unit(units[name], f"column {name!r}"))
+    return abs(float(zero.to("kelvin").magnitude)) < 1e-9
 
 
 def _is_in(unit: str, name: str, quantities: Sequence[str]) -> bool:
