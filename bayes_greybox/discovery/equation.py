@@ -147,7 +147,6 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         alike=alike,
         gain=regressors.rows.gain,
         forced=in_time and near.rows.model.rows.follows_path,
-        parameters=point.parameters,
         remainder=source.model.remainder(regressors.equation, point.parameters),
     )
 

@@ -69,7 +69,7 @@ def extended_program(model: AnyProgram, findings: Mapping[str, EquationStudy], t
 def _moved(model: Program, study: EquationStudy) -> dict[str, Parameter]:
     """Return the parameters that the answer moves, learned with the priors that the study weighed them by."""
     moved, regressors = {}, study.regressors
-    for name, value in study.amendment.parameters.items():
+    for name, value in study.near.rows.point.parameters.items():
         parameter = model.parameters[name]
         own = next(column for column in regressors.columns if column.parameter == name)
         moved[name] = replace(parameter, sd=parameter.sd or own.sd * regressors.target_scale / own.scale, at=value)

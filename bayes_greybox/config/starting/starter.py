@@ -62,7 +62,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _parameters(plan),
         _dictionary(plan),
         "[study]\n"
-        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "all", or your own file.\n'
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "all", or your own\n'
+        "# file.\n"
         f"catalogue = {_quoted(plan.catalogue)}",
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"

@@ -114,8 +114,8 @@ class Amendment:
         alike: Draws whose hidden states have these rates; None: all.
         gain: Factor from rows to the sensor that they are of.
         forced: True if a latent force is part of the rows' noise.
-        parameters: Values of the named parameters at which the columns of the model after are slopes.
-        remainder: What the tangent there adds to the simulation before, with coefficients in the unit of the rate.
+        remainder: What the tangent at the values of parameters that were found adds to the simulation before, beside
+            the slopes, which are columns; with coefficients in the unit of the rate.
     """
 
     statistics: EvaluatedColumns
@@ -131,7 +131,6 @@ class Amendment:
     alike: Int[np.ndarray, " n"] | None = None
     gain: float = 1.0
     forced: bool = False
-    parameters: Mapping[str, float] = field(default_factory=dict)
     remainder: KnownTerms = ()
 
     @property
