@@ -24,14 +24,15 @@ from .speed.run import SPEED
 from .spring_pendulum.run import SPRING_PENDULUM
 from .static_maps.run import STATIC_MAPS
 from .stopwatch import STOPWATCH
+from .two_mass_houses.run import TWO_MASS_HOUSES
 from .weak_odes.run import WEAK_COVERAGE, WEAK_ODES
 
 BENCHMARKS: dict[str, Benchmark] = {
     benchmark.name: benchmark
     for benchmark in (
         HIDDEN_EFFECTS, CALIBRATION, CONFOUNDING, SAMPLED_SYSTEMS, SAMPLED_TRAPS, SAMPLED_COVERAGE, PUBLISHED_ODES,
-        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, SPRING_PENDULUM, NEXT_EXPERIMENT, WEAK_ODES, WEAK_COVERAGE,
-        HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
+        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, SPRING_PENDULUM, NEXT_EXPERIMENT, WEAK_ODES,
+        WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
     )
 }  # fmt: skip
 """Benchmarks by name, in the order in which they are listed."""

@@ -1,0 +1,1 @@
+"""Houses with one thermometer: is the second thermal mass found?"""
