@@ -192,15 +192,15 @@ class EquationStudy:
 
         A parameter of the simulation stands by its name, and `parameter` is true.
         """
-        rows, by_correction, parameters = [], self.probabilities.by_correction, self.source.model.parameters
+        rows, by_correction = [], self.probabilities.by_correction
         for index in self.regressors.of_kind(CORRECTION):
             column, unit = self.near.column(index), self._in_units(index)
             share, moments = by_correction[column.called], _interval(*self._correction(index), unit)
             term = column.formula
             about = (self.equation, term.name, column.nominal, share.probability)
-            named = parameters.get(column.parameter)
-            measured_in = self._unit(data, term) if named is None else named.unit or ""
-            rows.append((*about, *moments, measured_in, share.agreement, named is not None))
+            named = bool(column.parameter)
+            measured_in = self._unit_of_parameter(column.parameter) if named else self._unit(data, term)
+            rows.append((*about, *moments, measured_in, share.agreement, named))
         return pd.DataFrame(rows, columns=list(CORRECTION_COLUMNS)).set_index(["equation", "term"])
 
     def _correction(self, index: int) -> tuple[float, float]:
@@ -295,6 +295,9 @@ class EquationStudy:
         if not column.sign or np.mean(column.sign * draws < 0) <= self.criteria.reversed:
             return ""
         return column.effect.effect.reverse or UNUSUAL
+
+    def _unit_of_parameter(self, name: str) -> str:
+        return self.source.model.parameters[name].unit or ""
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         unit = unit_if_known(target_unit(self.equation, data), term, data)
