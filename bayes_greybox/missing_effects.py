@@ -303,7 +303,7 @@ def _amended(model: GreyBox, found: StudyResult, train: Trajectories) -> Study:
     amended = replace(
         model, rows=found.base.rows, dictionary=dictionary, noise=found.model.noise, parameters=found.model.parameters
     )
-    amended = amended.remembering(hidden_used(dictionary, hidden), found.train)
+    amended = amended.along_parameters().remembering(hidden_used(dictionary, hidden), found.train)
     # Other states of the path that the study followed are not part of the answer.
     known = amended.states(train)
     states = {name: column for name, column in found.corrected.states.items() if name in known}

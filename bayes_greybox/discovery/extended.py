@@ -71,6 +71,10 @@ def _moved(model: Program, study: EquationStudy) -> dict[str, Parameter]:
     moved, regressors = {}, study.regressors
     for name, value in study.near.rows.point.parameters.items():
         parameter = model.parameters[name]
+        if model.places_of(name) > 1:
+            # One coefficient is of one equation.
+            moved[name] = replace(parameter, value=value)
+            continue
         own = next(column for column in regressors.columns if column.parameter == name)
         moved[name] = replace(parameter, sd=parameter.sd or own.sd * regressors.target_scale / own.scale, at=value)
     return moved

@@ -6,6 +6,8 @@ from functools import cached_property
 from numbers import Integral, Real
 from typing import Any
 
+import numpy as np
+
 from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
@@ -57,7 +59,7 @@ class Subject:
     @classmethod
     def of(cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool) -> "Subject":
         """Return model and data that can be studied; others are refused."""
-        given = model.on(train)
+        given = _at_estimate(model.on(train), train)
         model = given.centred()
         check_rows(model)
         equations = studied_equations(model, train)
@@ -123,6 +125,17 @@ class Subject:
         if not self.model.rows.follows_path:
             return RATES_WITHOUT_PATH
         return "" if readable(self.model.simulation) else NO_STATES
+
+
+def _at_estimate(model: Program, train: Trajectories) -> Program:
+    """Return a model whose learned parameters are linearised at their estimate, where nothing is missing."""
+    if not model.curved:
+        return model
+    try:
+        return replace(model, parameters=model.near(train)[0].parameters)
+    except (InputError, np.linalg.LinAlgError):
+        # A model that lacks much may have no estimate: the study starts at what is stated.
+        return model
 
 
 def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:

@@ -272,6 +272,10 @@ def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> It
     """Yield corrections one by one, but those of an equation that are all off by one factor together."""
     for name, count in Counter(row["equation"] for row in off).items():
         rows = [row for row in off if row["equation"] == name]
+        # A parameter may stand anywhere in a formula.
+        if any(row.get("parameter") or not row["nominal"] for row in rows):
+            yield from rows
+            continue
         ratios = [row["mean"] / row["nominal"] for row in rows]
         mean = sum(ratios) / len(ratios)
         whole = count == len(rows_of(study.corrections, name)) > 1

@@ -15,7 +15,7 @@ from bayes_greybox.model.estimate.tangents import at_estimate
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.parameters import Parameter, Tangent, moved_to, read_parameters, tangent
+from bayes_greybox.physics.parameters import Parameter, Tangent, bends, moved_to, read_parameters, tangent
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import KnownTerms, RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import (
@@ -144,6 +144,10 @@ class Program(SamplingProgram):
         }
         return {name: each for name, each in slopes.items() if each}
 
+    def places_of(self, parameter: str) -> int:
+        """Return the number of equations that a parameter stands in."""
+        return sum(parameter in each.slopes for each in self._tangents.values())
+
     def _require_one_equation(self) -> None:
         """Refuse a learned parameter in several equations, whose coefficients would be several."""
         for parameter in self.parameters:
@@ -232,11 +236,27 @@ class Program(SamplingProgram):
         """
         if not values or equation not in self._tangents:
             return ()
-        believed = {name: replace(each, sd=None, at=None) for name, each in self.parameters.items()}
+        believed = {name: replace(each, sd=None) for name, each in self.parameters.items()}
         formula = parse_expression(str(self.formulas[equation]))
+        if not bends(formula, values):
+            return ()
         there, here = (tangent(formula, each).rest for each in (moved_to(believed, values), believed))
-        rest = sympy.expand(there - here)
-        return [(Term(rest, "remainder"), 1.0)] if rest != 0 else ()
+        rest: Any = there - here
+        return [(Term(rest, "remainder"), 1.0)] if sympy.expand(rest) != 0 else ()
+
+    def bent(self, equation: str, values: Mapping[str, float]) -> bool:
+        """Return True if the tangent of an equation at values of its parameters is another one than that here."""
+        if not values or equation not in self._tangents:
+            return False
+        return bends(parse_expression(str(self.formulas[equation])), values)
+
+    def along_parameters(self: "AnyProgram") -> "AnyProgram":
+        """Return the model with rows near the values of its learned parameters, where rows are linear only near one."""
+        slopes = [(name, p, e) for name, each in self._slopes.items() for p, e in each.items()]
+        if self.rows.linear or not slopes:
+            return self
+        around = [(Term(e, p), self.parameters[p].here) for _, p, e in slopes]
+        return replace(self, rows=self.rows.around(around, [name for name, *_ in slopes]))
 
     @property
     def prior_text(self) -> str:
@@ -257,7 +277,7 @@ class Program(SamplingProgram):
         """
         if not self.coefficients and not self._slopes:
             return self
-        parameters = {name: replace(each, change=each.learned, at=None) for name, each in self.parameters.items()}
+        parameters = {name: replace(each, change=each.learned) for name, each in self.parameters.items()}
         # Priors stated by terms are in `coefficients`.
         dictionary = {
             name: [term.plain for term in terms_of(terms)] if stating(terms) else terms

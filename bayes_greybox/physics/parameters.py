@@ -9,7 +9,7 @@ is taken anew at the estimate until that stays (Gauss–Newton).
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -151,6 +151,9 @@ def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
 
     The rest is g(p̂) − Σ p̂_k ∂g/∂p_k over learned parameters, and + Σ (p_k − p̂_k) ∂g/∂p_k over believed ones, whose
     values p_k stay what they are said to be, wherever the tangent is taken.
+
+    Raises:
+        InputError: The formula or a slope has no value at the values of the parameters.
     """
     return _tangent(formula, tuple(parameters.items()))
 
@@ -160,17 +163,44 @@ def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...])
     used = {name: each for name, each in parameters if symbol(name) in formula.free_symbols}
     here: dict[Any, Any] = {symbol(name): _number(each.here) for name, each in used.items()}
     slopes: dict[str, Any] = {name: _slope(formula, name, each.here) for name, each in used.items()}
-    rest: Any = formula
-    for name, each in used.items():
-        if each.learned:
-            rest = rest - symbol(name) * slopes[name]
-        elif each.here != each.value:
-            rest = rest + (_number(each.value) - symbol(name)) * slopes[name]
-    # Expanded, k*y − k*y is gone before rounding can leave anything of it.
-    rest = formula if rest is formula else sympy.expand(rest)
-    learned = {symbol(name) for name, each in used.items() if each.learned}
-    curved = any(slope.free_symbols & learned for name, slope in slopes.items() if symbol(name) in learned)
-    return Tangent(rest.xreplace(here), {name: slope.xreplace(here) for name, slope in slopes.items()}, curved)
+    moving = {symbol(name) for name, each in used.items() if each.learned or each.here != each.value}
+    curved = {name for name in used if symbol(name) in moving and slopes[name].free_symbols & moving}
+    # What the formula is linear in is taken out of it, and not off it: no rounding is left.
+    straight: dict[Any, Any] = {
+        symbol(name): sympy.S.Zero if each.learned else _number(each.value)
+        for name, each in used.items()
+        if symbol(name) in moving and name not in curved
+    }
+    rest: Any = formula.xreplace(straight)
+    for name in curved:
+        away = -symbol(name) if used[name].learned else _number(used[name].value) - symbol(name)
+        rest = rest + away * slopes[name]
+    found = Tangent(
+        rest.xreplace(here),
+        {name: slope.xreplace(here) for name, slope in slopes.items()},
+        any(used[name].learned for name in curved),
+    )
+    for part in (found.rest, *found.slopes.values()):
+        if part.has(sympy.zoo, sympy.nan, sympy.oo, sympy.I):
+            values = ", ".join(f"{name} = {each.here:g}" for name, each in used.items())
+            raise InputError(f"The formula {formula} has no value, or no finite slope, at {values}: correct these.")
+    return found
+
+
+def bends(formula: sympy.Expr, names: Collection[str]) -> bool:
+    """Return True if a formula is not linear in some parameters together."""
+    moving = {symbol(name) for name in names} & formula.free_symbols
+    return any(sympy.diff(formula, p).free_symbols & moving for p in moving)
+
+
+def step_to(value: float, here: float, spread: float) -> float:
+    """Return where a tangent is taken next: at a value, or on the way there if it is far.
+
+    A tangent says little beyond a change by half of the parameter or by its prior standard deviation: that of F/m at
+    4 kg says of 2 kg that it is nothing at all.
+    """
+    longest = max(abs(here) / 2, spread)
+    return here + min(max(value - here, -longest), longest)
 
 
 def _slope(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:

@@ -39,8 +39,8 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     data = Trajectories.from_arrays(record["t"], states={"T": record["T"]}, inputs=inputs, units=UNITS)
     model = GreyBox(simulation={"T": "loss*(outside - T) + heater"}, parameters={"loss": each.loss})
     found, seconds = studied(model, data, catalogue="thermal", free_runs=False, interpolation="zoh")
-    effects = found.effects.set_index("slug")
-    likely = [slug for slug, p in effects["probability"].items() if p > SURE]
+    effects: Any = found.effects.set_index("slug")
+    likely = [str(slug) for slug, p in effects["probability"].items() if p > SURE]
     own = effects.loc[HIDDEN]
     storage = own["inner"].get("storage_time", np.nan)
     return {

@@ -61,6 +61,58 @@ def test_a_file_of_a_study_keeps_it(study, tmp_path):
     assert again.model.parameters == study.model.parameters
 
 
+def test_a_parameter_far_off_is_found_all_the_same():
+    """The first tangent at 4 kg says of a machine of 2 kg that it weighs nothing."""
+    t = np.linspace(0, 20, 301)
+    data = record(lambda t, x: [x[1], (drive(t) - 30 * x[0]) / 2.0], [0.1, 0.0], t, 0.02, {"F": drive(t)})
+    # A zero that is right stays what it is; nothing is divided by it.
+    given = {"m": 4.0, "k": 30.0, "c": 0.0}
+    model = bg.GreyBox(simulation={"y": "v", "v": "(F - k*y - c*v)/m"}, parameters=given)
+    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    row = study.corrections.loc["v", "m"]
+    assert abs(4.0 + row["mean"] - 2.0) < 4 * row["sd"] and row["sd"] < 0.01
+    assert study.corrections.loc["v", "c"]["probability"] < 0.1
+    assert "m should be" in study.sentence
+
+
+def test_a_learned_parameter_is_at_its_estimate_before_anything_is_weighed():
+    """At the mean of its prior the curve of the exponential looks like another wrong number."""
+    rng = np.random.default_rng(1)
+    T = 300 + 60 * rng.uniform(size=150)
+    P = 300 * np.exp(-1000 / T) + 0.01 * rng.standard_normal(150)
+    data = bg.Trajectories.from_arrays(np.arange(150.0), states={}, inputs={"T": T}, outputs={"P": P})
+    parameters = {"a": 300.0, "b": bg.Parameter(950.0, sd=100.0)}
+    model = bg.GreyBox(simulation={"P": "a*exp(-b/T)"}, parameters=parameters)
+    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    assert study.verdict == "no gap"
+    # Before and after are one model, where nothing was added.
+    np.testing.assert_allclose(study.gap["before"], study.gap["after"], rtol=0.01)
+
+
+def test_a_parameter_of_two_equations_is_set_right_in_both():
+    t = np.linspace(0, 20, 201)
+
+    def rate(t, x, k=12.0):
+        coupling = k * (x[0] - x[2])
+        return [x[1], (drive(t) - 30 * x[0] - 0.8 * x[1] - coupling) / 2, x[3], coupling - 0.5 * x[3]]
+
+    x = solve_ivp(rate, (0, 20), [0.1, 0.0, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-9).y
+    noise = 0.02 * np.random.default_rng(2).standard_normal((2, len(t)))
+    rates = np.array([rate(*each) for each in zip(t, x.T, strict=True)]).T[[1, 3]] + noise
+    data = bg.Trajectories.from_arrays(
+        t, states=dict(zip(("x1", "v1", "x2", "v2"), x, strict=True)),
+        derivatives=dict(zip(("v1", "v2"), rates, strict=True)), inputs={"F": drive(t)},
+    )  # fmt: skip
+    formulas = {"x1": "v1", "v1": "(F-30*x1-0.8*v1-k*(x1-x2))/2", "x2": "v2", "v2": "k*(x1-x2)-0.5*v2"}
+    study = bg.find_missing_effects(
+        bg.GreyBox(simulation=formulas, parameters={"k": 10.0}), data, settle=False, progress=False
+    )
+    assert study.verdict == "recalibrate"
+    assert (
+        study.model.parameters["k"].value == pytest.approx(12.0, abs=0.05) and not study.model.parameters["k"].learned
+    )
+
+
 def test_two_parameters_of_one_curve_are_tied():
     t = np.linspace(0, 15, 201)
     data = record(lambda t, x: [x[1], -9.81 / 1.1 * np.sin(x[0]) - 0.1 * x[1]], [1.0, 0.0], t, 0.02)

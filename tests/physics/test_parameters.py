@@ -6,7 +6,7 @@ import sympy
 
 import bayes_greybox as bg
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
-from bayes_greybox.physics.parameters import Parameter, moved_to, read_parameters, tangent
+from bayes_greybox.physics.parameters import Parameter, moved_to, read_parameters, step_to, tangent
 
 POINT = {"y": np.array([0.3, -1.2, 0.0]), "v": np.array([0.5, 0.0, -2.0]), "u": np.array([1.0, 2.0, -0.5])}
 OSCILLATOR = parse_expression("(u - k*y - c*v)/m")
@@ -34,6 +34,23 @@ def test_a_tangent_touches_the_formula_and_its_slope_is_the_derivative(m):
     h = 1e-5
     slope = (value(OSCILLATOR, m=m + h, **about) - value(OSCILLATOR, m=m - h, **about)) / (2 * h)
     np.testing.assert_allclose(value(found.slopes["m"]), slope, rtol=1e-7)
+
+
+def test_a_formula_is_not_taken_apart():
+    """Expanded, exp(V - i) is a product of numbers that leave the range of the computer."""
+    formula = parse_expression("a*(exp((y - 800)/b) - 1)")
+    parameters = {"a": Parameter(2.0, sd=0.1), "b": Parameter(50.0, sd=5.0)}
+    found, y = tangent(formula, parameters), np.array([790.0, 900.0])
+    total = evaluate(found.rest, {"y": y}) + sum(
+        each.here * evaluate(found.slopes[name], {"y": y}) for name, each in parameters.items()
+    )
+    np.testing.assert_allclose(total, 2.0 * (np.exp((y - 800) / 50) - 1), rtol=1e-12)
+
+
+@pytest.mark.parametrize("value", [3.0, 2.05, -5.0])
+def test_a_step_is_no_longer_than_a_tangent_is_good_for(value):
+    assert step_to(value, 2.0, 0.3) == min(max(value, 1.0), 3.0)
+    assert step_to(value, 0.0, 0.3) == min(max(value, -0.3), 0.3)
 
 
 def test_a_believed_parameter_keeps_its_value_wherever_the_tangent_is_taken():
@@ -70,6 +87,7 @@ def test_a_power_has_the_slope_of_its_exponent():
         (lambda: read_parameters({"sin": 1.0}), "taken by a function"),
         (lambda: read_parameters({"m": "2"}), "finite number"),
         (lambda: read_parameters([1.0]), "map names"),
+        (lambda: tangent(OSCILLATOR, {"m": Parameter(0.0), "k": Parameter(1.0), "c": Parameter(1.0)}), "at m = 0"),
     ],
 )
 def test_what_is_no_parameter_is_refused(make, words):

@@ -168,7 +168,7 @@ def other_sizes(regressors: Regressors) -> list[str]:
         column = regressors.columns[i]
         ratio = 1 + float(value) * regressors.target_scale / (column.scale * column.nominal) if column.nominal else 1.0
         if not 1 / OTHER_SIZE < ratio < OTHER_SIZE:
-            sizes.append(f"{column.formula.text} {ratio:.4g} times")
+            sizes.append(f"{column.called} {ratio:.4g} times")
     if not sizes:
         return []
     return [

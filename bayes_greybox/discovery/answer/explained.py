@@ -115,8 +115,13 @@ def _components(study: EquationStudy, able: Sequence[Hypothesis]) -> tuple[tuple
         unit = np.array([scale / columns[h.members[k]].scale for k in terms])
         root = factor_of(h.covariance[np.ix_(terms, terms)]) * unit
         # As text, which a file gives back the same.
-        plain = tuple(replace(f, expression=f.text) for f in (columns[h.members[k]].formula.plain for k in terms))
-        components.append(Component(float(weight), (study.equation,) * len(terms), plain, unit * h.mean[terms], root))
+        formulas = [columns[h.members[k]].formula.plain for k in terms]
+        # Slopes of parameters are those of a tangent, whose remainder is known.
+        known = study.amendment.remainder if any(columns[i].parameter for i in h.members) else ()
+        mean = np.array([*(unit * h.mean[terms]), *(value for _, value in known)])
+        root = np.hstack([root, np.zeros((len(root), len(known)))])
+        plain = tuple(replace(f, expression=f.text) for f in (*formulas, *(term for term, _ in known)))
+        components.append(Component(float(weight), (study.equation,) * len(plain), plain, mean, root))
     return tuple(components), {study.equation: float(weights @ [h.noise for h in likeliest]) * scale}
 
 

@@ -20,13 +20,14 @@ from bayes_greybox.discovery.grid.table import EFFECT, Regressor
 from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Column, Values
-from bayes_greybox.discovery.regressors.regressors import Regressors
+from bayes_greybox.discovery.regressors.regressors import CORRECTION_SCALE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, Rate, Sizes
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS, heavy, varying
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.parameters import step_to
 from bayes_greybox.physics.terms import Term
 
 LEAST_SHAPE_ODDS, LEAST_WHITE_SCALE = -3.0, 1e-6
@@ -213,9 +214,23 @@ class Near:
         terms = ((c, size) for c, size in columns if not c.parameter)
         added = tuple((c.term, size) for c, size in terms if c.term is not None and size != 0)
         sensors = {c.suspect: size for c, size in columns if c.suspect is not None}
-        given = self.rows.model.parameters
-        parameters = {name: given[name].value + size for name, size in moved.items()}
+        given, parameters = self.rows.model.parameters, {}
+        for name, size in moved.items():
+            spread = given[name].sd or abs(CORRECTION_SCALE * given[name].value)
+            parameters[name] = step_to(given[name].value + size, given[name].here, spread)
         return replace(self.rows.point, added=added, sensors=sensors, parameters=parameters)
+
+    @property
+    def on_tangent(self) -> bool:
+        """Return true if tangents are taken where the likeliest hypothesis has its parameters."""
+        likeliest, given = self.likeliest, self.rows.model.parameters
+        units = self.in_units(likeliest)
+        moves = {}
+        for i, size, sd in zip(likeliest.members, likeliest.mean * units, likeliest.sd * np.abs(units), strict=True):
+            name = self.column(i).parameter
+            if name and abs(given[name].value + size - given[name].here) > SETTLED_SHARE * sd:
+                moves[name] = size
+        return not self.rows.model.bent(self.regressors.equation, moves)
 
     def stays(self, before: "Near") -> bool:
         """Return true if the likeliest hypothesis is the one before, its coefficients known no better.
@@ -243,4 +258,7 @@ def as_regressor(column: Column, gap: float) -> Regressor:
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
         limits = (-limit, limit)
-    return Regressor(column.kind, f"{column.kind}:{column.called}", column.called, column.sd, limits=limits)
+    return Regressor(
+        column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=column.log_weight,
+        limits=limits,
+    )  # fmt: skip

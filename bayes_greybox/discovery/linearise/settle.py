@@ -9,6 +9,7 @@ from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
+from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
 from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, noise_shapes
@@ -41,7 +42,7 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         same_shapes = [s.name for s in point.shapes] == [s.name for s in near.rows.point.shapes]
         stays = not finer and same_shapes and here.stays(point)
         if stays and near.rows.point.window is None:
-            return near
+            return _on_tangent(near, source, odds, reach, seed)
         report(f"weighing them near the likeliest, round {iteration + 1}")
         # In the first iteration a small table is weighed whole: rates seldom need a second.
         narrow = (iteration or weighed.table.columns.size > SMALL_TABLE) and not stays
@@ -56,13 +57,28 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
             visits = [there]
             continue
         visits = [each for each in visits if each.hypothesis != there.hypothesis] + [there]
-        if abs(there.log_weight - here.log_weight) < LIKELIER and not stays:
+        # Evidence says little of a parameter's tangent, which has nearly the same shape wherever it is taken.
+        if abs(there.log_weight - here.log_weight) < LIKELIER and not stays and there.near.on_tangent:
             break
     while (here := best_of(visits, seed)).near.rows.point.window is not None:
         rows = source.near(replace(here.near.rows.point, window=None))
         whole = here._replace(near=weighed_on(rows, odds, reach, seed))
         visits = [whole, *(each for each in visits if each.hypothesis != here.hypothesis)]
-    return here.near
+    return _on_tangent(here.near, source, odds, reach, seed)
+
+
+def _on_tangent(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Near:
+    """Return the hypotheses on rows whose tangents are at the likeliest one's parameters."""
+    for _ in range(MOST_TANGENTS):
+        if near.on_tangent:
+            break
+        point = replace(near.point_of(near.likeliest), window=None)
+        try:
+            near = weighed_on(source.near(point), odds, reach, seed)
+        except (InputError, np.linalg.LinAlgError):
+            # No path follows the samples there.
+            break
+    return near
 
 
 def _next(near: Near, finer: Mapping[str, Values], source: Source, odds: Odds) -> Point:

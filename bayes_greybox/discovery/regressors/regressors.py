@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import norm
 
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
@@ -26,7 +27,8 @@ COLLINEAR, PARALLEL = 1e-9, 1e-4
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
 of a sensor error's square outside another column's span below which the two are one."""
 
-NO_LIMITS = (-np.inf, np.inf)
+NO_LIMITS, TINY_MASS = (-np.inf, np.inf), 1e-12
+"""Limits where there are none; least mass of a prior between limits."""
 
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
 """Reasons why a term cannot serve."""
@@ -130,6 +132,8 @@ class Regressors(EvaluatedColumns):
             # Changes that a parameter's bounds allow.
             least, most = (float(end) * size / self.target_scale / sd for end in fields.get("limits", NO_LIMITS))
             fields["limits"] = (least, most)
+            # The prior between the limits is whole.
+            fields["log_weight"] = -float(np.log(max(norm.cdf(most) - norm.cdf(least), TINY_MASS)))
         if kind == EFFECT and fields.get("nominal"):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)

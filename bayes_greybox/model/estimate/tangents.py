@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.parameters import step_to
 from bayes_greybox.running.errors import InputError
 
 from .descent import STAYING_WITHIN, UNSETTLED_BEYOND
@@ -52,6 +53,8 @@ def at_estimate(model: Model, data: Trajectories, near: Callable[[Model], Model]
 
 def _stepped(model: Model, before: dict[str, float], found: dict[str, float], near: Callable[[Model], Model]) -> Model:
     """Return the model at the estimate, or where that has no rows on the way to it."""
+    spreads = {name: model.parameters[name].sd or 0.0 for name in found}
+    found = {name: step_to(value, before[name], spreads[name]) for name, value in found.items()}
     for halving in range(MOST_HALVINGS + 1):
         share = 0.5**halving
         values = {name: before[name] + share * (found[name] - before[name]) for name in found}

@@ -91,6 +91,11 @@ def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
 
 def _require_streamed(model: Program) -> None:
     """Refuse what needs all rows at once."""
+    if model.curved:
+        raise InputError(
+            "A stream takes no learned parameters that its formulas are not linear in, as tangents are taken anew at "
+            "the estimate: give them as numbers, or fit so many rows as memory holds, read by bg.read."
+        )
     gp = model.discrepancy
     if gp is not None and gp.path == "exact":
         raise InputError("OrthogonalGP(path='exact') is dense and takes no stream: use path='hsgp'.")
