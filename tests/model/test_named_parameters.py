@@ -2,6 +2,7 @@
 
 import runpy
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,7 +12,7 @@ import bayes_greybox as bg
 from bayes_greybox.inference.whole_rate import whole_rate
 
 TRUE = {"m": 2.2, "k": 30.0, "c": 0.8}
-GIVEN = {"m": bg.Parameter(2.0, sd=0.3, bounds=(0, None), unit="kg"), "k": bg.Parameter(28.0, sd=5.0), "c": 0.8}
+GIVEN = {"m": bg.Parameter(2.0, sd=0.3, bounds=(0.0, None), unit="kg"), "k": bg.Parameter(28.0, sd=5.0), "c": 0.8}
 FORMULAS = {"y": "v", "v": "(F - k*y - c*v)/m"}
 NOISE = 0.05
 
@@ -106,7 +107,8 @@ def test_free_runs_follow_the_formula_of_each_draw(fit, data):
     frame = fit.equations["v"].frame
     for m, k in ((1.0, 20.0), (4.0, 45.0)):
         scaled = np.array([m, k]) / frame.coefficient_scale
-        found = of_fit(0.0, np.array([0.1, 0.2]), np.array([3.0]), {"v": (scaled, np.zeros(0))})
+        at = jnp.zeros(()), jnp.array([0.1, 0.2]), jnp.array([3.0])
+        found = of_fit(*at, {"v": (jnp.asarray(scaled), jnp.zeros(0))})
         np.testing.assert_allclose(found, [0.2, (3.0 - k * 0.1 - 0.8 * 0.2) / m], rtol=1e-12)
 
 

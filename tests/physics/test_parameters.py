@@ -83,7 +83,6 @@ def test_a_power_has_the_slope_of_its_exponent():
         (lambda: Parameter(2.0, sd=0.0), "above 0"),
         (lambda: Parameter(2.0, bounds=(3.0, 1.0)), "lower bound first"),
         (lambda: Parameter(-1.0, bounds=(0.0, None)), "rules the value out"),
-        (lambda: Parameter(-1.0, bounds=0.0), "least and a largest"),
         (lambda: read_parameters({"sin": 1.0}), "taken by a function"),
         (lambda: read_parameters({"m": "2"}), "finite number"),
         (lambda: read_parameters([1.0]), "map names"),
