@@ -46,7 +46,7 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     return {
         "verdict": found.verdict,
         "probability": float(own["probability"]),
-        "right": HIDDEN in likely if each.exchange else found.verdict in ("no gap", "instrument"),
+        "right": HIDDEN in likely if each.exchange else found.verdict == "no gap",
         "named": found.verdict == "named" and likely == [HIDDEN],
         "wrong": sorted(set(likely) - ({HIDDEN} if each.exchange else set())),
         "covered": bool(own["lower"] <= each.exchange <= own["upper"]) if each.exchange else None,
@@ -63,7 +63,7 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
 def score(records: list[Record]) -> Tables:
     """Return a row for houses of one and of two masses.
 
-    Its columns are houses; right (the second mass above 0.9; of one mass: *no gap*, or the sensor); named (*named* with
+    Its columns are houses; right (the second mass above 0.9; of one mass: *no gap*); named (*named* with
     it alone); wrong (another effect above 0.9); covered (90 % intervals of the exchange between the masses); seconds.
     """
 
