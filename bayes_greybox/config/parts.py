@@ -91,7 +91,7 @@ Simulation = Annotated[
 
 
 class Parameter(Section):
-    """What is known of one named number in the formulas of [simulation]; with `sd` it is learned in fits."""
+    """A named number in the formulas of [simulation]; with `sd` it is learned in fits."""
 
     value: Finite
     sd: Positive | None = None

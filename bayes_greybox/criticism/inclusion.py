@@ -70,7 +70,7 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         target = target_unit(name, posterior.data)
         terms = (*frame.dictionary.terms, *(term for term, _ in stated.fixed))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
-        if any(posterior.model.coefficients.values()):
+        if posterior.model.stating:
             priors = [stated.priors.get(term.name) for term in terms]
             table["stated"] = [str(prior or "") for prior in priors]
             # Of a fixed coefficient nothing is learned; one with a mean of its own is in whatever the data say.

@@ -147,7 +147,7 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         alike=alike,
         gain=regressors.rows.gain,
         forced=in_time and near.rows.model.rows.follows_path,
-        remainder=source.model.remainder(regressors.equation, point.parameters),
+        remainder=source.model.named.remainder(regressors.equation, point.parameters),
     )
 
 

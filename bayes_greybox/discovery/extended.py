@@ -71,7 +71,7 @@ def _moved(model: Program, study: EquationStudy) -> dict[str, Parameter]:
     moved, regressors = {}, study.regressors
     for name, value in study.near.rows.point.parameters.items():
         parameter = model.parameters[name]
-        if model.places_of(name) > 1:
+        if len(model.named.places(name)) > 1:
             # One coefficient is of one equation.
             moved[name] = replace(parameter, value=value)
             continue

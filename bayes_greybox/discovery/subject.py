@@ -129,7 +129,7 @@ class Subject:
 
 def _at_estimate(model: Program, train: Trajectories) -> Program:
     """Return a model whose learned parameters are linearised at their estimate, where nothing is missing."""
-    if not model.curved:
+    if not model.named.curved:
         return model
     try:
         return replace(model, parameters=model.near(train)[0].parameters)

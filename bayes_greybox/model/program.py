@@ -7,23 +7,20 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
-import sympy
-
 from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.estimate.tangents import at_estimate
 from bayes_greybox.physics.coefficient import Coefficient
-from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.parameters import Parameter, Tangent, bends, moved_to, read_parameters, tangent
+from bayes_greybox.physics.parameters import Parameter, moved_to, read_parameters
 from bayes_greybox.physics.simulation.fmu.given import FMU
-from bayes_greybox.physics.simulation.protocol import KnownTerms, RightHandSide, Simulation
+from bayes_greybox.physics.simulation.named_formulas import NamedFormulas
+from bayes_greybox.physics.simulation.protocol import RightHandSide, Simulation
 from bayes_greybox.physics.simulation.reading import (
     named_outputs,
     not_known,
     readable,
     simulation_of,
-    tangents_of,
     with_states,
 )
 from bayes_greybox.physics.terms import Dictionary, Term, stating, terms_of
@@ -107,7 +104,6 @@ class Program(SamplingProgram):
                 f"GreyBox(noise_floor={self.noise_floor:g}) must lie between {LEAST_FLOOR:g} and 1: below that range, "
                 "rounding decides which terms are likely."
             )
-        self._require_one_equation()
         n_equation = len(self.equations)
         if not self.rows.linear and not self.rows.shared and n_equation > 1:
             raise InputError(f"{type(self.rows).__name__} learn one equation, not {n_equation}.")
@@ -123,40 +119,12 @@ class Program(SamplingProgram):
     @cached_property
     def equations(self) -> tuple[str, ...]:
         """Learned states and outputs: those of the dictionary, and those with parameters that are learned."""
-        return tuple(dict.fromkeys((*self.dictionary, *self._slopes)))
-
-    @property
-    def formulas(self) -> Mapping[str, str]:
-        """Formulas of the simulation by state or output; none where it is code."""
-        return (self.simulation or {}) if readable(self.simulation) else {}
+        return tuple(dict.fromkeys((*self.dictionary, *self.named.learned)))
 
     @cached_property
-    def _tangents(self) -> dict[str, Tangent]:
-        return tangents_of(self.simulation, self.parameters)
-
-    @cached_property
-    def _slopes(self) -> dict[str, dict[str, sympy.Expr]]:
-        """Slopes ∂g/∂p of learned parameters, by equation."""
-        learned = {name for name, each in self.parameters.items() if each.learned}
-        slopes = {
-            name: {p: slope for p, slope in each.slopes.items() if p in learned and slope != 0}
-            for name, each in self._tangents.items()
-        }
-        return {name: each for name, each in slopes.items() if each}
-
-    def places_of(self, parameter: str) -> int:
-        """Return the number of equations that a parameter stands in."""
-        return sum(parameter in each.slopes for each in self._tangents.values())
-
-    def _require_one_equation(self) -> None:
-        """Refuse a learned parameter in several equations, whose coefficients would be several."""
-        for parameter in self.parameters:
-            places = [name for name, slopes in self._slopes.items() if parameter in slopes]
-            if len(places) > 1:
-                raise InputError(
-                    f"The parameter {parameter!r} is learned and stands in the equations of {' and '.join(places)}, "
-                    "each of which would learn one of its own: give it as a number, or another name in all but one."
-                )
+    def named(self) -> NamedFormulas:
+        """Formulas with named parameters."""
+        return NamedFormulas.of(self.simulation, self.parameters)
 
     @property
     def blocks(self) -> dict[str, tuple[str, ...]]:
@@ -205,7 +173,7 @@ class Program(SamplingProgram):
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
         """Return the terms of one equation with the priors stated for their coefficients."""
         names = (*self.states(data), *data.input_names)
-        slopes, terms = self._slopes.get(equation, {}), self.dictionary.get(equation, ())
+        slopes, terms = self.named.learned.get(equation, {}), self.dictionary.get(equation, ())
         if not slopes:
             return stated_terms(terms, self._priors(equation), names, equation)
         target = target_unit(equation, data)
@@ -214,45 +182,21 @@ class Program(SamplingProgram):
 
     def _priors(self, equation: str) -> dict[str, Coefficient]:
         """Return the stated priors of single coefficients of an equation, and those of its parameters."""
-        parameters = {p: self.parameters[p].prior for p in self._slopes.get(equation, {})}
+        parameters = {p: self.parameters[p].prior for p in self.named.learned.get(equation, {})}
         return {**self.coefficients.get(equation, {}), **parameters}
+
+    @property
+    def stating(self) -> bool:
+        """True if priors of single coefficients or parameters are stated."""
+        return any(self.coefficients.values()) or bool(self.named.learned)
 
     def learns(self, equation: str) -> bool:
         """Return True if an equation has terms or parameters with coefficients to learn."""
-        return bool(self.dictionary.get(equation, ())) or equation in self._slopes
-
-    def slopes_at(self, equation: str, values: Mapping[str, float]) -> KnownTerms:
-        """Return the slopes of an equation at values of its parameters, with the change of each one to there."""
-        if not values or equation not in self._tangents:
-            return ()
-        slopes = self.at(values)._tangents[equation].slopes
-        changes = {name: value - self.parameters[name].value for name, value in values.items()}
-        return [(Term(slopes[name], name), change) for name, change in changes.items() if name in slopes]
-
-    def remainder(self, equation: str, values: Mapping[str, float]) -> KnownTerms:
-        """Return what a tangent of an equation adds to the equation as given, beside its slopes, if anything.
-
-        g(x, u, p̂) + Σ (p_k − p̂_k) ∂g/∂p_k(x, u, p̂) − g(x, u, p)
-        """
-        if not values or equation not in self._tangents:
-            return ()
-        believed = {name: replace(each, sd=None) for name, each in self.parameters.items()}
-        formula = parse_expression(str(self.formulas[equation]))
-        if not bends(formula, values):
-            return ()
-        there, here = (tangent(formula, each).rest for each in (moved_to(believed, values), believed))
-        rest: Any = there - here
-        return [(Term(rest, "remainder"), 1.0)] if sympy.expand(rest) != 0 else ()
-
-    def bent(self, equation: str, values: Mapping[str, float]) -> bool:
-        """Return True if the tangent of an equation at values of its parameters is another one than that here."""
-        if not values or equation not in self._tangents:
-            return False
-        return bends(parse_expression(str(self.formulas[equation])), values)
+        return bool(self.dictionary.get(equation, ())) or equation in self.named.learned
 
     def along_parameters(self: "AnyProgram") -> "AnyProgram":
         """Return the model with rows near the values of its learned parameters, where rows are linear only near one."""
-        slopes = [(name, p, e) for name, each in self._slopes.items() for p, e in each.items()]
+        slopes = [(name, p, e) for name, each in self.named.learned.items() for p, e in each.items()]
         if self.rows.linear or not slopes:
             return self
         around = [(Term(e, p), self.parameters[p].here) for _, p, e in slopes]
@@ -275,7 +219,7 @@ class Program(SamplingProgram):
 
         Of a learned parameter the change is left, whatever its bounds.
         """
-        if not self.coefficients and not self._slopes:
+        if not self.coefficients and not self.named.learned:
             return self
         parameters = {name: replace(each, change=each.learned) for name, each in self.parameters.items()}
         # Priors stated by terms are in `coefficients`.
@@ -304,7 +248,7 @@ class Program(SamplingProgram):
             outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
         parameters = self.parameters
         simulation = simulation_of(simulation, states, data.input_names, outputs, data.units, parameters)
-        stating = dict.fromkeys((*self.coefficients, *self._slopes))
+        stating = dict.fromkeys((*self.coefficients, *self.named.learned))
         return simulation.beside({name: self.stated(name, data).known for name in stating})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
@@ -366,16 +310,11 @@ class Program(SamplingProgram):
         follows it; see `near.near_estimate`.
         """
         model = self.on(data)
-        if model.curved:
+        if model.named.curved:
             model = at_estimate(model, data, lambda each: each if each.rows.linear else near_estimate(each, data))
         elif not model.rows.linear:
             model = near_estimate(model, data)
         return model, data if model.rows.linear else model.complete(data)
-
-    @property
-    def curved(self) -> bool:
-        """True if the formulas are not linear in a parameter that is learned."""
-        return any(each.curved for each in self._tangents.values())
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """Return the model and the training data with the noise parameters held fixed, as a fit and its folds use them.

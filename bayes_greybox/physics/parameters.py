@@ -138,12 +138,10 @@ class Tangent(NamedTuple):
     Attributes:
         rest: What the formula is without the terms of learned parameters, whose coefficients are their values.
         slopes: ∂g/∂p by parameter.
-        curved: True if the formula is not linear in the learned parameters.
     """
 
     rest: sympy.Expr
     slopes: dict[str, sympy.Expr]
-    curved: bool
 
 
 def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
@@ -175,11 +173,7 @@ def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...])
     for name in curved:
         away = -symbol(name) if used[name].learned else _number(used[name].value) - symbol(name)
         rest = rest + away * slopes[name]
-    found = Tangent(
-        rest.xreplace(here),
-        {name: slope.xreplace(here) for name, slope in slopes.items()},
-        any(used[name].learned for name in curved),
-    )
+    found = Tangent(rest.xreplace(here), {name: slope.xreplace(here) for name, slope in slopes.items()})
     for part in (found.rest, *found.slopes.values()):
         if part.has(sympy.zoo, sympy.nan, sympy.oo, sympy.I):
             values = ", ".join(f"{name} = {each.here:g}" for name, each in used.items())
@@ -187,10 +181,14 @@ def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...])
     return found
 
 
+@lru_cache(maxsize=1024)
+def _bends(formula: sympy.Expr, moving: frozenset[sympy.Symbol]) -> bool:
+    return any(sympy.diff(formula, p).free_symbols & moving for p in moving)
+
+
 def bends(formula: sympy.Expr, names: Collection[str]) -> bool:
     """Return True if a formula is not linear in some parameters together."""
-    moving = {symbol(name) for name in names} & formula.free_symbols
-    return any(sympy.diff(formula, p).free_symbols & moving for p in moving)
+    return _bends(formula, frozenset(symbol(name) for name in names))
 
 
 def step_to(value: float, here: float, spread: float) -> float:
@@ -216,6 +214,7 @@ def _slope(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
 
 
 def _number(value: float) -> sympy.Expr:
+    # A whole exponent is one of a product, also of negative numbers.
     return sympy.Integer(int(value)) if value == int(value) else sympy.Float(value)
 
 

@@ -12,7 +12,7 @@ from .machines import LINEAR, MACHINES, RATE_NOISE, SAMPLE_NOISE, SPREAD, noisy,
 ROWS = ("rates", "samples")
 
 LEARNED, OFF = ("linear", "all"), "off"
-"""What is learned in fits: parameters that the machine is linear in, or all; and studies of one that is off."""
+"""Fits that learn the parameters that a machine is linear in, or all; and studies of one that is off."""
 
 ERROR = 0.1
 """Share by which a parameter is off."""

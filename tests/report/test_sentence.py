@@ -129,7 +129,7 @@ def test_no_gap_says_that_nothing_is_missing():
         ("instrument", "no effect is missing, it is the measurement (probability {}): a is late."),
         (
             "recalibrate",
-            "no effect is missing; the coefficient of the simulation is off (probability {}; y in d(x)/dt should",
+            "no effect is missing; a coefficient of the simulation is off (probability {}; y in d(x)/dt should",
         ),
         ("unknown", "something is missing that the catalogue does not have (probability {}); the maps show"),
     ],
@@ -267,7 +267,7 @@ def test_recalibration_says_the_right_coefficient_and_the_wrong_one():
     text = said("recalibrate", y=(1.0, 0.97, 0.25))
     assert "No effect is missing" in text
     assert "y in d(x)/dt should have 1.25, not 1" in text
-    assert text.startswith("No effect is missing; the coefficient of the simulation is off (")
+    assert text.startswith("No effect is missing; a coefficient of the simulation is off (")
     assert "setting it right closes 75.0 % of the gap" in text
 
 

@@ -230,7 +230,7 @@ class Near:
             name = self.column(i).parameter
             if name and abs(given[name].value + size - given[name].here) > SETTLED_SHARE * sd:
                 moves[name] = size
-        return not self.rows.model.bent(self.regressors.equation, moves)
+        return not self.rows.model.named.bends(self.regressors.equation, moves)
 
     def stays(self, before: "Near") -> bool:
         """Return true if the likeliest hypothesis is the one before, its coefficients known no better.

@@ -73,7 +73,7 @@ class RateRows(Source):
         used = _usable(self._measured, self.equation, delays, self._out)
         data = whole.keep(used)
         model = self.model.at(point.parameters)
-        added = (*point.added, *self.model.slopes_at(self.equation, point.parameters))
+        added = (*point.added, *self.model.named.slopes(self.equation, point.parameters))
         rate = modelled_rate(model, whole, self.equation, added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, self.equation, effects, point.values)

@@ -53,7 +53,7 @@ class SampleRows(Source):
         train, equation, hidden = self.train, self.equation, point.hidden
         model = _with_hidden(self.model.at(point.parameters), hidden, train)
         simulation = model.simulator(train)
-        added = (*point.added, *self.model.slopes_at(equation, point.parameters))
+        added = (*point.added, *self.model.named.slopes(equation, point.parameters))
         model = replace(model, rows=model.rows.around(added))
         right = freed(self._samples, equation, point.sensors, train) if point.sensors else train
         data = model.rows.complete(right, equation, simulation)
@@ -120,7 +120,7 @@ class SampleRows(Source):
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""
         model = _with_hidden(self.model, point.hidden, self.train)
         values, equation = point.parameters, self.equation
-        tangent = (*self.model.slopes_at(equation, values), *self.model.remainder(equation, values))
+        tangent = (*self.model.named.slopes(equation, values), *self.model.named.remainder(equation, values))
         after = replace(model, rows=model.rows.around((*point.added, *tangent)))
         try:
             after.rows.complete(self._samples, self.equation, after.simulator(self._samples))

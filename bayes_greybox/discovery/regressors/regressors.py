@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import norm
 
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
+from bayes_greybox.model.algebra.truncated import log_mass
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
 from bayes_greybox.physics.hidden_states import along
 from bayes_greybox.physics.terms import Term
@@ -27,8 +27,6 @@ COLLINEAR, PARALLEL = 1e-9, 1e-4
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
 of a sensor error's square outside another column's span below which the two are one."""
 
-NO_LIMITS, TINY_MASS = (-np.inf, np.inf), 1e-12
-"""Limits where there are none; least mass of a prior between limits."""
 
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
 """Reasons why a term cannot serve."""
@@ -130,10 +128,10 @@ class Regressors(EvaluatedColumns):
             # Of a parameter that is zero nothing says how large it might be.
             sd = CORRECTION_SCALE * abs(fields["nominal"]) * size / self.target_scale or EFFECT_SCALE
             # Changes that a parameter's bounds allow.
-            least, most = (float(end) * size / self.target_scale / sd for end in fields.get("limits", NO_LIMITS))
+            least, most = (float(end) * size / self.target_scale / sd for end in fields.get("limits", Column.limits))
             fields["limits"] = (least, most)
             # The prior between the limits is whole.
-            fields["log_weight"] = -float(np.log(max(norm.cdf(most) - norm.cdf(least), TINY_MASS)))
+            fields["log_weight"] = -float(log_mass(np.asarray(least), np.asarray(most)))
         if kind == EFFECT and fields.get("nominal"):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)

@@ -91,7 +91,7 @@ def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
 
 def _require_streamed(model: Program) -> None:
     """Refuse what needs all rows at once."""
-    if model.curved:
+    if model.named.curved:
         raise InputError(
             "A stream takes no learned parameters that its formulas are not linear in, as tangents are taken anew at "
             "the estimate: give them as numbers, or fit so many rows as memory holds, read by bg.read."

@@ -81,7 +81,7 @@ class ExpressionSimulation(Simulation):
         """Return the expression; zero where there is none."""
         return self.expressions.get(name, sympy.S.Zero)
 
-    def written_formula(self, name: str) -> sympy.Expr:
+    def own_formula(self, name: str) -> sympy.Expr:
         """Return the expression with names of parameters."""
         return self.written.get(name, self.formula(name))
 

@@ -120,12 +120,8 @@ class Simulation(ABC):
         """Return the known rate of a state, or an output, as a formula; code is an undefined function g_name."""
 
     def own_formula(self, name: str) -> sympy.Expr:
-        """Return the formula without terms beside the simulation (see `beside`)."""
+        """Return the formula as the user wrote it: with names of parameters, without terms `beside` the simulation."""
         return self.formula(name)
-
-    def written_formula(self, name: str) -> sympy.Expr:
-        """Return the formula of `own_formula` as the user wrote it, with names of parameters."""
-        return self.own_formula(name)
 
     def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
         """Return a formula with the names of some parameters, whose terms it has; the others are numbers in it."""
@@ -267,10 +263,6 @@ class _WithTerms(Simulation):
     def own_formula(self, name: str) -> sympy.Expr:
         """Return the formula of the simulation."""
         return self.base.own_formula(name)
-
-    def written_formula(self, name: str) -> sympy.Expr:
-        """Return the formula of the simulation."""
-        return self.base.written_formula(name)
 
     def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
         """Return the formula of the simulation plus the terms."""

@@ -3,9 +3,9 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
-from bayes_greybox.physics.formula.expressions import parse_expression, symbol_names
+from bayes_greybox.physics.formula.expressions import parse_expression
 from bayes_greybox.physics.hidden_states import HiddenState
-from bayes_greybox.physics.parameters import Parameters, Tangent, tangent
+from bayes_greybox.physics.parameters import Parameters
 from bayes_greybox.running.errors import InputError
 
 from .code import CallableSimulation
@@ -77,27 +77,6 @@ def named_states(given: Any) -> tuple[str, ...]:
 def named_outputs(given: Any) -> tuple[str, ...]:
     """Return names that formulas have equations for, or the outputs of an FMU; a function gives none."""
     return tuple(given.outputs) if isinstance(given, FMU) else named_states(given)
-
-
-def tangents_of(given: UserSimulation, parameters: Parameters) -> dict[str, Tangent]:
-    """Return the tangents of formulas in their parameters, by state or output.
-
-    Raises:
-        InputError: The simulation is a function or an FMU, or a parameter is in none of its formulas.
-    """
-    if not parameters:
-        return {}
-    if not readable(given):
-        raise InputError(
-            "The model has named parameters, which are those of formulas, and its simulation is a function or an FMU: "
-            "give formulas, simulation={'y': 'v', 'v': '(F - k*y)/m'}, or put the numbers into the function."
-        )
-    formulas = {name: parse_expression(str(text)) for name, text in (given or {}).items()}
-    used = {name for formula in formulas.values() for name in symbol_names(formula)}
-    idle = next((name for name in parameters if name not in used), None)
-    if idle is not None:
-        raise InputError(f"The parameter {idle!r} is in no formula of the simulation: write it there, or leave it out.")
-    return {name: tangent(formula, parameters) for name, formula in formulas.items()}
 
 
 def with_states(given: UserSimulation, states: Sequence[HiddenState]) -> Mapping[str, str]:

@@ -8,7 +8,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.equations.learned import LearnedParameter, LearnedSystem
+from bayes_greybox.equations.learned import LearnedParameter, LearnedSystem, Value
 from bayes_greybox.physics.formula.expressions import symbol_names
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import to_text
@@ -46,7 +46,7 @@ class Piece:
 
 def pieces(system: LearnedSystem, name: str) -> Iterator[Piece]:
     """Yield the summands of an equation's right-hand side: simulation, given and learned terms, f."""
-    simulated: Any = system.simulation.written_formula(name)
+    simulated: Any = system.simulation.own_formula(name)
     for part in simulated.as_ordered_terms() if simulated != 0 else ():
         negative = bool(part.could_extract_minus_sign())
         yield Piece(negative, None, "", _short(-part if negative else part, system, name))
@@ -118,28 +118,23 @@ def equation_text(system: LearnedSystem, name: str) -> str:
 
 def inner_text(system: LearnedSystem, name: str) -> list[str]:
     """Return the nonlinear parameters of one equation: `gap = 0.300(5) m (dead-zone)`."""
-    lines = []
-    for each in system.learned[name].inner:
-        negative, size = concise(each.value.mean, each.value.sd)
-        unit = unit_text(each.unit)
-        text = f"{each.name} = {'−' if negative else ''}{size}{f' {unit}' if unit else ''}"
-        lines.append(f"{text} ({each.effect})")
-    return lines
+    return [f"{_valued(each.name, each.value, each.unit)} ({each.effect})" for each in system.learned[name].inner]
 
 
 def parameter_text(system: LearnedSystem) -> list[str]:
     """Return the named parameters in the shown equations: `m = 2.201(4) kg`, `c = 0.8(given)`."""
-    lines = []
-    for each in shown_parameters(system):
-        negative, size = concise(each.value.mean, each.value.sd) if each.learned else exact(each.value.mean)
-        unit, mark = unit_text(each.unit), "" if each.learned else GIVEN_MARK
-        lines.append(f"{each.name} = {'−' if negative else ''}{size}{mark}{f' {unit}' if unit else ''}")
-    return lines
+    return [_valued(each.name, each.value, each.unit, not each.learned) for each in shown_parameters(system)]
+
+
+def _valued(name: str, value: Value, unit: str, given: bool = False) -> str:
+    negative, size = exact(value.mean) if given else concise(value.mean, value.sd)
+    shown = unit_text(unit)
+    return f"{name} = {'−' if negative else ''}{size}{GIVEN_MARK if given else ''}{f' {shown}' if shown else ''}"
 
 
 def shown_parameters(system: LearnedSystem) -> list[LearnedParameter]:
     """Return the parameters in the shown equations."""
-    used = {name for each in system.shown for name in symbol_names(system.simulation.written_formula(each))}
+    used = {name for each in system.shown for name in symbol_names(system.simulation.own_formula(each))}
     return [each for each in system.parameters if each.name in used]
 
 

@@ -102,8 +102,7 @@ def _answer(study: StudyResult) -> str:
         closed = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right {closed}"
     besides = ""
     if off:
-        named = all(row.get("parameter") for row in off)
-        word = "parameter" if named else "coefficient"
+        word = _number_word(off)
         what = f"A {word} of the simulation is" if len(off) == 1 else f"{word.capitalize()}s of the simulation are"
         besides = f" {what} off besides: {'; '.join(_should_be(study, row) for row in off)}."
     return f"{_missing(study, closed)}{besides}"
@@ -125,9 +124,8 @@ def _recalibrate(study: StudyResult, off: Sequence[Mapping[str, Any]], closed: s
         for each in by_common_factor(study, off)
     )
     one = len(off) == 1
-    named = bool(off) and all(row.get("parameter") for row in off)
-    word = "parameter" if named else "coefficient"
-    what = f"{'a' if named else 'the'} {word} of the simulation is" if one else f"{word}s of the simulation are"
+    word = _number_word(off)
+    what = f"a {word} of the simulation is" if one else f"{word}s of the simulation are"
     clause = f"No effect is missing; {what} off"
     unsaid = "which one the data cannot say"
     if not off and (tied := tied_parameters(study)):
@@ -253,6 +251,11 @@ def _rest(study: StudyResult) -> str:
     p = max(study.settings.get("rest beside the answer", {}).values(), default=1.0)
     what = "something else that the catalogue does not have"
     return what if p >= study.criteria.missing else f"perhaps {what} (probability {probability_text(p)})"
+
+
+def _number_word(off: Sequence[Mapping[str, Any]]) -> str:
+    """Return the word for numbers of the simulation: parameters if all have names; tables before had no such column."""
+    return "parameter" if off and all(row.get("parameter") for row in off) else "coefficient"
 
 
 def tied_parameters(study: StudyResult) -> str:
