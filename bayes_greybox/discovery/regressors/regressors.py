@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -131,7 +132,7 @@ class Regressors(EvaluatedColumns):
             least, most = (float(end) * size / self.target_scale / sd for end in fields.get("limits", Column.limits))
             fields["limits"] = (least, most)
             # The prior between the limits is whole.
-            fields["log_weight"] = -float(log_mass(np.asarray(least), np.asarray(most)))
+            fields["log_weight"] = -float(log_mass(jnp.asarray(least), jnp.asarray(most)))
         if kind == EFFECT and fields.get("nominal"):
             fields["expected"] = fields["nominal"] * size / self.target_scale
         return Column(kind, term, size, sd, **fields)
