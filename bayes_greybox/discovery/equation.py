@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.integration.adaptive_steps import between_samples_of_runs
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
@@ -94,7 +96,7 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
 
 
 def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Near]:
-    """Return the hypotheses on rows near the likeliest; of two ways that inputs go between samples, the likelier."""
+    """Return the hypotheses on rows near the likeliest; of the ways that inputs go between samples, the likeliest."""
     model, train, name, odds = question.model, question.train, question.name, question.odds
     reach = Reach(effects=question.most)
 
@@ -107,21 +109,43 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     if model.rows.interpolation is not None or not train.input_names:
         return as_given
     say("following the path with inputs that are held")
-    held, near = replace(model, rows=model.rows.held()), as_given[1]
+    near = as_given[1]
     point = near.point_of(near.likeliest)
     # Lines between samples of held inputs look like a delay.
     start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
     # That inputs are held has the prior odds of any error of a channel.
     least = near.log_evidence - math.log(odds.suspect) + math.log1p(-odds.suspect)
+    weighed: list[tuple[float, Source]] = []
+    for between in _held(train):
+        held = replace(model, rows=model.rows.between(between))
+        # Along some inputs no path is found.
+        with suppress(InputError, np.linalg.LinAlgError):
+            rows = held.rows.complete(train, name, held.simulator(train))
+            source = SampleRows(held, rows, name, question.effects)
+            first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
+            weighed.append((first.log_evidence, source))
+    likeliest, source = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0]))
+    # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
+    if likeliest <= least - reach.window:
+        return as_given
     try:
-        rows = held.rows.complete(train, name, held.simulator(train))
-        source = SampleRows(held, rows, name, question.effects)
-        first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-        # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
-        again = settled(source, start) if first.log_evidence > least - reach.window else as_given
+        again = settled(source, start)
     except (InputError, np.linalg.LinAlgError):
         return as_given
     return again if again[1].log_evidence > least else as_given
+
+
+def _held(train: Trajectories) -> list[str | tuple[str, ...]]:
+    """Return interpolations with inputs that are held: all of them, and those alone that do not look smooth.
+
+    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples.
+    """
+    samples = train.samples or train
+    parts = [samples.run == run for run in range(samples.n_run)]
+    inputs = samples.matrix(samples.input_names)
+    kinds = between_samples_of_runs([(samples.time[part], inputs[part]) for part in parts])
+    some = tuple("cubic" if kind == "cubic" else "zoh" for kind in kinds)
+    return ["zoh", some] if len({*some}) > 1 else ["zoh"]
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:

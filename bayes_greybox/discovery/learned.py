@@ -139,7 +139,7 @@ def _equation(
 def _inner(effect: BoundEffect, name: str, value: Value, data: Trajectories) -> InnerValue:
     inner, time = next(each for each in effect.effect.inner if each.name == name), data.unit("t") or ""
     unit = (data.unit(effect.names[inner.unit_of]) or "") if inner.unit_of else "1"
-    unit = {"period": time, "frequency": time and f"1/({time})"}.get(inner.scale, unit)
+    unit = {"period": time, "record": time, "frequency": time and f"1/({time})"}.get(inner.scale, unit)
     return InnerValue(name, effect.slug, inner.meaning, value, unit)
 
 

@@ -59,7 +59,7 @@ NO_HELD_OUT_PATH = "no path of the extended model follows held-out samples"
 
 HELD_INPUTS = (
     "The samples are likelier with inputs held from each sample to the next than with lines or splines between them, "
-    "so inputs were held. State what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), or in a file "
+    "so {held} held. State what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), or in a file "
     '[rows] kind = "trajectory" with interpolation.'
 )
 
@@ -350,13 +350,22 @@ def _result(
     )
 
 
+def _held(subject: Subject) -> str:
+    """Return the inputs that are held, and the verb."""
+    between, names = subject.model.rows.interpolation, subject.train.input_names
+    if between is None or isinstance(between, str):
+        return "inputs were"
+    held = [name for name, kind in zip(names, between, strict=True) if kind == "zoh"]
+    return f"{', '.join(held)} {'were' if len(held) > 1 else 'was'}"
+
+
 def _study_warnings(subject: Subject, findings: Findings, settings: StudySettings) -> Iterator[str]:
     """Yield warnings about units, inputs, averages, few rows, and requested noise."""
     train, fewest, noise = subject.train, settings.criteria.checked_rows, subject.model.noise
     for study in findings.values():
         yield from other_sizes(study.regressors)
     if subject.held:
-        yield HELD_INPUTS
+        yield HELD_INPUTS.format(held=_held(subject))
     if subject.block > 1:
         yield AVERAGED.format(m=subject.block)
     for name, study in findings.items():

@@ -46,8 +46,8 @@ def save_picture(effect: Effect, path: Path) -> None:
 
 
 def middle(inner: InnerParameter) -> float:
-    """The value in the middle of a parameter's range, for a wave sin(t): its size is 1 and its period 2π."""
-    scale = 2 * math.pi if inner.scale == "period" else 1.0
+    """The value in the middle of a parameter's range, for five periods of a wave sin(t)."""
+    scale = {"period": 2 * math.pi, "record": 10 * math.pi}.get(inner.scale, 1.0)
     return scale * math.sqrt(inner.low * inner.high)
 
 

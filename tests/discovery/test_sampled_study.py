@@ -23,9 +23,10 @@ SHORT = 200
 several tests."""
 
 
-def only(*slugs):
+def only(*slugs, domain="mechanical"):
     """These effects alone: the others cost time and tell no more."""
-    return [replace(e, confusions=tuple({*slugs} & {*e.confusions})) for e in MECHANICAL if e.slug in slugs]
+    effects = load_catalogue(domain)
+    return [replace(e, confusions=tuple({*slugs} & {*e.confusions})) for e in effects if e.slug in slugs]
 
 
 MECHANICAL = load_catalogue("mechanical")
@@ -144,6 +145,30 @@ def test_inputs_that_are_held_are_no_lag_of_the_actuator():
     # What was said is taken as said, and nothing is said of it.
     said = study(data, rows=bg.TrajectoryRows(interpolation="zoh"), catalogue=only("cubic-stiffness"))
     assert said.model.rows.interpolation == "zoh" and not any("held" in text for text in said.warnings)
+
+
+@pytest.mark.slow
+def test_of_two_inputs_one_is_held():
+    """With one way for both, either the heater or the weather seems to be half a sample late."""
+    rng, t = np.random.default_rng(6), 0.5 * np.arange(160)
+    heater, air = 3.0 * np.repeat(rng.uniform(size=40) > 0.5, 4), [20.0]
+
+    def weather(s):
+        return 5 + 6 * np.sin(2 * np.pi * s / 24)
+
+    for a, b, level in zip(t[:-1], t[1:], heater[:-1], strict=True):
+        step = solve_ivp(lambda s, x, u=level: 0.15 * (weather(s) - x) + u, (a, b), air[-1:], rtol=1e-9, atol=1e-9)
+        air.append(step.y[0, -1])
+    data = bg.Trajectories.from_arrays(
+        t, states={"T": np.array(air) + 0.05 * rng.standard_normal(len(t))},
+        inputs={"weather": weather(t), "heater": heater}, units={"t": "h", "T": "degC", "weather": "degC"},
+    )  # fmt: skip
+    model = bg.GreyBox({"T": []}, simulation={"T": "0.15*(weather - T) + heater"}, rows=bg.TrajectoryRows())
+    thermal = only("linear-cooling", "actuator-lag", domain="thermal")
+    found = bg.find_missing_effects(model, data, catalogue=thermal, settle=False, free_runs=False, progress=False)
+    assert found.verdict == "no gap", found.sentence
+    assert found.base.rows.interpolation == ("cubic", "zoh")
+    assert any("so heater was held" in text for text in found.warnings)
 
 
 @pytest.mark.slow

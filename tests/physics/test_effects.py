@@ -288,6 +288,10 @@ def test_inner_parameters_are_shares_of_a_size_or_of_a_time():
         # At rest nothing is a share of anything; and without times no time is known.
         assert inner.size(0 * x, time, run) == 0.0
         assert inner.size(x, None, None) == (pytest.approx(3.0) if scale == "size" else 0.0)
+    record = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale="record")
+    assert record.size(x, time, run) == 100.0 and record.size(x, None, None) == 0.0
+    # The longest of two runs.
+    assert record.size(x, time, np.repeat([0, 1], [4000, len(time) - 4000])) == pytest.approx(60.0)
     # Between two runs nothing moves.
     again = InnerParameter("own", "its meaning", "position", 0.1, 1.0, scale="period")
     padded = np.concatenate([x, np.full(5000, x[-1])]), np.append(time, np.full(5000, time[-1]))

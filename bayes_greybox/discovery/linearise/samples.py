@@ -98,9 +98,10 @@ class SampleRows(Source):
 
     def with_inputs(self, program: AnyProgram) -> AnyProgram:
         """See `Source.with_inputs`."""
-        if program.rows.interpolation == self.model.rows.interpolation:
+        between = self.model.rows.interpolation
+        if between is None or program.rows.interpolation == between:
             return program
-        return replace(program, rows=program.rows.held())
+        return replace(program, rows=program.rows.between(between))
 
     def doubts(self, rows: Rows) -> list[str]:
         """Return the sensors that were at their ends while the path stays within their ranges, in words."""

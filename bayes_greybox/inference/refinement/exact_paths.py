@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.whole_rate import WholeRate
 from bayes_greybox.model.rows.path.path_segments import START_WIDTH
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
-from bayes_greybox.physics.integration.adaptive_steps import between_samples, curvature_of
+from bayes_greybox.physics.integration.adaptive_steps import between_samples, curvature_of, one_for_each
 
 from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 
@@ -74,16 +74,16 @@ class ExactPaths:
 class Course(NamedTuple):
     """Segments of a reference path, typical sizes of the states, and segment, sample and state of each row.
 
-    Inputs have a zero-order hold between samples if `held`.
+    Inputs have a zero-order hold between samples where `held`.
     """
 
     segments: tuple[Segment, ...]
-    held: bool
+    held: tuple[bool, ...]
     sizes: Float[np.ndarray, " d"]
     at: Int[Array | np.ndarray, "n_row 3"]
 
     @classmethod
-    def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | None) -> "Course":
+    def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | tuple[str, ...] | None) -> "Course":
         """Return the course of a reference path through samples.
 
         `interpolation` is that of the inputs between samples; by default each input has its own.
@@ -103,12 +103,13 @@ class Course(NamedTuple):
             [np.column_stack([end[:, 0], place[path.seen], np.full(len(end), k)]) for k in path.segments.outputs]
         )
         segments = tuple(Segment(samples.time[index], inputs[index], curvature[index]) for index in rows)
-        return cls(segments, interpolation == "zoh", path.start_sd / START_WIDTH, at)
+        held = tuple(kind == "zoh" for kind in one_for_each(interpolation or "linear", inputs.shape[1]))
+        return cls(segments, held, path.start_sd / START_WIDTH, at)
 
     @property
     def methods(self) -> tuple[Method, ...]:
         """Integration methods, in the order in which they are tried."""
-        return FixedSteps(), AdaptiveSteps(self.held, self.segments[0].inputs.shape[1])
+        return FixedSteps(), AdaptiveSteps(self.held)
 
     def along(self, method: Method, rate: WholeRate) -> Along:
         """Return the arrays that paths are followed along, on the coarsest grid of a method."""

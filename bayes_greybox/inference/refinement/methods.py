@@ -46,10 +46,10 @@ class Steps(NamedTuple):
 class FixedSteps:
     """Equally many steps in intervals of typical length and more in longer ones; no step is rejected."""
 
-    def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Steps:
+    def grid(self, segments: Sequence[Segment], held: tuple[bool, ...], sizes: Float[np.ndarray, " d"]) -> Steps:
         """Return the coarsest grid: one step between two samples at the typical distance.
 
-        Inputs have a zero-order hold between samples if `held`; `sizes` are those of the states.
+        Inputs have a zero-order hold between samples where `held`; `sizes` are those of the states.
         """
         n = max(len(each.time) for each in segments) - 1
         each = [intervals_of(s.time, s.inputs, s.curvature, held, n) for s in segments]
@@ -97,14 +97,12 @@ class AdaptiveSteps:
     """Steps as long as the local error allows, for rates that change abruptly, as friction does.
 
     Attributes:
-        held: True if inputs have a zero-order hold between samples.
-        n_input: Number of inputs.
+        held: True for inputs with a zero-order hold between samples.
     """
 
-    held: bool
-    n_input: int
+    held: tuple[bool, ...]
 
-    def grid(self, segments: Sequence[Segment], held: bool, sizes: Float[np.ndarray, " d"]) -> Pieces:
+    def grid(self, segments: Sequence[Segment], held: tuple[bool, ...], sizes: Float[np.ndarray, " d"]) -> Pieces:
         """Return the coarsest grid, with the first tolerance; see `FixedSteps.grid`."""
         n = max(len(each.time) for each in segments)
         filled = [_filled(each, n) for each in segments]
@@ -154,7 +152,7 @@ class AdaptiveSteps:
     @property
     def _kinds(self) -> tuple[str, ...]:
         # Lines are splines without curvature.
-        return ("zoh" if self.held else "cubic",) * self.n_input
+        return tuple("zoh" if held else "cubic" for held in self.held)
 
 
 Method = FixedSteps | AdaptiveSteps

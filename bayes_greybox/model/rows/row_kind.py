@@ -56,8 +56,8 @@ class RowKind(ABC):
     learned states that the rows tell of, and `simulation` the known rates.
 
     Attributes:
-        interpolation: Interpolation of the inputs between samples, where the rows take them there and free runs after
-            them; None: each input's own.
+        interpolation: Interpolation of the inputs between samples, one for all or for each, where the rows take them
+            there and free runs after them; None: chosen for each input.
         linear: If true, the rows are linear in what is learned wherever it is; else they are taken near a model.
         shared: If true, all learned equations have the same rows, so that one likelihood tells of all.
         follows_path: If true, the rows follow a path that a model integrates, to which only an unknown force holds it
@@ -67,7 +67,7 @@ class RowKind(ABC):
         studied: If true, hypotheses and sensor errors can be weighed on the rows.
     """
 
-    interpolation: str | None = None
+    interpolation: str | tuple[str, ...] | None = None
     linear: bool = True
     shared: bool = False
     follows_path: bool = False
@@ -161,6 +161,6 @@ class RowKind(ABC):
         """Return the rows of a path that an unknown force moves, of intensity λ = q²/σ², σ a typical sensor's noise."""
         return self
 
-    def held(self) -> "RowKind":
-        """Return the rows with a zero-order hold of every input between samples."""
+    def between(self, interpolation: str | tuple[str, ...]) -> "RowKind":
+        """Return the rows with an interpolation of the inputs between samples, one for all or for each."""
         return self

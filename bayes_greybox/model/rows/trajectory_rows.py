@@ -49,8 +49,8 @@ class TrajectoryRows(RowKind):
 
     Attributes:
         substeps: Number of steps of the path between two samples; by default enough for the equations.
-        interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic"; by
-            default chosen for each input.
+        interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic", one
+            for all, or one for each in their order; by default chosen for each input.
         added: Terms and coefficients of the model that the rows are linearised near: findings of a fit or study.
         added_to: Learned state of each of these, where there are several.
         process_noise: If true, an unknown force, as strong as the samples require, may move the path that rows are
@@ -70,7 +70,7 @@ class TrajectoryRows(RowKind):
     follows_path = True
 
     substeps: int | None = None
-    interpolation: str | None = None
+    interpolation: str | tuple[str, ...] | None = None
     added: tuple[tuple[str, float], ...] = ()
     added_to: tuple[str, ...] = ()
     process_noise: bool = True
@@ -92,9 +92,14 @@ class TrajectoryRows(RowKind):
             raise InputError(f"TrajectoryRows(segment={self.segment!r}) must be a time above 0.")
         if not 0 <= self.force < math.inf:
             raise InputError(f"TrajectoryRows(force={self.force!r}) must be a number, 0 or above.")
-        if self.interpolation not in (None, *INTERPOLATIONS):
+        kinds = self.interpolation
+        if kinds is not None and not isinstance(kinds, str):
+            kinds = tuple(kinds)
+            object.__setattr__(self, "interpolation", kinds)
+        if not {kinds} <= {None, *INTERPOLATIONS} and not (isinstance(kinds, tuple) and {*kinds} <= {*INTERPOLATIONS}):
             raise InputError(
-                f"TrajectoryRows(interpolation={self.interpolation!r}) must be one of {', '.join(INTERPOLATIONS)}."
+                f"TrajectoryRows(interpolation={kinds!r}) must be one of {', '.join(INTERPOLATIONS)}, or one of these "
+                "for each input."
             )
 
     @property
@@ -153,9 +158,9 @@ class TrajectoryRows(RowKind):
         """Return rows of a path in at least this many segments on these data, as long on other data."""
         return replace(self, segment=None if segments == 1 else _longest(data) / segments)
 
-    def held(self) -> "TrajectoryRows":
-        """Return rows with a zero-order hold of every input."""
-        return replace(self, interpolation="zoh")
+    def between(self, interpolation: str | tuple[str, ...]) -> "TrajectoryRows":
+        """Return rows with an interpolation of the inputs, one for all or for each."""
+        return replace(self, interpolation=interpolation)
 
     def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
         """Return the data with the reference path as states and its slopes as rates; samples are kept."""

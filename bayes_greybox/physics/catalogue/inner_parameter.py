@@ -16,6 +16,7 @@ RANGE_SCALES = {
     "threshold": "the largest |{}|, and no less than the smallest",
     "period": "the period of a wave with the spread of {} and of its rate",
     "frequency": "the angular frequency of a wave with the spread of {} and of its rate",
+    "record": "the duration of the longest run",
     "number": "one",
 }
 """Sizes of which the range of a nonlinear parameter may be in shares, in words with the role."""
@@ -84,6 +85,8 @@ class InnerParameter:
             return 1.0
         if time is None or run is None:
             return 0.0
+        if self.scale == "record":
+            return max(float(np.ptp(time[run == each])) for each in np.unique(run))
         step, moved = np.diff(time), np.diff(x)
         within = (np.diff(run) == 0) & (step > 0)
         speed = float(np.sqrt(np.sum(moved[within] ** 2 / step[within]) / max(float(np.sum(step[within])), 1e-300)))

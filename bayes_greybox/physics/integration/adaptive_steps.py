@@ -105,7 +105,7 @@ def cut(
     if curvature is None:
         kinds, curvature = curvature_of(t, values, interpolation)
     else:
-        kinds = _one_for_each(interpolation, values.shape[1])
+        kinds = one_for_each(interpolation, values.shape[1])
     piece = min(PIECE, t.shape[0] - 1)
     n_piece = -(-(t.shape[0] - 1) // piece)
     beyond = t[-1] + (t[-1] - t[-2]) * np.arange(1, n_piece * piece + 2 - t.shape[0])
@@ -280,13 +280,18 @@ def curvature_of(
     Raises:
         InputError: An interpolation is unknown, or there are fewer than four samples for a spline.
     """
-    kinds = _one_for_each(kind, values.shape[1])
+    kinds = one_for_each(kind, values.shape[1])
     if "cubic" not in kinds:
         return kinds, namespace([values]).zeros_like(values)
     return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(jnp.asarray(t), jnp.asarray(values)), 0.0)
 
 
-def _one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
+def one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
+    """Return the interpolation of each of n inputs, which may have one for all.
+
+    Raises:
+        InputError: An interpolation is unknown, or their number is another one.
+    """
     check_interpolation(kind)
     kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
     if len(kinds) != n:

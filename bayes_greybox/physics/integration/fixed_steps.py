@@ -7,7 +7,7 @@ No step is rejected and no input is searched for. The program is a plain loop ov
 another over the steps in each, whose numbers are arguments. The caller finds the error of a path with more steps.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -39,10 +39,10 @@ def intervals_of(
     t: Float[np.ndarray, " m"],
     values: Float[np.ndarray, "m p"],
     curvature: Float[np.ndarray, "m p"],
-    held: bool,
+    held: Sequence[bool],
     n: int,
 ) -> Intervals:
-    """Return n intervals between samples of inputs, which are held if `held`, else follow splines of this curvature.
+    """Return n intervals between samples; inputs are held where `held`, and else follow splines of this curvature.
 
     Intervals after the last sample have no length; a curvature of zero is a straight line.
     """
@@ -50,8 +50,7 @@ def intervals_of(
     t, values, curvature = (np.pad(x, ((0, more), *((0, 0),) * (x.ndim - 1)), "edge") for x in (t, values, curvature))
     h = np.diff(t)[:, None]
     first, rise, m0, m1 = values[:-1], np.diff(values, axis=0), curvature[:-1], curvature[1:]
-    if held:
-        rise, m0, m1 = (np.zeros_like(rise) for _ in range(3))
+    rise, m0, m1 = (np.where(np.asarray(held, bool), 0.0, each) for each in (rise, m0, m1))
     # a v₀ + b v₁ + (a (a² − 1) m₀ + b (b² − 1) m₁) h²/6 with a = 1 − b, by powers of b.
     powers = [first, rise - (2 * m0 + m1) * h**2 / 6, m0 * h**2 / 2, (m1 - m0) * h**2 / 6]
     return Intervals(jnp.asarray(t[:-1]), jnp.asarray(h[:, 0]), jnp.asarray(np.stack(powers, axis=1)))

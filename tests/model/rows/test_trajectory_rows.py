@@ -234,6 +234,32 @@ def test_inputs_that_are_held_act_from_their_sample_to_the_next(every, substeps)
     assert left["linear"] > 10 * left["zoh"]
 
 
+def test_each_input_goes_its_own_way_between_samples():
+    """x' = -x + heater + weather: the heater stays from a sample to the next, the weather goes on."""
+    t, rng = 0.2 * np.arange(120), np.random.default_rng(5)
+    heater, x = np.repeat(rng.standard_normal(30), 4), [0.0]
+    for a, b, level in zip(t[:-1], t[1:], heater[:-1], strict=True):
+        step = solve_ivp(lambda s, x, u=level: -x + u + np.sin(2 * s), (a, b), x[-1:], rtol=1e-11, atol=1e-12)
+        x.append(step.y[0, -1])
+    inputs = {"heater": heater, "weather": np.sin(2 * t)}
+    data = Trajectories.from_arrays(t, states={"x": np.array(x) + 1e-4 * rng.standard_normal(len(t))}, inputs=inputs)
+    left = {}
+    for interpolation in (("zoh", "cubic"), "zoh", "cubic"):
+        rows = TrajectoryRows(interpolation=interpolation)
+        model = Program({"x": ["x"]}, simulation={"x": "-x + heater + weather"}, discrepancy=None, rows=rows)
+        found = model.equation_rows(data, "x")
+        rest = found.gain * found.noise.without_starts(found.target[:, None])[:, 0]
+        left[interpolation] = float(np.sqrt(np.mean(rest**2)))
+    assert left["zoh", "cubic"] == pytest.approx(1e-4, rel=0.2)
+    assert min(left["zoh"], left["cubic"]) > 10 * left["zoh", "cubic"]
+    # Files store tuples as lists.
+    assert TrajectoryRows(interpolation=["zoh", "cubic"]).interpolation == ("zoh", "cubic")
+    with pytest.raises(InputError, match="or one of these for each input"):
+        TrajectoryRows(interpolation=("zoh", "spline"))
+    with pytest.raises(InputError, match="3 interpolations for 2 inputs"):
+        replace(model, rows=TrajectoryRows(interpolation=("zoh",) * 3)).equation_rows(data, "x")
+
+
 def test_a_path_does_not_leap_with_its_input():
     """x' = -x + z, z' = -0.3 z + sqrt(u), u held; the first path is a filter's, which is pulled at samples."""
     t, rng = 0.1 * np.arange(60), np.random.default_rng(0)

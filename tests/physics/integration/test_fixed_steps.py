@@ -46,7 +46,7 @@ def by_scipy(kind, p=P, start=START):
 @pytest.mark.parametrize("kind", ["linear", "zoh", "cubic"])
 def test_paths_are_those_of_scipy_and_gain_five_orders_from_shorter_steps(kind):
     truth = by_scipy(kind)
-    grid = intervals_of(T, *inputs(kind), kind == "zoh", len(T) - 1)
+    grid = intervals_of(T, *inputs(kind), [kind == "zoh"], len(T) - 1)
     errors = []
     for n in (1, 4):
         found = follow(rate, jnp.asarray(START), jnp.asarray(P), grid, jnp.full(len(T) - 1, n))
@@ -56,7 +56,7 @@ def test_paths_are_those_of_scipy_and_gain_five_orders_from_shorter_steps(kind):
 
 
 def test_derivatives_are_those_of_the_path_as_it_is_computed():
-    grid, steps = intervals_of(T, *inputs("cubic"), False, len(T) - 1), jnp.full(len(T) - 1, 2)
+    grid, steps = intervals_of(T, *inputs("cubic"), [False], len(T) - 1), jnp.full(len(T) - 1, 2)
     path, slopes = follow_with_slopes(rate, jnp.asarray(START), jnp.asarray(P), grid, steps)
     np.testing.assert_allclose(path, follow(rate, jnp.asarray(START), jnp.asarray(P), grid, steps), rtol=1e-12)
     both, h = np.concatenate([P, START]), 1e-5
@@ -69,9 +69,23 @@ def test_derivatives_are_those_of_the_path_as_it_is_computed():
         np.testing.assert_allclose(slopes[:, k], (ahead - behind) / (2 * h), atol=1e-7)
 
 
+def test_each_input_is_held_or_goes_on():
+    (u, curvature), none = inputs("cubic"), np.zeros((len(T), 1))
+    rate = lambda t, x, u, p: jnp.array([u[0] + 2 * u[1]])  # noqa: E731
+    steps, start, n = jnp.full(len(T) - 1, 2), jnp.zeros(1), len(T) - 1
+    both = intervals_of(T, np.hstack([u, u]), np.hstack([curvature, none]), [False, True], n)
+    goes_on, held = (
+        intervals_of(T, np.hstack([u, 0 * u]), np.hstack([bend, none]), [stays, False], n)
+        for bend, stays in ((curvature, False), (none, True))
+    )
+    each = [np.asarray(follow(rate, start, jnp.zeros(0), grid, steps)) for grid in (both, goes_on, held)]
+    np.testing.assert_allclose(each[0], each[1] + 2 * each[2], atol=1e-12)
+    assert np.max(np.abs(each[1] - each[2])) > 0.01
+
+
 def test_intervals_of_no_length_change_nothing():
     u, curvature = inputs("cubic")
-    grid = intervals_of(T, u, curvature, False, len(T) + 6)
+    grid = intervals_of(T, u, curvature, [False], len(T) + 6)
     found, slopes = follow_with_slopes(rate, jnp.asarray(START), jnp.asarray(P), grid, jnp.full(len(T) + 6, 1))
     assert found.shape == (len(T) + 7, 2)
     np.testing.assert_array_equal(found[len(T) :], np.broadcast_to(found[len(T) - 1], (7, 2)))

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integration.adaptive_steps import between_samples
+from bayes_greybox.physics.integration.adaptive_steps import between_samples, one_for_each
 from bayes_greybox.physics.integration.sensitivity import Grid, Response, carried, forces, hermite, respond, triples
 
 from .forced_rate import ForcedRate
@@ -45,8 +45,12 @@ def points_at_nodes(
 
 
 def grid_of(
-    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | None, usual_gap: float
-) -> tuple[Grid, np.ndarray]:
+    samples: Trajectories,
+    runs: list[np.ndarray],
+    steps: int,
+    interpolation: str | tuple[str, ...] | None,
+    usual_gap: float,
+) -> tuple[Grid, np.ndarray]:  # fmt: skip
     """Return the nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
 
     Where an input with a zero-order hold changes, a step of no length leads from the value before to the value after: a
@@ -57,7 +61,7 @@ def grid_of(
     for r, rows in enumerate(runs):
         t = samples.time[rows]
         u = samples.matrix(samples.input_names)[rows]
-        kinds = (interpolation,) * u.shape[1] if interpolation else between_samples(t, u)
+        kinds = one_for_each(interpolation, u.shape[1]) if interpolation else between_samples(t, u)
         leaps = np.any(np.diff(u[:, [kind == "zoh" for kind in kinds]], axis=0) != 0, axis=1)
         count = np.maximum(np.ceil(steps * np.diff(t) / usual_gap - 1e-6), steps).astype(int)
         interval = np.repeat(np.arange(len(count)), count + leaps)

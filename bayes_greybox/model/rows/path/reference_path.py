@@ -110,7 +110,7 @@ class PathSettings:
     """Settings of a path through samples, as in `TrajectoryRows`, and the least number of segments of each run."""
 
     substeps: int | None
-    interpolation: str | None
+    interpolation: str | tuple[str, ...] | None
     process_noise: bool
     same_noise: bool
     at_rest: Mapping[str, str]
