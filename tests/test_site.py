@@ -30,7 +30,7 @@ def test_every_public_name_is_in_the_reference():
     assert names and names == listed
 
 
-@pytest.mark.parametrize("domain", ["mechanical", "fluid", "population", "electrical", "thermal"])
+@pytest.mark.parametrize("domain", ["mechanical", "fluid", "population", "electrical", "thermal", "battery"])
 def test_every_effect_has_an_entry_and_a_picture(domain, tmp_path):
     import catalogue_text
 

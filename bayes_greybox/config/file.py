@@ -14,7 +14,7 @@ from bayes_greybox.report.folders.holding import CONFIG, author_text, command_of
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Parameters, Prior, Rows, Simulation
+from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Parameters, Prior, Rows, Simulation, Starts
 from .section import Section, sentences, wrong
 from .sources import Data, TableSource
 
@@ -114,6 +114,7 @@ class Config(Section):
     data: Data
     simulation: Simulation = {}
     parameters: Parameters = {}
+    starts: Starts = {}
     dictionary: Dictionary = {}
     coefficients: Coefficients = {}
     prior: Prior = None
@@ -293,6 +294,7 @@ class Config(Section):
             dictionary={state: terms.build() for state, terms in dictionary.items()},
             simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
             parameters={name: each.build() for name, each in self.parameters.items()},
+            starts=self.starts,
             coefficients={state: {name: c.build() for name, c in each.items()} for state, each in coefficients.items()},
             **{name: part.build() for name, part in parts.items() if part is not None},
             **self.noise.arguments(),

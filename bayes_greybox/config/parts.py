@@ -121,6 +121,15 @@ Parameters = dict[
 ]
 
 
+def _start(given: Any) -> Any:
+    if not (is_finite(given) or isinstance(given, str) and given):
+        raise wrong("must be a number, or the column that has the value where a run starts, such as 1.0")
+    return given
+
+
+Starts = dict[str, Annotated[float | str, BeforeValidator(_start)]]
+
+
 def _pair(given: Any, what: str) -> Any:
     numbers = isinstance(given, list) and len(given) == 2 and all(map(is_finite, given))
     if given is not None and not numbers:

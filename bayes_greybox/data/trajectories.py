@@ -54,10 +54,14 @@ class Trajectories(CutRuns):
             samples.
         unseen: rows at which a sensor was clipped, if found before the samples were corrected; None if they show it
             themselves.
+        computed: states that no sensor read, which follow from a model and the other columns.
+        before: earlier rows of the same runs, by name, of data that `split` cut off: hidden states started there.
     """
 
     samples: "Trajectories | None" = None
     unseen: Bool[np.ndarray, " n_obs"] | None = None
+    computed: tuple[str, ...] = ()
+    before: "Trajectories | None" = None
 
     @classmethod
     def from_arrays(
@@ -289,6 +293,9 @@ class Trajectories(CutRuns):
     @property
     def _computed(self) -> bool:
         return super()._computed or self.samples is not None or self.unseen is not None
+
+    def _after(self, first: "Trajectories") -> "Trajectories":
+        return replace(self, before=first)
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
         # Samples and unseen rows are cut separately: columns of one object must have one length at all times.

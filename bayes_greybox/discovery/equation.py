@@ -103,12 +103,12 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     def settled(source: Source, start: Point) -> tuple[Source, Near]:
         return source, settle(source, start, odds, reach, question.seed, say)
 
-    if not model.rows.follows_path:
-        return settled(RateRows(model, train, name, question.effects), Point())
-    as_given = settled(SampleRows(model, train, name, question.effects), Point())
-    if model.rows.interpolation is not None or not train.input_names:
+    kind = SampleRows if model.rows.follows_path else RateRows
+    as_given = settled(kind(model, train, name, question.effects), Point())
+    remembers = model.rows.follows_path or train.computed or any(each.effect.hidden for each in question.effects)
+    if model.rows.interpolation is not None or not train.input_names or not remembers:
         return as_given
-    say("following the path with inputs that are held")
+    say("weighing again with inputs that are held")
     near = as_given[1]
     point = near.point_of(near.likeliest)
     # Lines between samples of held inputs look like a delay.
@@ -121,7 +121,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
         # Along some inputs no path is found.
         with suppress(InputError, np.linalg.LinAlgError):
             rows = held.rows.complete(train, name, held.simulator(train))
-            source = SampleRows(held, rows, name, question.effects)
+            source = kind(held, rows, name, question.effects)
             first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
             weighed.append((first.log_evidence, source))
     likeliest, source = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0]))

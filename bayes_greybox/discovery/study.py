@@ -59,8 +59,8 @@ NO_HELD_OUT_PATH = "no path of the extended model follows held-out samples"
 
 HELD_INPUTS = (
     "The samples are likelier with inputs held from each sample to the next than with lines or splines between them, "
-    "so {held} held. State what they do: GreyBox(rows=bg.TrajectoryRows(interpolation=...)), or in a file "
-    '[rows] kind = "trajectory" with interpolation.'
+    "so {held} held. State what they do: GreyBox(rows=bg.{rows}(interpolation=...)), or in a file "
+    "interpolation in [rows]."
 )
 
 AVERAGED = (
@@ -365,7 +365,7 @@ def _study_warnings(subject: Subject, findings: Findings, settings: StudySetting
     for study in findings.values():
         yield from other_sizes(study.regressors)
     if subject.held:
-        yield HELD_INPUTS.format(held=_held(subject))
+        yield HELD_INPUTS.format(held=_held(subject), rows=type(subject.model.rows).__name__)
     if subject.block > 1:
         yield AVERAGED.format(m=subject.block)
     for name, study in findings.items():

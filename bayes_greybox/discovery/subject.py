@@ -29,13 +29,11 @@ from .odds import Odds
 KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Reason why an effect that is in the model is not weighed again."""
 
-REMEMBERS = "it remembers, and rows of "
-OUTPUT_WITHOUT_PATH = f"{REMEMBERS}an output follow no path: what it did before is not in them"
 RATES_WITHOUT_PATH = (
-    f"{REMEMBERS}rates follow no path along which that can be said: give samples, GreyBox(rows=bg.TrajectoryRows()), "
-    'in a file [rows] kind = "trajectory"'
+    "it remembers, and rows of rates follow no path along which that can be said: give samples, "
+    'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'
 )
-"""Reasons why effects with memory are not weighed."""
+"""Reason why effects with memory are not weighed."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,9 @@ class Subject:
     @classmethod
     def of(cls, model: Program, train: Trajectories, test: Trajectories | None, free_runs: bool) -> "Subject":
         """Return model and data that can be studied; others are refused."""
-        given = _at_estimate(model.on(train), train)
+        model = model.on(train)
+        train, test = model.started(train), None if test is None else model.started(test)
+        given = _at_estimate(model, train)
         model = given.centred()
         check_rows(model)
         equations = studied_equations(model, train)
@@ -120,9 +120,7 @@ class Subject:
 
     def _no_path(self, name: str) -> str:
         """Return the reason why effects with memory cannot be weighed; empty if they can."""
-        if self.train.is_output(name):
-            return OUTPUT_WITHOUT_PATH
-        if not self.model.rows.follows_path:
+        if not (self.model.rows.follows_path or self.train.is_output(name)):
             return RATES_WITHOUT_PATH
         return "" if readable(self.model.simulation) else NO_STATES
 

@@ -194,7 +194,7 @@ class LearnedSystem:
     @property
     def hidden(self) -> tuple[str, ...]:
         """States that no sensor measures."""
-        measured = (self.data.samples or self.data).state_names
+        measured = {*(self.data.samples or self.data).state_names} - {*self.simulation.starts}
         return tuple(name for name in self.states if name not in measured)
 
     @property

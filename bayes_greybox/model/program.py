@@ -11,7 +11,7 @@ from bayes_greybox.data.trajectories import Trajectories, require_measured
 from bayes_greybox.model.estimate.near import near_estimate
 from bayes_greybox.model.estimate.tangents import at_estimate
 from bayes_greybox.physics.coefficient import Coefficient
-from bayes_greybox.physics.hidden_states import HiddenState
+from bayes_greybox.physics.hidden_states import HiddenState, read_starts
 from bayes_greybox.physics.parameters import Parameter, moved_to, read_parameters
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.named_formulas import NamedFormulas
@@ -67,6 +67,8 @@ class Program(SamplingProgram):
             simulation, and f need not be orthogonal to it.
         parameters: Numbers with names in the formulas of the simulation, `{"m": bg.Parameter(2.0, sd=0.1), "k": 30.0}`.
             With a standard deviation one is learned, and its posterior stands among the coefficients; see `Parameter`.
+        starts: Where hidden states start, on rows of rates and outputs, which need to know it: a number, or the column
+            that has the value there, `{"soc": 1.0}`.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -78,6 +80,7 @@ class Program(SamplingProgram):
     rows: RowKind = field(default_factory=AsMeasured)
     coefficients: Mapping[str, Any] = field(default_factory=dict)
     parameters: Mapping[str, Any] = field(default_factory=dict)
+    starts: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.dictionary, Mapping):
@@ -91,6 +94,7 @@ class Program(SamplingProgram):
             object.__setattr__(self, "dictionary", lists)
         object.__setattr__(self, "coefficients", read_coefficients(self.coefficients, self.dictionary))
         object.__setattr__(self, "parameters", read_parameters(self.parameters))
+        object.__setattr__(self, "starts", read_starts(self.starts))
         if isinstance(self.prior, type) or not isinstance(self.prior, Prior):
             raise InputError(f"GreyBox(prior={self.prior!r}) is not a prior: give one such as bg.Laplace(scale=0.5).")
         if not (self.discrepancy is None or isinstance(self.discrepancy, OrthogonalGP)):
@@ -153,6 +157,11 @@ class Program(SamplingProgram):
             )
         for equation in self.equations:
             states, outputs = self.states(data), data.output_names
+            if equation in self.starts:
+                raise InputError(
+                    f"{equation!r} is a hidden state that follows from its start: nothing in its equation can be "
+                    "learned. Give it as a state of the data, or its parameters without a standard deviation."
+                )
             if equation not in (*states, *outputs):
                 near = difflib.get_close_matches(equation, (*states, *outputs), n=1)
                 hint = f" (did you mean {near[0]!r}?)" if near else ""
@@ -247,17 +256,23 @@ class Program(SamplingProgram):
         if lacking:
             outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
         parameters = self.parameters
-        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units, parameters)
+        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units, parameters, self.starts)
         stating = dict.fromkeys((*self.coefficients, *self.named.learned))
         return simulation.beside({name: self.stated(name, data).known for name in stating})
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
-        """Return the measured states, then those that the rows allow to be hidden."""
+        """Return the measured states, then hidden ones: those with a start, and those that rows allow to be hidden."""
+        started = tuple(name for name in self.starts if name not in data.columns)
+        if started and not self.rows.linear:
+            raise InputError(
+                f"The start of {started[0]!r} is for rows of rates and outputs: on rows of samples hidden states start "
+                "anywhere, and where they do is found. Leave starts out, or give rates or outputs."
+            )
         rates = self.simulation
         if readable(rates):
             rates = rates or {}
             rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
-        return (*data.state_names, *self.rows.hidden(rates, data))
+        return (*data.state_names, *started, *self.rows.hidden(rates, data))
 
     def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
         """Return the model with more hidden states in its simulation; f does not depend on them."""
@@ -266,9 +281,19 @@ class Program(SamplingProgram):
         discrepancy = self.discrepancy
         if discrepancy is not None and discrepancy.variables is None:
             discrepancy = replace(discrepancy, variables=(*self.states(data), *data.input_names))
+        simulation = with_states(self.simulation, states)
+        if self.rows.linear:
+            starts = {**self.starts, **{state.name: state.start or 0.0 for state in states}}
+            return replace(self, simulation=simulation, discrepancy=discrepancy, starts=starts)
         starts = {state.name: state.start for state in states if state.start}
         rows = self.rows.resting({state.name: state.unit_of for state in states}, starts)
-        return replace(self, simulation=with_states(self.simulation, states), discrepancy=discrepancy, rows=rows)
+        return replace(self, simulation=simulation, discrepancy=discrepancy, rows=rows)
+
+    def started(self, data: Trajectories) -> Trajectories:
+        """Return the data with the hidden states that have a start, along what was measured."""
+        if {*self.starts} <= {*data.columns}:
+            return data
+        return self.rows.complete_all(data, self.equations, self.simulator(data, lacking=True))
 
     def complete(self, data: Trajectories) -> Trajectories:
         """Return the data with every state and the learned rates at every sample, completed by the kind of rows."""
@@ -314,7 +339,7 @@ class Program(SamplingProgram):
             model = at_estimate(model, data, lambda each: each if each.rows.linear else near_estimate(each, data))
         elif not model.rows.linear:
             model = near_estimate(model, data)
-        return model, data if model.rows.linear else model.complete(data)
+        return model, model.started(data) if model.rows.linear else model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
         """Return the model and the training data with the noise parameters held fixed, as a fit and its folds use them.

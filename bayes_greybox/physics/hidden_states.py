@@ -9,7 +9,7 @@ that no change of z is missed by much.
 from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +21,8 @@ from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.physics.formula.numbers import Named, as_columns, without_numbers
 from bayes_greybox.running.compiling import compiled
+from bayes_greybox.running.errors import InputError
+from bayes_greybox.running.limits import is_finite
 
 Arrays = Array | np.ndarray
 """Arrays of JAX, or of NumPy on their way to it."""
@@ -73,9 +75,27 @@ class HiddenState:
         return symbol_names(parse_expression(self.rate))
 
 
+def read_starts(given: Any) -> dict[str, float | str]:
+    """Return the starts of hidden states as the user gave them, numbers or names of columns.
+
+    Raises:
+        InputError: They are no mapping of states to numbers or columns.
+    """
+    if not isinstance(given, Mapping):
+        raise InputError("GreyBox(starts=...) must map hidden states to their values where runs start: {'soc': 1.0}.")
+    for name, start in given.items():
+        check_name(str(name))
+        if not (is_finite(start) or isinstance(start, str) and start):
+            raise InputError(
+                f"The start of {name!r} must be a number, or the column that has the value where a run starts, "
+                f"not {start!r}: GreyBox(starts={{{name!r}: 1.0}})."
+            )
+    return {str(name): start if isinstance(start, str) else float(start) for name, start in given.items()}
+
+
 def along(
     systems: Sequence[Sequence[HiddenState]], time: Float[np.ndarray, " n"],
-    columns: Mapping[str, Float[np.ndarray, " n"]], fresh: Bool[np.ndarray, " n"],
+    columns: Mapping[str, Float[np.ndarray, " n"]], fresh: Bool[np.ndarray, " n"], held: Sequence[str] = (),
 ) -> list[dict[str, Float[np.ndarray, " n"]]]:  # fmt: skip
     """Integrate hidden states along known paths; those whose rates differ by numbers alone go together.
 
@@ -85,10 +105,18 @@ def along(
         columns: States and inputs at the nodes; that of a hidden state holds its values where runs start, in place of
             its `start`.
         fresh: True at nodes where a run starts.
+        held: Columns that stay from each node to the next.
 
     Returns:
         Values at the nodes by name, for each system; not finite where a rate is not.
     """
+    if held:
+        # Each node twice: with what was held until then, and with what is held from then on.
+        before = np.where(fresh, np.arange(len(time)), np.arange(-1, len(time) - 1))
+        both = {name: np.repeat(x, 2) for name, x in columns.items()}
+        both |= {name: np.column_stack([columns[name][before], columns[name]]).ravel() for name in held if name in both}
+        twice = along(systems, np.repeat(time, 2), both, np.repeat(fresh, 2) & (np.arange(2 * len(time)) % 2 == 0))
+        return [{name: path[1::2] for name, path in each.items()} for each in twice]
     alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, tuple[float, ...]]]] = {}
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)

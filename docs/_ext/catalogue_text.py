@@ -11,6 +11,7 @@ DOMAINS = {
     "population": "Growth, death and meetings: effects in the equation of a population.",
     "electrical": "Losses, sources and storage: effects in the equation of a voltage, a current or a flux.",
     "thermal": "Heat flows over heat capacities: effects in the equation of a temperature.",
+    "battery": "Effects in the voltage of a cell, an output, whose current is an input in A.",
 }
 """The packaged catalogues, and what is in each."""
 

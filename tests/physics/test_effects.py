@@ -33,6 +33,7 @@ SLUGS = {
     "population": "logistic-crowding bilinear-interaction holling-ii allee constant-harvest",
     "electrical": "diode saturating-inductor",
     "thermal": "heat-loss linear-cooling constant-heat natural-convection radiation second-mass",
+    "battery": "relaxation two-relaxations charge-transfer one-sided-resistance constant-voltage",
 }
 OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
@@ -237,7 +238,7 @@ def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
 @pytest.mark.parametrize("effect", [e for e in ALL if e.hidden and e.sign], ids=lambda effect: effect.slug)
 def test_memories_that_resist_take_power_from_a_motion_to_and_fro(effect):
     t = np.linspace(0.0, 60.0, 6001)
-    path = {"position": np.sin(t), "velocity": np.cos(t), "temperature": np.cos(t)}
+    path = {"position": np.sin(t), "velocity": np.cos(t), "temperature": np.cos(t), "current": np.cos(t)}
     term = effect.bind({role: role for role in effect.roles}).term(middle(effect, 1.0))
     (hidden,) = along([term.states], t, path, np.arange(len(t)) == 0)
     force = effect.sign * np.asarray(term.evaluate({**path, **hidden}))
@@ -259,12 +260,13 @@ def test_signs_of_flows_populations_and_circuits():
     signs = {slug: effect.sign for slug, effect in BY_SLUG.items()}
     losses = """linear-outflow torricelli-outflow overflow weir-overflow logistic-crowding cubic-crowding holling-ii
         holling-iii allee ohmic-loss cubic-resistor diode diode-pair brush-drop saturating-inductor cubic-storage
-        backlash linear-cooling"""
+        backlash linear-cooling relaxation two-relaxations charge-transfer"""
     gains = """linear-inflow torricelli-inflow overflow-inflow connecting-pipe holling-ii-gain holling-iii-gain
         inductance-drop heat-loss natural-convection radiation second-mass"""
     either = """quadratic-stiffness bilinear-stiffness velocity-squared position-velocity-coupling constant-force
         direction-dependent-friction input-gain cubic-input constant-inflow linear-growth bilinear-interaction migration
-        constant-harvest driven-growth constant-source actuator-lag constant-heat"""
+        constant-harvest driven-growth constant-source actuator-lag constant-heat
+        one-sided-resistance constant-voltage"""
     for sign, slugs in ((-1, losses), (1, gains), (0, either)):
         assert {slug: signs[slug] for slug in slugs.split()} == dict.fromkeys(slugs.split(), sign)
     assert sum(sign == 0 for sign in signs.values()) == len(either.split())

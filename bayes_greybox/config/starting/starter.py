@@ -60,10 +60,11 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _differentiate(plan),
         _simulation(plan),
         _parameters(plan),
+        _starts(plan),
         _dictionary(plan),
         "[study]\n"
-        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "all", or your own\n'
-        "# file.\n"
+        '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "battery",\n'
+        '# "all", or your own file.\n'
         f"catalogue = {_quoted(plan.catalogue)}",
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"
@@ -190,6 +191,20 @@ def _parameters(plan: Plan) -> str:
     else:
         lines += [f'# tau = {{ value = 10.0, sd = 3.0, lower = 0.0, unit = "{plan.unit(plan.guess.time) or "s"}" }}']
     return "\n".join(lines)
+
+
+def _starts(plan: Plan) -> str:
+    """Write an example of a hidden state, as a comment: a start of a state without a formula is refused."""
+    if not plan.measured:
+        return ""
+    return "\n".join(
+        [
+            "# [starts]",
+            "# A state that no sensor reads, with a formula of inputs, states and other hidden states in [simulation],",
+            "# follows from where it starts: a number, or the column that has the value where a run starts.",
+            f'# charge = 1.0  # beside charge = "-{plan.variables[-1]}/3600" in [simulation]',
+        ]
+    )
 
 
 def _first_order(plan: Plan, name: str) -> str:

@@ -155,7 +155,11 @@ class CutRuns(Runs):
         cuts = split_cuts(lengths, self.run_names, fraction, by)
         first = self._restrict([(0, cut) for cut in cuts])
         second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
-        return first, second
+        return first, second._after(first)
+
+    def _after(self: AnyRuns, first: AnyRuns) -> AnyRuns:
+        """Return the same data, which go on where the first ones end."""
+        return self
 
     @property
     def _computed(self) -> bool:

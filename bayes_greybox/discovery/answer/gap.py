@@ -77,7 +77,8 @@ def _figures(
     Before, nothing is known of the sensors. Rows that are linear only near a model are near the one compared with them.
     """
     raw = replace(model, rows=model.rows.around(amendment.terms_before())).equation_rows(data, equation)
-    rows = amendment.model(model).equation_rows(amendment.corrected(data), equation)
+    after = amendment.model(model)
+    rows = after.equation_rows(after.started(amendment.corrected(data)), equation)
     added = _on_rows(raw, amendment, lambda at: amendment.rates_before(at)[:, None], 1)[:, 0]
     before, draws = _squares(raw, added), _draws(rows, amendment)
     sizes = _Sizes.of(rows, amendment, data, draws, criteria)

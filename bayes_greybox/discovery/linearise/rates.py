@@ -14,7 +14,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
-from bayes_greybox.discovery.linearise.source import regressors_of
+from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
@@ -71,8 +71,10 @@ class RateRows(Source):
         delays = delays_of(point.sensors)
         whole = undone(self._measured, self.equation, delays)
         used = _usable(self._measured, self.equation, delays, self._out)
+        model = with_hidden_states(self.model.at(point.parameters), point.hidden, whole)
+        # Hidden states follow the inputs as these were.
+        whole = model.rows.complete(whole, self.equation, model.simulator(whole))
         data = whole.keep(used)
-        model = self.model.at(point.parameters)
         added = (*point.added, *self.model.named.slopes(self.equation, point.parameters))
         rate = modelled_rate(model, whole, self.equation, added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
@@ -82,7 +84,9 @@ class RateRows(Source):
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
-            if point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY):
+            # No sensor reads what follows from its start.
+            seen = error.channel not in whole.computed
+            if seen and point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY):
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
@@ -92,7 +96,8 @@ class RateRows(Source):
                 size = late[column.called] * column.scale / regressors.target_scale
                 regressors.shown = regressors.shown + size * regressors.values[:, k]
         # A memory reaches back to rows that are out, too.
-        elements = chain(memory_columns(whole, point.weighs), drift_columns(whole, point.weighs))
+        seen = replace(whole, states={name: x for name, x in whole.states.items() if name not in whole.computed})
+        elements = chain(memory_columns(seen, point.weighs), drift_columns(seen, point.weighs))
         regressors.remember((memory, table[used]) for memory, table in elements)
         scale = regressors.target_scale
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2

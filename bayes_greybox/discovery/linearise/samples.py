@@ -13,18 +13,16 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import gap_size
 from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
-from bayes_greybox.discovery.linearise.source import regressors_of
+from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.sensors import unit_of_rows
 from bayes_greybox.model.assemble import with_rounding
-from bayes_greybox.model.gp.discrepancy import OrthogonalGP
-from bayes_greybox.model.program import AnyProgram, Program
+from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
-from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
@@ -51,7 +49,7 @@ class SampleRows(Source):
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
         train, equation, hidden = self.train, self.equation, point.hidden
-        model = _with_hidden(self.model.at(point.parameters), hidden, train)
+        model = with_hidden_states(self.model.at(point.parameters), hidden, train)
         simulation = model.simulator(train)
         added = (*point.added, *self.model.named.slopes(equation, point.parameters))
         model = replace(model, rows=model.rows.around(added))
@@ -96,13 +94,6 @@ class SampleRows(Source):
         """See `Source.row_kind`."""
         return self._after(point).rows
 
-    def with_inputs(self, program: AnyProgram) -> AnyProgram:
-        """See `Source.with_inputs`."""
-        between = self.model.rows.interpolation
-        if between is None or program.rows.interpolation == between:
-            return program
-        return replace(program, rows=program.rows.between(between))
-
     def doubts(self, rows: Rows) -> list[str]:
         """Return the sensors that were at their ends while the path stays within their ranges, in words."""
         samples = rows.data.samples or rows.data
@@ -119,7 +110,7 @@ class SampleRows(Source):
 
     def _after(self, point: Point) -> Program:
         """Return the model with rows near a point, or near the model before where that leads away from the samples."""
-        model = _with_hidden(self.model, point.hidden, self.train)
+        model = with_hidden_states(self.model, point.hidden, self.train)
         values, equation = point.parameters, self.equation
         tangent = (*self.model.named.slopes(equation, values), *self.model.named.remainder(equation, values))
         after = replace(model, rows=model.rows.around((*point.added, *tangent)))
@@ -128,13 +119,6 @@ class SampleRows(Source):
         except InputError:
             return self.model
         return after
-
-
-def _with_hidden(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
-    """Return the model with hidden states, on which no f depends."""
-    if not hidden:
-        return model
-    return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
 def _force(regressors: Regressors, data: Trajectories, point: Point) -> tuple[ForcedPath, float]:

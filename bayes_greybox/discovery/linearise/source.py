@@ -20,6 +20,7 @@ from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.model.scaling import discrepancy_box, features_per_variable
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term
 
 from .near import Point, Rows
@@ -66,11 +67,21 @@ class Source(ABC):
 
     def with_inputs(self, program: AnyProgram) -> AnyProgram:
         """Return a model whose inputs go between their samples as they do here."""
-        return program
+        between = self.model.rows.interpolation
+        if between is None or program.rows.interpolation == between:
+            return program
+        return replace(program, rows=program.rows.between(between))
 
     def doubts(self, rows: Rows) -> list[str]:
         """Return contradictions between the rows and any answer, in words."""
         return []
+
+
+def with_hidden_states(model: Program, hidden: Sequence[HiddenState], train: Trajectories) -> Program:
+    """Return the model with hidden states, on which no f depends."""
+    if not hidden:
+        return model
+    return replace(model, discrepancy=model.discrepancy or OrthogonalGP()).remembering(hidden, train)
 
 
 def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequence[tuple[Term, float]]) -> Rate:
@@ -143,7 +154,7 @@ def regressors_of(
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
     hidden = any(effect.effect.hidden for effect in effects)
     path = model.rows.nodes(data, equation, simulation, whole=True) if hidden else None
-    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows)
+    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows, held=model.rows.held(data))
     if model.learns(equation):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}

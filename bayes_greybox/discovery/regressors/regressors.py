@@ -45,6 +45,7 @@ class Regressors(EvaluatedColumns):
         twins: Sensor errors left out because another column is the same, with its name.
         changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
         memories: Elements of forces with memory: their effects on the rows, and themselves there.
+        held: Inputs that stay between the nodes of the path.
     """
 
     equation: str = field(init=False)
@@ -57,6 +58,7 @@ class Regressors(EvaluatedColumns):
     twins: dict[str, str] = field(default_factory=dict)
     changes: dict[str, float] = field(default_factory=dict)
     memories: dict[Memory, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    held: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         self.values = self.acting = np.zeros((self.rows.n_row, 0))
@@ -157,7 +159,9 @@ class Regressors(EvaluatedColumns):
         path = self.path
         assert path is not None
         fresh = np.diff(path.run, prepend=-1) != 0
-        values = dict(zip(systems, along(list(systems.values()), path.time, path.columns, fresh), strict=True))
+        values = dict(
+            zip(systems, along(list(systems.values()), path.time, path.columns, fresh, self.held), strict=True)
+        )
         return [values.get(k, {}) for k in range(len(terms))]
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:

@@ -65,6 +65,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
         "noise_floor": model.noise_floor,
         "noise": dataclasses.asdict(model.noise) if isinstance(model.noise, Noise) else model.noise,
         "coefficients": {equation: each for equation, each in priors.items() if each},
+        "starts": dict(model.starts),
         "parameters": {name: dataclasses.asdict(each) for name, each in model.parameters.items()},
     }
 
@@ -86,6 +87,7 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = 
             equation: {term: Coefficient(**fields) for term, fields in priors.items()}
             for equation, priors in record.get("coefficients", {}).items()
         },
+        starts=record.get("starts", {}),
         parameters={name: Parameter(**_fields(each)) for name, each in record.get("parameters", {}).items()},
     )
 

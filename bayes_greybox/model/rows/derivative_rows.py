@@ -4,7 +4,7 @@ An output takes the place of a rate: its equation is the same, without a derivat
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -17,7 +17,8 @@ from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows, Evaluate
-from .row_kind import RowKind
+from .hidden_columns import held_inputs, with_hidden
+from .row_kind import RowKind, checked_interpolation
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,25 @@ class DerivativeRows(RowKind):
     Where a term jumps, a sample stands for the states around it (`SampleSpread`), but not in a simulation that is code.
 
     Attributes:
+        interpolation: Interpolation of the inputs between samples, which hidden states are driven by: "zoh" (held) for
+            all, or one for each in their order; by default they go on.
         filter_terms: If true, terms go through the filter, and rows are thinned; else each sample is a row with
             Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
     """
 
     filter_terms: bool = True
+    interpolation: str | tuple[str, ...] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "interpolation", checked_interpolation("DerivativeRows", self.interpolation))
+
+    def between(self, interpolation: str | tuple[str, ...]) -> "DerivativeRows":
+        """Return rows with an interpolation of the inputs, one for all or for each."""
+        return replace(self, interpolation=interpolation)
+
+    def held(self, data: Trajectories) -> tuple[str, ...]:
+        """Return the inputs that are held between samples."""
+        return held_inputs(data, self.interpolation)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
         """Return the rows of one equation; see `RowKind.rows`."""
@@ -60,6 +75,10 @@ class DerivativeRows(RowKind):
             output=data.is_output(equation),
             spread=spread,
         )
+
+    def complete_all(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> Trajectories:
+        """Return the data with the hidden states that have a start."""
+        return with_hidden(data, simulation, self.interpolation)
 
     def in_words(self, data: Trajectories) -> str:
         """Return "measured rates", "filtered rates" or "measured outputs"."""

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
+from bayes_greybox.physics.integration.adaptive_steps import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.simulation.reading import named_states
 from bayes_greybox.physics.terms import Term
@@ -45,6 +46,21 @@ class Remembered:
 RowsOfRuns = Callable[[Trajectories, tuple[str, ...], Simulation], EquationRows]
 """Function from runs, their learned states and the known rates to rows, none where the runs are too short for any; rows
 of runs that come one after another are together the rows of all runs at once."""
+
+
+def checked_interpolation(kind: str, given: Any) -> str | tuple[str, ...] | None:
+    """Return the interpolation of inputs between samples that rows of a kind were given.
+
+    Raises:
+        InputError: It is not among `INTERPOLATIONS`, for all inputs or for each.
+    """
+    each = given if given is None or isinstance(given, str) else tuple(given)
+    if not {each} <= {None, *INTERPOLATIONS} and not (isinstance(each, tuple) and {*each} <= {*INTERPOLATIONS}):
+        raise InputError(
+            f"{kind}(interpolation={given!r}) must be one of {', '.join(INTERPOLATIONS)}, or one of these for each "
+            "input."
+        )
+    return each
 
 
 class RowKind(ABC):
@@ -150,7 +166,7 @@ class RowKind(ABC):
         return replace(cast(Any, self), added=texts, added_to=tuple(to))
 
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "RowKind":
-        """Return the rows with hidden states that are at rest where a run starts.
+        """Return the rows with hidden states that are at rest where a run starts, of a path.
 
         Each state has the column that it is about as large as; those that start as a column does have that column in
         `starts`.
@@ -160,6 +176,10 @@ class RowKind(ABC):
     def moved_by(self, intensity: float) -> "RowKind":
         """Return the rows of a path that an unknown force moves, of intensity λ = q²/σ², σ a typical sensor's noise."""
         return self
+
+    def held(self, data: Trajectories) -> tuple[str, ...]:
+        """Return the inputs that are held between the nodes of the rows; a path has nodes on both sides of a leap."""
+        return ()
 
     def between(self, interpolation: str | tuple[str, ...]) -> "RowKind":
         """Return the rows with an interpolation of the inputs between samples, one for all or for each."""

@@ -24,7 +24,6 @@ from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integration.adaptive_steps import INTERPOLATIONS
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import with_rates
@@ -35,7 +34,7 @@ from .path.common import Common, ends_of_sensors
 from .path.exact_path import exact_samples
 from .path.forced_rate import Force, ForcedRate
 from .path.reference_path import PathSettings, ReferencePath, follow_samples
-from .row_kind import Remembered, RowKind, RowsOfRuns
+from .row_kind import Remembered, RowKind, RowsOfRuns, checked_interpolation
 
 _PATHS = Remembered()
 """Reference paths by the samples that they were found from."""
@@ -92,15 +91,7 @@ class TrajectoryRows(RowKind):
             raise InputError(f"TrajectoryRows(segment={self.segment!r}) must be a time above 0.")
         if not 0 <= self.force < math.inf:
             raise InputError(f"TrajectoryRows(force={self.force!r}) must be a number, 0 or above.")
-        kinds = self.interpolation
-        if kinds is not None and not isinstance(kinds, str):
-            kinds = tuple(kinds)
-            object.__setattr__(self, "interpolation", kinds)
-        if not {kinds} <= {None, *INTERPOLATIONS} and not (isinstance(kinds, tuple) and {*kinds} <= {*INTERPOLATIONS}):
-            raise InputError(
-                f"TrajectoryRows(interpolation={kinds!r}) must be one of {', '.join(INTERPOLATIONS)}, or one of these "
-                "for each input."
-            )
+        object.__setattr__(self, "interpolation", checked_interpolation("TrajectoryRows", self.interpolation))
 
     @property
     def starts(self) -> Mapping[str, str]:

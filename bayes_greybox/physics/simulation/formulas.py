@@ -18,7 +18,7 @@ from bayes_greybox.physics.formula.rounding import rounded
 from bayes_greybox.physics.parameters import Parameters, tangent
 from bayes_greybox.physics.terms import Term
 
-from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, State, States, Times, finite
+from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, Starts, State, States, Times, finite
 
 
 @dataclass(frozen=True)
@@ -29,26 +29,34 @@ class ExpressionSimulation(Simulation):
         expressions: Parsed expressions by state or output, without names of parameters (see `with_parameters`).
         written: The same as the user wrote them, with names of parameters; empty where there are none.
         parameters: The parameters.
+        begun: See `Simulation.starts`.
     """
 
     expressions: Mapping[str, sympy.Expr]
     written: Mapping[str, sympy.Expr] = field(default_factory=dict)
     parameters: Parameters = field(default_factory=dict)
+    begun: Starts = field(default_factory=dict)
 
     @classmethod
     def with_parameters(
-        cls, states: tuple[str, ...], inputs: tuple[str, ...], written: Mapping[str, sympy.Expr], parameters: Parameters
-    ) -> "ExpressionSimulation":
+        cls, states: tuple[str, ...], inputs: tuple[str, ...], written: Mapping[str, sympy.Expr],
+        parameters: Parameters, starts: Starts,
+    ) -> "ExpressionSimulation":  # fmt: skip
         """Return formulas at the values of their parameters, without the terms of those that are learned."""
         if not parameters:
-            return cls(states, inputs, written)
+            return cls(states, inputs, written, begun=starts)
         expressions = {name: tangent(expr, parameters).rest for name, expr in written.items()}
-        return cls(states, inputs, expressions, written, parameters)
+        return cls(states, inputs, expressions, written, parameters, starts)
 
     @property
     def equations(self) -> tuple[str, ...]:
         """States and outputs with an expression."""
         return tuple(self.expressions)
+
+    @property
+    def starts(self) -> Starts:
+        """Values of hidden states where a run starts."""
+        return self.begun
 
     def rate(self, t: Array, x: State, u: Input) -> State:
         """Return g at one point, inside an integrator."""
@@ -142,7 +150,8 @@ class ExpressionSimulation(Simulation):
     @property
     def key(self) -> Hashable:
         """Names and formulas, with all digits of their numbers."""
-        return self.states, self.inputs, tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())
+        formulas = tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())
+        return self.states, self.inputs, formulas, tuple(self.begun.items())
 
 
 def _additive(formula: sympy.Expr) -> list[tuple[Term, float]]:

@@ -30,6 +30,9 @@ Inputs = Float[np.ndarray, "*n n_input"]
 Jacobians = Float[np.ndarray, "*n n_state n_state"]
 """Values at many points, such as those along paths."""
 
+Starts = Mapping[str, float | str]
+"""Values of hidden states where a run starts: numbers, or columns that have the value there; "": at rest, at 0."""
+
 KnownTerms = Sequence[tuple[Term, float]]
 """Terms with their coefficients."""
 
@@ -84,6 +87,11 @@ class Simulation(ABC):
     def code(self) -> str:
         """A few words that describe a simulation which is code; "" for formulas."""
         return ""
+
+    @property
+    def starts(self) -> Starts:
+        """Values that hidden states have where a run starts, or columns that have them there."""
+        return {}
 
     @property
     @abstractmethod
@@ -209,6 +217,11 @@ class _WithTerms(Simulation):
     def code(self) -> str:
         """Description of the simulation, if it is code."""
         return self.base.code
+
+    @property
+    def starts(self) -> Starts:
+        """Starts of the simulation."""
+        return self.base.starts
 
     @property
     def equations(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from .code import CallableSimulation
 from .fmu.given import FMU, fmu_from, with_record
 from .fmu.simulation import fmu_simulation
 from .formulas import ExpressionSimulation
-from .protocol import RightHandSide, Simulation
+from .protocol import RightHandSide, Simulation, Starts
 
 NO_STATES = (
     "the simulation is a function or an FMU, which no hidden states can be added to: give it as formulas, one for "
@@ -37,6 +37,7 @@ def simulation_of(
     outputs: Sequence[str] = (),
     units: Mapping[str, str] | None = None,
     parameters: Parameters | None = None,
+    starts: Starts | None = None,
 ) -> Simulation:
     """Read the user's simulation for data with these names; units are compared with those of an FMU.
 
@@ -59,7 +60,7 @@ def simulation_of(
     if taken is not None:
         raise InputError(f"The parameter {taken!r} has the name of a column of the data: give it another name.")
     parsed = {name: parse_expression(str(text), (*states, *inputs, *parameters)) for name, text in given.items()}
-    return ExpressionSimulation.with_parameters(states, inputs, parsed, parameters)
+    return ExpressionSimulation.with_parameters(states, inputs, parsed, parameters, starts or {})
 
 
 def readable(given: UserSimulation) -> TypeGuard[Mapping[str, str] | None]:

@@ -169,7 +169,8 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     }
     parts = [part for each in formulas.values() for part in (each.known, *(phi for _, phi in each.added))]
     used = {symbol for part in parts for symbol in symbol_names(part) if not symbol.startswith("#")}
-    used |= {notes.starts[name] for name in states if notes.starts.get(name)}
+    follows = {**notes.starts, **system.simulation.starts}
+    used |= {start for name in states if isinstance(start := follows.get(name), str) and start}
     drives = "state without an equation, which drives the others"
     driving = dict.fromkeys((name for name in kept if name not in formulas and name in used), drives)
     driving = {**dict.fromkeys(system.inputs, "input"), **driving}
@@ -266,8 +267,11 @@ def _formula(
 
 def _state(system: LearnedSystem, name: str, notes: Notes) -> Quantity:
     unit, first = _unit(system, name), _first(system, name)
-    if name in notes.starts:
-        follows = notes.starts[name]
+    starts = {**notes.starts, **system.simulation.starts}
+    if name in starts:
+        follows = starts[name]
+        if not isinstance(follows, str):
+            return Quantity(name, unit, "hidden, with a known start", follows)
         about = f"hidden, moves along with {follows} where a run starts" if follows else "hidden, starts at rest"
         return Quantity(name, unit, about, (_first(system, follows) or 0.0) if follows else 0.0, follows)
     about = "not measured" if name in system.hidden else "measured"
