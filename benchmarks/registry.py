@@ -5,6 +5,7 @@ from typing import Any
 
 from bayes_greybox.running.errors import InputError
 
+from .batteries.run import BATTERIES
 from .blind_records.run import BLIND_RECORDS
 from .calibration import CALIBRATION
 from .confounding.run import CONFOUNDING
@@ -31,8 +32,8 @@ BENCHMARKS: dict[str, Benchmark] = {
     benchmark.name: benchmark
     for benchmark in (
         HIDDEN_EFFECTS, CALIBRATION, CONFOUNDING, SAMPLED_SYSTEMS, SAMPLED_TRAPS, SAMPLED_COVERAGE, PUBLISHED_ODES,
-        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, SPRING_PENDULUM, NEXT_EXPERIMENT, WEAK_ODES,
-        WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
+        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, BATTERIES, SPRING_PENDULUM, NEXT_EXPERIMENT,
+        WEAK_ODES, WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
     )
 }  # fmt: skip
 """Benchmarks by name, in the order in which they are listed."""

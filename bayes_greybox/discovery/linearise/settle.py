@@ -90,7 +90,9 @@ def _next(near: Near, finer: Mapping[str, Values], source: Source, odds: Odds) -
         spread = np.ones(rows.n_all)
         spread[rows.place] = shape.spread
         shapes.append(shape._replace(spread=spread))
-    values = {**rows.point.values, **finer, **_with_memory(near)}
+    # Where no path is followed, columns are exact at any value.
+    on_path = _with_memory(near) if rows.model.rows.follows_path else {}
+    values = {**rows.point.values, **finer, **on_path}
     point, spread = near.point_of(near.likeliest), rows.force.rescaled(white)
     return replace(point, values=values, shapes=tuple(shapes), spread=spread)
 

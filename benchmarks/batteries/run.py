@@ -1,0 +1,120 @@
+"""Studies of cells whose simulation lacks one relaxation, two, or none."""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
+
+from .cells import CAPACITY, OPEN, SLOPE, STEP, Cell, cell, one_pulse, pulses, voltage
+
+KINDS = {
+    "one lacking": (1, 0, "relaxation"),
+    "two lacking": (2, 0, "two-relaxations"),
+    "one of two lacking": (2, 1, "relaxation"),
+    "two lacking, one pulse": (2, 0, "two-relaxations"),
+    "none lacking": (1, 1, ""),
+}
+"""Pairs of the cell, those that its simulation has, and the effect that is lacking."""
+
+ONE_PULSE = "two lacking, one pulse"
+
+SURE = 0.9
+"""Probability from which a name counts."""
+
+INTERVAL = (0.05, 0.95)
+
+UNITS = {"t": "s", "i": "A", "V": "V"}
+
+
+def cases(asked: Asked) -> list[Case]:
+    """Return cells of every kind."""
+    return replicated("kind", list(KINDS), asked)
+
+
+def simulation(each: Cell, known: int) -> dict[str, str]:
+    """Return the formulas of a cell with its first pairs, of which the slow one is known first."""
+    pairs = each.pairs[::-1][:known]
+    formulas = {f"v{k}": f"({r!r}*i - v{k})/{time!r}" for k, (r, time) in enumerate(pairs)}
+    drop = "".join(f" - {name}" for name in formulas)
+    return {"soc": f"-i/(3600*{CAPACITY})", **formulas, "V": f"{OPEN} + {SLOPE}*soc - R0*i{drop}"}
+
+
+def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
+    """Return what the study of one cell names."""
+    # Imported here: these bring JAX, which the module that makes the data does without.
+    from bayes_greybox.data.trajectories import Trajectories
+    from bayes_greybox.greybox import GreyBox
+    from benchmarks.answers import studied
+
+    pairs, known, lacking = KINDS[kind]
+    rng = np.random.default_rng([seed, replicate, list(KINDS).index(kind)])
+    each = cell(pairs, rng)
+    current = one_pulse() if kind == ONE_PULSE else pulses(rng)
+    time = STEP * np.arange(len(current))
+    data = Trajectories.from_arrays(
+        time, inputs={"i": current}, outputs={"V": voltage(each, current, rng)}, units=UNITS
+    )
+    formulas = simulation(each, known)
+    starts = {name: 1.0 if name == "soc" else 0.0 for name in formulas if name != "V"}
+    model = GreyBox(simulation=formulas, parameters={"R0": each.series}, starts=starts)
+    train, test = data.split(0.7)
+    found, seconds = studied(model, train, test=test, catalogue="battery")
+    effects: Any = found.effects.set_index("slug")
+    likely = [str(slug) for slug, p in effects["probability"].items() if p > SURE]
+    return {
+        "verdict": found.verdict,
+        "probability": float(effects.loc[lacking, "probability"]) if lacking else None,
+        "right": lacking in likely if lacking else found.verdict == "no gap",
+        "named": found.verdict == "named" and likely == [lacking],
+        "wrong": sorted(set(likely) - {lacking}),
+        **_times(found, each, known),
+        "instrument": [str(row["text"]) for row in found.instrument.to_dict("records") if row["probability"] > SURE],
+        "left": float(found.gap["after"].get(("test", "unexplained share", "V"), np.nan)),
+        "seconds": seconds,
+    }
+
+
+def _times(found: Any, each: Cell, known: int) -> dict[str, Any]:
+    """Return whether the 90 % interval of the first relaxation time holds, and its mean over the true one."""
+    amendment = found.amendments["V"]
+    columns = amendment.statistics.columns
+    drawn = [columns[int(k)].inner for k in np.ravel(amendment.after.inner)]
+    times = np.array([next(iter(inner.values())) for inner in drawn if inner])
+    lacking = each.pairs[: len(each.pairs) - known]
+    if not lacking or not len(times):
+        return {"holds": None, "time": None}
+    low, high = np.quantile(times, INTERVAL)
+    return {"holds": bool(low <= lacking[0][1] <= high), "time": float(np.mean(times) / lacking[0][1])}
+
+
+def score(records: list[Record]) -> Tables:
+    """Return a row for each kind of cell.
+
+    Its columns are cells; right (what is lacking above 0.9; where nothing is: *no gap*); named (*named* with it alone);
+    wrong (another effect above 0.9); holds (90 % intervals of its time, the faster one of two); seconds.
+    """
+
+    def of_group(group: list[Record]) -> Record:
+        return {
+            "cells": len(group),
+            **{key: sum(bool(record[key]) for record in group) for key in ("right", "named", "wrong")},
+            "holds": mean([record["holds"] for record in group if record["holds"] is not None]),
+            "seconds": median([record["seconds"] for record in group]),
+        }
+
+    return {"cells": by_group(records, {"kind": "kind"}, of_group)}
+
+
+TITLE = "The relaxation that a cell's simulation lacks; counts of cells, coverage of 90 % intervals of its time"
+
+BATTERIES = Benchmark(
+    "batteries",
+    "hides the relaxations of a cell from the simulation of its voltage under pulses of current.",
+    {"cases": None, "replicates": 40, "workers": 1, "seed": 0},
+    cases,
+    study,
+    score,
+    lambda tables: {TITLE: tables["cells"]},
+    threads=1,
+)
