@@ -113,7 +113,12 @@ def _equation(
         effect, formula = values_of[0].effect, values_of[0].formula
         assert effect is not None
         values = {key: Value.of(np.array([column.inner[key] for column in values_of])) for key in values_of[0].inner}
-        # Draws that one model can have share its hidden states, and with them the nonlinear parameter.
+        if formula.states:
+            # Draws that one model can have share its hidden states, and with them the nonlinear parameter, which all
+            # draws know no better than this.
+            every = [statistics.columns[i].inner for i in after.inner[:, k]]
+            known = {key: Value.of(np.array([inner[key] for inner in every])) for key in values}
+            values = {key: replace(known[key], mean=value.mean) for key, value in values.items()}
         term = formula if formula.states or not values else effect.term({k: v.mean for k, v in values.items()})
         draws = after.draws[alike, n_own + k] * (scale / np.array([column.scale for column in values_of]))
         terms.append(learned(effect.slug, term, draws))

@@ -203,8 +203,9 @@ class LearnedSystem:
         printed = list(self.learned)
         for name in printed:
             used = {used for each in self._terms(name) for used in each.term.symbols}
-            # The rate of a hidden state may depend on another one.
-            used |= set(symbol_names(self.simulation.formula(name))) if name in self.hidden else set()
+            # The rate of a hidden state may depend on another one, and so may an output.
+            depends = name in self.hidden or self.is_output(name)
+            used |= set(symbol_names(self.simulation.formula(name))) if depends else set()
             printed += [state for state in self.hidden if state in used and state not in printed]
         return tuple(printed)
 

@@ -1,0 +1,61 @@
+"""Studies of outputs with memory: the voltage of a cell, whose state of charge nobody measures."""
+
+import numpy as np
+import pytest
+
+import bayes_greybox as bg
+from bayes_greybox.discovery.learned import studied_system
+
+STEP, N, TIME, RESISTANCE = 1.0, 500, 12.0, 0.03
+
+
+def cell(resistance):
+    """A cell with 0.05 Ω and one relaxation; its current is held from sample to sample."""
+    rng, current, slow = np.random.default_rng(3), np.zeros(N), np.zeros(N)
+    for k in range(0, N, 40):
+        current[k : k + int(rng.integers(8, 36))] = rng.uniform(-2, 3)
+    for k in range(1, N):
+        left = np.exp(-STEP / TIME)
+        slow[k] = left * slow[k - 1] + (1 - left) * current[k - 1]
+    charge = 0.8 - np.append(0.0, np.cumsum(current[:-1])) * STEP / 9000
+    volts = 3.2 + 0.9 * charge - 0.05 * current - resistance * slow + 1e-3 * rng.standard_normal(N)
+    units = {"t": "s", "i": "A", "V": "V"}
+    return bg.Trajectories.from_arrays(STEP * np.arange(N), inputs={"i": current}, outputs={"V": volts}, units=units)
+
+
+def studied(data, **options):
+    model = bg.GreyBox(
+        simulation={"soc": "-i/9000", "V": "3.2 + 0.9*soc - R0*i"}, parameters={"R0": 0.05}, starts={"soc": 0.8}
+    )
+    train, test = data.split(0.7)
+    given = {"catalogue": "battery", "settle": False, "progress": False, **options}
+    return bg.find_missing_effects(model, train, test=test, **given)
+
+
+@pytest.fixture(scope="module")
+def relaxing():
+    return studied(cell(RESISTANCE))
+
+
+def test_a_relaxation_is_named_with_its_time_and_resistance(relaxing):
+    assert relaxing.verdict == "named", relaxing.sentence
+    row = relaxing.effects.set_index("slug").loc["relaxation"]
+    assert row["status"] == "added" and row["lower"] < -RESISTANCE < row["upper"] and row["unit"] == "V/A"
+    # Lines between samples of a current that is held would make it half a sample slower.
+    assert relaxing.base.rows.interpolation == "zoh" and any("held" in text for text in relaxing.warnings)
+    (inner,) = studied_system(relaxing).learned["V"].inner
+    assert abs(inner.value.mean - TIME) < 4 * inner.value.sd < STEP / 2 and inner.unit == "s"
+
+
+def test_held_out_rows_go_on_from_the_training_rows(relaxing):
+    assert relaxing.gap.loc[("test", "unexplained share", "V"), "closed"] > 0.99
+    assert relaxing.model.starts == {"soc": 0.8, "z_relaxation_i": 0.0}
+    assert {"soc", "V", "z_relaxation_i"} == {*relaxing.model.simulation}
+    # No sensor reads what is computed.
+    assert "soc" not in {*relaxing.instrument["channel"]}
+
+
+def test_a_cell_that_lacks_nothing_has_no_gap():
+    study = studied(cell(0.0))
+    assert study.verdict == "no gap", study.sentence
+    assert not study.left_out.keys() & {("V", "relaxation"), ("V", "two-relaxations")}
