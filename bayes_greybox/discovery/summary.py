@@ -32,7 +32,7 @@ ONE_FACTOR = 0.1
 SAMPLER_APART = 3.0
 """Standard deviations, of the wider posterior, from which on the sampler contradicts the closed form."""
 
-GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state")
+GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state", "current")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
 
 QUANTITY = "quantity"

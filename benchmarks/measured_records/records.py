@@ -113,7 +113,7 @@ def _battery(folder: Path) -> Record:
     later = time > np.append(-np.inf, np.maximum.accumulate(time)[:-1])
     data = FROM_ARRAYS(time[later], states={}, inputs={"I": current[later]}, outputs={"V": voltage[later]})
     simulation, right = {"V": "3.83 + 0.0215*I"}, "one or two relaxations of I"
-    return Record(data, simulation, "V", "electrical", right, sampled=False)
+    return Record(data, simulation, "V", "battery", right, {"current": "I"}, sampled=False)
 
 
 def _tank(folder: Path) -> Record:

@@ -1,10 +1,13 @@
 """Studies of outputs with memory: the voltage of a cell, whose state of charge nobody measures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.physics.catalogue.loading import load_catalogue
 
 STEP, N, TIME, RESISTANCE = 1.0, 500, 12.0, 0.03
 
@@ -32,6 +35,9 @@ def studied(data, **options):
     return bg.find_missing_effects(model, train, test=test, **given)
 
 
+few = [replace(each, confusions=()) for each in load_catalogue("battery") if each.slug == "relaxation"]
+
+
 @pytest.fixture(scope="module")
 def relaxing():
     return studied(cell(RESISTANCE))
@@ -53,6 +59,15 @@ def test_held_out_rows_go_on_from_the_training_rows(relaxing):
     assert {"soc", "V", "z_relaxation_i"} == {*relaxing.model.simulation}
     # No sensor reads what is computed.
     assert "soc" not in {*relaxing.instrument["channel"]}
+
+
+def test_without_units_it_is_said_which_role_to_give():
+    data = cell(RESISTANCE)
+    plain = bg.Trajectories.from_arrays(data.time, inputs=dict(data.inputs), outputs={"V": data.rate("V")})
+    text = "4 effects were not weighed: no column plays the role 'current'; give roles={'current': ...}"
+    assert text in studied(plain).sentence
+    given = studied(plain, roles={"current": "i"}, catalogue=few)
+    assert given.verdict == "named", given.sentence
 
 
 def test_a_cell_that_lacks_nothing_has_no_gap():
