@@ -294,7 +294,7 @@ class Trajectories(CutRuns):
     def _computed(self) -> bool:
         return super()._computed or self.samples is not None or self.unseen is not None
 
-    def _after(self, first: "Trajectories") -> "Trajectories":
+    def _after(self, first: Any) -> "Trajectories":
         return replace(self, before=first)
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":

@@ -70,7 +70,7 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
         "wrong": sorted(set(likely) - {lacking}),
         **_times(found, each, known),
         "instrument": [str(row["text"]) for row in found.instrument.to_dict("records") if row["probability"] > SURE],
-        "left": float(found.gap["after"].get(("test", "unexplained share", "V"), np.nan)),
+        "left": float(found.gap.loc[("test", "unexplained share", "V"), "after"]),
         "seconds": seconds,
     }
 

@@ -157,7 +157,7 @@ class CutRuns(Runs):
         second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
         return first, second._after(first)
 
-    def _after(self: AnyRuns, first: AnyRuns) -> AnyRuns:
+    def _after(self: AnyRuns, first: Any) -> AnyRuns:
         """Return the same data, which go on where the first ones end."""
         return self
 
