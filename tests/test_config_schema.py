@@ -41,6 +41,7 @@ GOOD = [
     BASE + '[prior]\nkind = "laplace"\nscale = 0.5\n[rows]\nkind = "trajectory"\n[study.odds]\nno_gap = 0.5',
     BASE + '[next]\nsignals = ["hold"]\namplitudes = [1, 0.5]\nstarts = [{ y = 1, ydot = 0.5 }]\nthreshold = 0',
     BASE + '[parameters]\nm = { value = 2.0, sd = 0.1, lower = 0, unit = "kg" }\nk = 30\nc = 0.8',
+    BASE + '[starts]\nz = 1.0\nw = "y"\n[rows]\nkind = "derivative"\ninterpolation = ["zoh", "linear"]',
     BASE + '[coefficients.ydot]\ny = { mean = -2, sd = 0.1 }\n[models.a]\nprior = { kind = "normal" }',
 ]
 BAD = [
@@ -57,6 +58,8 @@ BAD = [
     BASE + '[discrepancy]\nkernel = "matern"',
     BASE + '[noise]\ncorrelation = "guess"',
     BASE + '[parameters]\nm = "2"',
+    BASE + "[starts]\nz = [1.0, 0.1]",
+    BASE + '[rows]\nkind = "trajectory"\ninterpolation = ["zoh", 3]',
     BASE + "[parameters]\nm = { value = 2.0, sd = 0 }",
     BASE + "[parameters]\nm = { value = 2.0, bounds = [0, 3] }",
     BASE + "[study]\nodds = { no_gap = 1.5 }",

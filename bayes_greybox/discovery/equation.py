@@ -33,6 +33,7 @@ from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
 from .linearise.settle import settle
 from .linearise.source import Source
+from .linearise.standing import LIKELIER
 from .linearise.visits import weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
@@ -121,9 +122,9 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
             rows = held.rows.complete(train, name, held.simulator(train))
             source = kind(held, rows, name, question.effects)
             first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-            # What stays the same from most samples to the next is held as likely as not; that any other input is has
-            # the prior odds of an error of a channel.
-            least = near.log_evidence - (0.0 if jumping else math.log(odds.suspect / (1 - odds.suspect)))
+            # What stays the same from most samples to the next is held as likely as not, and rounding does not decide
+            # it; that any other input is has the prior odds of an error of a channel.
+            least = near.log_evidence + (LIKELIER if jumping else math.log(1 / odds.suspect - 1))
             weighed.append((first.log_evidence - least, least, source))
     gained, least, source = max(weighed, key=lambda each: each[0], default=(-math.inf, 0.0, as_given[0]))
     # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.

@@ -96,6 +96,11 @@ def _require_streamed(model: Program) -> None:
             "A stream takes no learned parameters that its formulas are not linear in, as tangents are taken anew at "
             "the estimate: give them as numbers, or fit so many rows as memory holds, read by bg.read."
         )
+    if model.starts:
+        raise InputError(
+            f"The hidden state {next(iter(model.starts))!r} is followed through whole runs, and a stream gives its "
+            "rows by themselves: fit so many rows as memory holds, read by bg.read."
+        )
     gp = model.discrepancy
     if gp is not None and gp.path == "exact":
         raise InputError("OrthogonalGP(path='exact') is dense and takes no stream: use path='hsgp'.")

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import bayes_greybox as bg
+from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.physics.hidden_states import HiddenState, along
 
 T = 0.5 * np.arange(80)
@@ -110,7 +111,13 @@ def test_starts_that_cannot_be_followed_are_refused(options, message):
         model(**given).fit(data, draws=10, tune=10, chains=1, progress=False)
 
 
-@pytest.mark.parametrize("starts", [["q"], {"q": None}, {"q": ""}, {"q": (0.9, 0.05)}, {"q": np.inf}])
+def test_a_stream_of_rows_has_no_hidden_states():
+    stream = RowStream.from_chunks(lambda part: cell()[0].take(0), 1)
+    with pytest.raises(bg.InputError, match="'q' is followed through whole runs"):
+        model({"V": ["1"]}).fit(stream, draws=10, tune=10, chains=1, progress=False)
+
+
+@pytest.mark.parametrize("starts", [{"q": None}, {"q": ""}, {"q": (0.9, 0.05)}, {"q": np.inf}])
 def test_starts_are_numbers_or_columns(starts):
     with pytest.raises(bg.InputError, match="starts="):
         model(starts=starts)
