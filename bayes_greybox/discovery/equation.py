@@ -169,7 +169,7 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         after=after,
         sigma=float(np.mean(after.sigma)) * regressors.target_scale,
         discrepancy=remainder,
-        corrected=lambda data: source.put_right(data, point, sensors, train),
+        corrected=lambda data: source.put_right(data, point, sensors, train, hidden),
         rows=source.row_kind(point),
         sensors=sensors,
         clock=train,

@@ -108,6 +108,8 @@ def corrected_data(train: Trajectories, findings: Mapping[str, EquationStudy]) -
     """Return data for the extended model; as they came if two equations correct states or inputs differently."""
     each = {name: study.amendment.corrected(train) for name, study in findings.items()}
     first = next(iter(each.values()))
-    if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in first.columns):
+    # Each has hidden states of its own.
+    measured = [name for name in first.columns if name not in first.computed]
+    if any(not np.array_equal(first.column(c), other.column(c)) for other in each.values() for c in measured):
         return train
     return replace(first, derivatives={**first.derivatives, **{n: data.derivatives[n] for n, data in each.items()}})

@@ -109,7 +109,10 @@ class Subject:
         left_out = dict(unbound(effects, columns, train.units))
         bound, taken = [], {*train.columns, *model.states(train)}
         no_path = self._no_path(name)
+        # Each of several outputs has hidden states of its own.
+        mark = name if len(self.equations) > 1 else ""
         for effect in bind_catalogue(effects, columns, train.units):
+            effect = replace(effect, mark=mark) if effect.effect.hidden else effect
             if no_path and effect.effect.hidden:
                 left_out[effect.slug] = no_path
             elif taken & set(effect.hidden()):

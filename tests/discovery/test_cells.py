@@ -61,6 +61,42 @@ def test_held_out_rows_go_on_from_the_training_rows(relaxing):
     assert "soc" not in {*relaxing.instrument["channel"]}
 
 
+def test_what_remembers_goes_on_where_rows_are_left_out():
+    data = cell(RESISTANCE)
+    volts = np.minimum(data.rate("V"), np.quantile(data.rate("V"), 0.85))
+    clipped = bg.Trajectories.from_arrays(
+        data.time, inputs=dict(data.inputs), outputs={"V": volts}, units=dict(data.units)
+    )
+    study = studied(clipped, catalogue=few)
+    row = study.effects.set_index("slug").loc["relaxation"]
+    assert study.verdict == "named" and abs(row["mean"] + RESISTANCE) < 4 * row["sd"] < 0.004, study.sentence
+    (inner,) = studied_system(study).learned["V"].inner
+    assert abs(inner.value.mean - TIME) < 4 * inner.value.sd < 1.0
+
+
+def test_two_outputs_have_memories_of_their_own():
+    one = cell(RESISTANCE)
+    current = one.inputs["i"]
+    other, left = np.zeros(N), np.exp(-STEP / (4 * TIME))
+    for k in range(1, N):
+        other[k] = left * other[k - 1] + (1 - left) * current[k - 1]
+    noise = 1e-3 * np.random.default_rng(9).standard_normal(N)
+    data = bg.Trajectories.from_arrays(
+        one.time,
+        inputs={"i": current},
+        outputs={"V": one.rate("V"), "W": noise - 0.04 * other - 0.01 * current},
+        units=dict(one.units),
+    )
+    model = bg.GreyBox(
+        simulation={"soc": "-i/9000", "V": "3.2 + 0.9*soc - 0.05*i", "W": "-0.01*i"}, starts={"soc": 0.8},
+        rows=bg.DerivativeRows(interpolation="zoh"),
+    )  # fmt: skip
+    study = bg.find_missing_effects(model, data, catalogue=few, settle=False, progress=False)
+    times = {name: studied_system(study).learned[name].inner[0].value.mean for name in ("V", "W")}
+    assert abs(times["V"] - TIME) < 1.0 and abs(times["W"] - 4 * TIME) < 4.0
+    assert {"z_relaxation_i_V", "z_relaxation_i_W"} < {*study.model.simulation}
+
+
 def test_without_units_it_is_said_which_role_to_give():
     data = cell(RESISTANCE)
     plain = bg.Trajectories.from_arrays(data.time, inputs=dict(data.inputs), outputs={"V": data.rate("V")})

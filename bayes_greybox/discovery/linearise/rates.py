@@ -37,6 +37,7 @@ from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates,
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 
 from .near import Point, Rows
 from .source import Source, modelled_rate, period_of
@@ -78,9 +79,9 @@ class RateRows(Source):
         added = (*point.added, *self.model.named.slopes(self.equation, point.parameters))
         rate = modelled_rate(model, whole, self.equation, added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
-        regressors = regressors_of(model, data, self.equation, effects, point.values)
+        regressors = regressors_of(model, data, self.equation, effects, point.values, whole=whole, kept=used)
         columns = []
-        for error, column in suspect_columns(whole, self.equation, rate):
+        for error, column in suspect_columns(whole, self.equation, _driven(model, self.equation, rate)):
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -118,7 +119,9 @@ class RateRows(Source):
         operator = rows.regressors.rows.operator
         return quantities if operator is None else {k: column[operator.sample] for k, column in quantities.items()}
 
-    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
+    def put_right(
+        self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories, hidden: Sequence[HiddenState] = ()
+    ) -> Trajectories:
         """See `Source.put_right`."""
         delays = delays_of(point.sensors)
         out: tuple[np.ndarray, ...] = ()
@@ -126,8 +129,18 @@ class RateRows(Source):
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
             out = (*_at_end(data, self.equation).values(), *slips.values())
         moved = undone(_earlier(self._smooth(data), self.late), self.equation, delays)
-        kept = moved.keep(_usable(data, self.equation, delays, (*out, *_beyond(data, self.late))))
-        return calibrated(kept, self.equation, sensors, clock)
+        right = calibrated(moved, self.equation, sensors, clock)
+        # Hidden states follow the right inputs, also where rows are left out.
+        model = self.model.remembering(hidden, right)
+        right = model.rows.complete(right, self.equation, model.simulator(right))
+        return right.keep(_usable(data, self.equation, delays, (*out, *_beyond(data, self.late))))
+
+
+def _driven(model: Program, equation: str, rate: Rate) -> Rate:
+    """Return a rate whose hidden states follow the columns that it is asked at."""
+    if not model.starts:
+        return rate
+    return lambda data: rate(model.rows.complete(data, equation, model.simulator(data)))
 
 
 def _force(regressors: Regressors, data: Trajectories) -> LatentForce:

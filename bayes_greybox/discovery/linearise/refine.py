@@ -268,8 +268,9 @@ class _Search:
         if fresh:
             own = self.regressors
             more = Regressors(
-                own.variables, own.centre, own.half_width, own.basis, path=own.path, rows=own.rows, held=own.held
-            )
+                own.variables, own.centre, own.half_width, own.basis, path=own.path, rows=own.rows, held=own.held,
+                kept=own.kept,
+            )  # fmt: skip
             more.add(EFFECT, at_values(self._shape, Values(np.array(fresh), np.zeros(len(fresh))), **self._about))
             self._columns |= dict.fromkeys(fresh)
             self._columns |= {tuple(c.inner.values()): (more.values[:, k], c.sd) for k, c in enumerate(more.columns)}

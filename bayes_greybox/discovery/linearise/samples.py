@@ -23,6 +23,7 @@ from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.path.reference_path import ReferencePath
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.catalogue.effects import BoundEffect
+from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
@@ -84,8 +85,10 @@ class SampleRows(Source):
         """Return the columns along the path, of one sensor."""
         return rows.regressors.rows.at_rows() if self.n_sensor == 1 else {}
 
-    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
-        """Return samples freed of errors, with the path through them that right inputs drive."""
+    def put_right(
+        self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories, hidden: Sequence[HiddenState] = ()
+    ) -> Trajectories:
+        """Return samples freed of errors, with the path through them that right inputs drive, and the path's states."""
         after = self._after(point)
         samples = put_right(data.samples or data, self.equation, sensors, clock)
         return after.rows.complete(samples, self.equation, after.simulator(samples))

@@ -58,8 +58,10 @@ class Source(ABC):
         """Return the quantities that the noise of rows may grow with."""
 
     @abstractmethod
-    def put_right(self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories) -> Trajectories:
-        """Return data of the same sensors without their errors."""
+    def put_right(
+        self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories, hidden: Sequence[HiddenState] = ()
+    ) -> Trajectories:
+        """Return data of the same sensors without their errors, with hidden states of a model after."""
 
     def row_kind(self, point: Point) -> RowKind | None:
         """Return the rows near a point, where rows are linear only near one; None where they are linear."""
@@ -138,8 +140,11 @@ INPUT_ROLE = "input"
 def regressors_of(
     model: Program, data: Trajectories, equation: str, effects: Sequence[BoundEffect],
     values: Mapping[str, Values] | None = None, shown: Float[np.ndarray, " n_row"] | float = 0.0,
+    whole: Trajectories | None = None, kept: Bool[np.ndarray, " n_obs"] | None = None,
 ) -> Regressors:  # fmt: skip
     """Return free terms, corrections and effects of one equation.
+
+    Where the data are the rows `kept` of whole runs, effects with memory go along these.
 
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
@@ -153,8 +158,9 @@ def regressors_of(
     default = None if per_variable is None else (per_variable,) * len(variables)
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
     hidden = any(effect.effect.hidden for effect in effects)
-    path = model.rows.nodes(data, equation, simulation, whole=True) if hidden else None
-    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows, held=model.rows.held(data))
+    path = model.rows.nodes(whole or data, equation, simulation, whole=True) if hidden else None
+    held = model.rows.held(data)
+    regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows, held=held, kept=kept)
     if model.learns(equation):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}

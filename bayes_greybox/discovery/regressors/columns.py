@@ -182,9 +182,9 @@ def limits(
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
     """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
 
-    Parameters that are times or frequencies need the path, which has the columns with their times.
+    Parameters that are times or frequencies need the path, whose columns are taken, with their times.
     """
-    time, run = (None, None) if path is None else (path.time, path.run)
+    time, run, columns = (None, None, columns) if path is None else (path.time, path.run, path.columns)
     inner = effect.effect.inner
     ends = np.array([each.ends(columns[effect.names[each.of]], time, run) for each in inner]).reshape(-1, 2)
     return ends[:, 0], ends[:, 1]

@@ -7,7 +7,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
@@ -46,6 +46,7 @@ class Regressors(EvaluatedColumns):
         changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
         memories: Elements of forces with memory: their effects on the rows, and themselves there.
         held: Inputs that stay between the nodes of the path.
+        kept: Which nodes of the path have a row; None: all. What remembers goes on where rows are left out.
     """
 
     equation: str = field(init=False)
@@ -59,6 +60,7 @@ class Regressors(EvaluatedColumns):
     changes: dict[str, float] = field(default_factory=dict)
     memories: dict[Memory, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
     held: tuple[str, ...] = ()
+    kept: Bool[np.ndarray, " n_node"] | None = None
 
     def __post_init__(self) -> None:
         self.values = self.acting = np.zeros((self.rows.n_row, 0))
@@ -162,7 +164,8 @@ class Regressors(EvaluatedColumns):
         values = dict(
             zip(systems, along(list(systems.values()), path.time, path.columns, fresh, self.held), strict=True)
         )
-        return [values.get(k, {}) for k in range(len(terms))]
+        at = slice(None) if self.kept is None else self.kept
+        return [{name: x[at] for name, x in values.get(k, {}).items()} for k in range(len(terms))]
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.

@@ -32,7 +32,7 @@ class DerivativeRows(RowKind):
 
     Attributes:
         interpolation: Interpolation of the inputs between samples, which hidden states are driven by: "zoh" (held) for
-            all, or one for each in their order; by default they go on.
+            all, or one for each in their order; others go on, along cubics where the steps are even, else in lines.
         filter_terms: If true, terms go through the filter, and rows are thinned; else each sample is a row with
             Φ(h ∗ x), which is not h ∗ Φ(x) where Φ is not linear.
     """

@@ -32,6 +32,8 @@ def with_hidden(data: Trajectories, simulation: Simulation, interpolation: Inter
     names = [name for name in simulation.states if name not in measured]
     if not names:
         return data
+    if simulation.code:
+        raise InputError(f"Hidden states with a start need formulas, simulation={{{names[0]!r}: ...}}: it is code.")
     lacking = next((name for name in names if name not in simulation.equations), None)
     if lacking is not None:
         raise InputError(
@@ -69,8 +71,14 @@ def _since_start(
     parts = [data]
     while (earlier := parts[0].before) is not None:
         parts.insert(0, earlier)
+    parts = [part for part in parts if {*part.run_names} & {*data.run_names}]
     for part in parts:
         lacking = next((name for name in names if name not in part.columns), None)
+        if lacking is not None and part is data:
+            raise InputError(
+                f"Hidden states depend on {lacking!r}, which is no state and no input of the data; there are "
+                f"{', '.join(data.columns)}."
+            )
         if lacking is not None:
             raise InputError(
                 f"Hidden states depend on {lacking!r}, which the earlier rows of these runs lack: split the data when "

@@ -54,8 +54,9 @@ def checked_interpolation(kind: str, given: Any) -> str | tuple[str, ...] | None
     Raises:
         InputError: It is not among `INTERPOLATIONS`, for all inputs or for each.
     """
-    each = given if given is None or isinstance(given, str) else tuple(given)
-    if not {each} <= {None, *INTERPOLATIONS} and not (isinstance(each, tuple) and {*each} <= {*INTERPOLATIONS}):
+    each = tuple(given) if isinstance(given, list) else given
+    names = each if isinstance(each, tuple) and each else (each,)
+    if each is not None and not all(isinstance(name, str) and name in INTERPOLATIONS for name in names):
         raise InputError(
             f"{kind}(interpolation={given!r}) must be one of {', '.join(INTERPOLATIONS)}, or one of these for each "
             "input."

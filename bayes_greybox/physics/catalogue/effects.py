@@ -141,10 +141,12 @@ class BoundEffect:
     Attributes:
         effect: The effect.
         names: Column of each of its roles.
+        mark: Further part of the names of its hidden states, where several equations may have the effect.
     """
 
     effect: Effect
     names: Mapping[str, str] = field(hash=False)
+    mark: str = ""
 
     @cached_property
     def slug(self) -> str:
@@ -203,7 +205,8 @@ class BoundEffect:
     @cached_property
     def _hidden(self) -> dict[str, str]:
         """Names of hidden states, unique to this effect."""
-        end = "_".join((self.slug.replace("-", "_"), *dict.fromkeys(self.names.values())))
+        mark = (self.mark,) if self.mark else ()
+        end = "_".join((self.slug.replace("-", "_"), *dict.fromkeys(self.names.values()), *mark))
         return {state.name: f"{state.name}_{end}" for state in self.effect.hidden}
 
     @cached_property

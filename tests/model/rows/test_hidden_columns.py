@@ -93,7 +93,8 @@ def test_coefficients_beside_a_hidden_state_are_learned_saved_and_predicted(tmp_
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"starts": {"q": "first"}}, "'first'"),
+        ({"starts": {"q": "first"}}, "depend on 'first', which is no state and no input of the data; there are i"),
+        ({"simulation": lambda t, x, u: -u / 50}, "need formulas"),
         ({"simulation": {"V": "2*q"}}, "has a start and no formula"),
         ({"simulation": {"q": "q**2", "V": "2*q"}, "starts": {"q": 5.0}}, "does not stay finite"),
         ({"dictionary": {"q": ["i"]}}, "follows from its start: nothing in its equation can be learned"),
