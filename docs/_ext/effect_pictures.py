@@ -45,6 +45,10 @@ def save_picture(effect: Effect, path: Path) -> None:
         figure.savefig(path, transparent=True, metadata={"Date": None})
 
 
+DRIVEN = ("input", "position", "temperature", "current")
+"""Roles that drive hidden states in pictures, by sin(t); a velocity is its rate."""
+
+
 def middle(inner: InnerParameter) -> float:
     """The value in the middle of a parameter's range, for five periods of a wave sin(t)."""
     scale = {"period": 2 * math.pi, "record": 10 * math.pi}.get(inner.scale, 1.0)
@@ -107,7 +111,7 @@ def _loop(axes, effect: Effect) -> None:
     rates = {state.name: _function(state.rate) for state in effect.hidden}
 
     def columns(t: float, z: Mapping[str, float]) -> dict[str, np.ndarray]:
-        wave = {"position": math.sin(t), "velocity": math.cos(t), "input": math.sin(t), "temperature": math.sin(t)}
+        wave = {**dict.fromkeys(DRIVEN, math.sin(t)), "velocity": math.cos(t)}
         return {**{k: np.array(v) for k, v in wave.items()}, **values, **{k: np.array(v) for k, v in z.items()}}
 
     def slope(t: float, z: np.ndarray) -> np.ndarray:
@@ -117,7 +121,7 @@ def _loop(axes, effect: Effect) -> None:
     h, z = 2 * math.pi / STEPS, np.zeros(len(rates))
     across, found = [], []
     value = _function(effect.expression)
-    driven = next(role for role in ("input", "position", "temperature") if role in effect.roles)
+    driven = next(role for role in DRIVEN if role in effect.roles)
     for k in range(6 * STEPS):
         t = k * h
         if k >= 5 * STEPS:
