@@ -33,7 +33,6 @@ from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
 from .linearise.settle import settle
 from .linearise.source import Source
-from .linearise.standing import LIKELIER
 from .linearise.visits import weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
@@ -114,21 +113,20 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     point = near.point_of(near.likeliest)
     # Lines between samples of held inputs look like a delay.
     start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
-    weighed: list[tuple[float, float, Source]] = []
-    for between, jumping in _held(train):
+    # That inputs are held has the prior odds of any error of a channel.
+    least = near.log_evidence + math.log(1 / odds.suspect - 1)
+    weighed: list[tuple[float, Source]] = []
+    for between in _held(train):
         held = replace(model, rows=model.rows.between(between))
         # Along some inputs no path is found.
         with suppress(InputError, np.linalg.LinAlgError):
             rows = held.rows.complete(train, name, held.simulator(train))
             source = kind(held, rows, name, question.effects)
             first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-            # What stays the same from most samples to the next is held as likely as not, and rounding does not decide
-            # it; that any other input is has the prior odds of an error of a channel.
-            least = near.log_evidence + (LIKELIER if jumping else math.log(1 / odds.suspect - 1))
-            weighed.append((first.log_evidence - least, least, source))
-    gained, least, source = max(weighed, key=lambda each: each[0], default=(-math.inf, 0.0, as_given[0]))
+            weighed.append((first.log_evidence, source))
+    likeliest, source = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0]))
     # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
-    if gained <= -reach.window:
+    if likeliest <= least - reach.window:
         return as_given
     try:
         again = settled(source, start)
@@ -137,21 +135,17 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     return again if again[1].log_evidence > least else as_given
 
 
-def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
+def _held(train: Trajectories) -> list[str | tuple[str, ...]]:
     """Return interpolations with inputs that are held: all of them, and those alone that do not look smooth.
 
-    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples. With
-    each is said whether the inputs that are held stay the same from most samples to the next.
+    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples.
     """
     samples = train.samples or train
     parts = [samples.run == run for run in range(samples.n_run)]
     inputs = samples.matrix(samples.input_names)
     kinds = between_samples_of_runs([(samples.time[part], inputs[part]) for part in parts])
     some = tuple("cubic" if kind == "cubic" else "zoh" for kind in kinds)
-    stays = np.concatenate([np.diff(inputs[part], axis=0) == 0 for part in parts]).mean(axis=0) > 0.5
-    each: list[str | tuple[str, ...]] = ["zoh", some] if len({*some}) > 1 else ["zoh"]
-    held = [np.full(len(kinds), True), np.array([kind == "zoh" for kind in some])]
-    return [(between, bool(np.all(stays[which]))) for between, which in zip(each, held, strict=False)]
+    return ["zoh", some] if len({*some}) > 1 else ["zoh"]
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:

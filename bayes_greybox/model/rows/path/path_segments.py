@@ -50,7 +50,7 @@ def grid_of(
     steps: int,
     interpolation: str | tuple[str, ...] | None,
     usual_gap: float,
-) -> tuple[Grid, np.ndarray]:  # fmt: skip
+) -> tuple[Grid, np.ndarray]:
     """Return the nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
 
     Where an input with a zero-order hold changes, a step of no length leads from the value before to the value after: a
