@@ -5,7 +5,7 @@ mean of w over its prior mean.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log, log1p
@@ -172,9 +172,15 @@ class Reach:
     kept: int = 400
 
 
-def search(regressors: Sequence[Regressor], log_weights: Callable[[Sets], OfSets], reach: Reach) -> list[Set]:
-    """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first."""
-    space = _Space(regressors, reach)
+def search(
+    regressors: Sequence[Regressor], log_weights: Callable[[Sets], OfSets], reach: Reach,
+    among: Sequence[int] | None = None,
+) -> list[Set]:  # fmt: skip
+    """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first.
+
+    Only the regressors `among` may be in them, beside the user's terms; None for all.
+    """
+    space = _Space(regressors, reach, range(len(regressors)) if among is None else sorted(among))
     weights: dict[Set, float] = {}
 
     def weigh(sets: Sets) -> None:
@@ -208,10 +214,10 @@ def search(regressors: Sequence[Regressor], log_weights: Callable[[Sets], OfSets
 class _Space:
     """Model space: the sets that a search may reach."""
 
-    def __init__(self, regressors: Sequence[Regressor], reach: Reach) -> None:
+    def __init__(self, regressors: Sequence[Regressor], reach: Reach, among: Iterable[int]) -> None:
         self.regressors, self.reach = regressors, reach
         self.free = tuple(i for i, each in enumerate(regressors) if each.kind == FREE)
-        self.optional = [i for i, each in enumerate(regressors) if each.kind != FREE]
+        self.optional = [i for i in among if regressors[i].kind != FREE]
         self.groups: dict[str, list[int]] = {}
         for i in self.optional:
             self.groups.setdefault(regressors[i].group, []).append(i)

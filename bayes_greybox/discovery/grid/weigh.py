@@ -14,7 +14,7 @@ from .latent_force import LatentForce
 from .log_evidence import UNIT_RIDGE, Gram, gram, log_evidences, modes
 from .points import DISCREPANCIES, GAP_RATIOS, LATENT_FORCE, LAW, UNNAMED, NoiseGrid
 from .residuals import Band, Residuals, bagged
-from .sets import Reach, SetPrior, Sets, Window, log_ranges, search
+from .sets import Reach, Set, SetPrior, Sets, Window, log_ranges, search
 from .table import FREE, RegressorTable
 
 LEAST_NOISE, RANGES_WINDOW = 1e-6, 30.0
@@ -104,11 +104,20 @@ class Weighed:
 
     def without_discrepancy(self, reach: Reach, seed: int) -> "Weighed":
         """Return the hypotheses that leave nothing without a name, weighed among themselves on the same products."""
+        return _weighed(self._complete, self.forces, reach, seed)
+
+    def likeliest_among(self, regressors: Sequence[int], reach: Reach) -> tuple[Set, float]:
+        """Return the likeliest set of some regressors that leaves nothing without a name, with its log weight."""
+        weight = self._complete
+        members = search(self.table.regressors, weight.total, reach, regressors)[0]
+        return members, float(weight.total([members])[0])
+
+    @cached_property
+    def _complete(self) -> "_Weight":
         grid, kept = self.grid, [k for k, point in enumerate(self.grid.points) if not point.unnamed]
         points = tuple(grid.points[k] for k in kept)
         products = replace(grid, points=points, products=grid.products[kept], log_det=grid.log_det[kept])
-        weight = _Weight(self.table, products, self.precision, self.prior, self.floor, 0)
-        return _weighed(weight, self.forces, reach, seed)
+        return _Weight(self.table, products, self.precision, self.prior, self.floor, 0)
 
     @property
     def gap_square(self) -> float:

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.noise.weighted import WhiteNoise, correlation_and_sd
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import LatentForce
-from bayes_greybox.discovery.grid.sets import Window
+from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.grid.table import EFFECT, Regressor
 from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
@@ -179,6 +179,20 @@ class Near:
         for h in self.weighed.hypotheses:
             sums[self.names(h)] = float(np.logaddexp(sums.get(self.names(h), -np.inf), h.log_weight))
         return sums
+
+    def log_weight_alone(self, label: str, reach: Reach) -> float:
+        """Return the log weight of the likeliest hypothesis without discrepancy and with no effect but one.
+
+        It is −∞ if that hypothesis has not even this one. Errors of sensors are those of the linearisation point.
+        """
+        of_effect = self.regressors.group(label)
+        own, errors = [], self.rows.point.sensors
+        for i, column in enumerate(self.regressors.columns):
+            if column.effect is None and (column.suspect is None or column.suspect.key in errors):
+                own.append(i)
+        members, log_weight = self.weighed.likeliest_among([*own, *of_effect], reach)
+        has = not label or set(members).intersection(of_effect)
+        return log_weight - self.log_unit if has else -np.inf
 
     @property
     def window(self) -> Window:

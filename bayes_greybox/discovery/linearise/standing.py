@@ -6,13 +6,16 @@ along the path of a hypothesis that leaves nothing. So hypotheses are weighed on
 first.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.ties import ranked
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.threads import in_threads
 
@@ -24,6 +27,9 @@ from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, weighed_on
 LIKELIER = 1.0
 """Nats of log evidence that make a difference to a search: six coefficients that move by 0.6 standard deviations do so.
 It ends searches, and decides no name."""
+
+FOLLOWED_TOGETHER = 4
+"""Number of effects that are followed before the next are compared with them: one number, whatever the cores are."""
 
 NO_EFFECT = ""
 """Label of the hypothesis with corrections alone, among those of effects."""
@@ -47,31 +53,43 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     # A large table is weighed whole at the end anyway: on the way there what is likely is enough.
     large = near.weighed.table.columns.size > SMALL_TABLE
     likely = near.window._replace(called=near.window.called | leaving_nothing.window.called) if large else None
+    gains: list[float] = []
     if (visit := search.step(leaving_nothing, likely)) is not None:
-        here = Visit(leaving_nothing, visit.hypothesis)
-        if _stands(visit) and visit.log_weight > here.log_weight - LIKELIER:
+        gains.append(visit.log_weight - Visit(leaving_nothing, visit.hypothesis).log_weight)
+        if _stands(visit) and gains[0] > -LIKELIER:
             return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
     plain = [label for label, effect in effects.items() if not effect.effect.hidden]
-    visits: list[Visit] = []
+    alone: list[_Alone] = []
     best: Visit | None = None
     for labels in ([NO_EFFECT, *plain], [label for label in effects if label not in plain]):
-        rival = max((visit.log_weight for visit in visits), default=-np.inf)
-        alone = in_threads(partial(search.by_itself, near.rows.point, rival=rival), labels)
-        visits += [visit for visit in alone if visit is not None]
-        first = max(visits, key=lambda each: each.log_weight, default=None)
+        alone += search.each_by_itself(near, labels, alone)
+        first = max((each.visit for each in alone), key=lambda visit: visit.log_weight, default=None)
         if first is None or best is not None and first.hypothesis == best.hypothesis:
             continue
         best = search.whole(first)
         if best is not None and _stands(best):
             return best
-    return search.followed(near if best is None else best.near)
+    gains += [each.gain for each in alone]
+    return search.followed(near if best is None else best.near, gains)
 
 
 def _stands(visit: Visit) -> bool:
     """Return true if the hypothesis that rows are near is the likeliest on them, and leaves nothing."""
     likeliest = visit.near.likeliest
     return likeliest.complete and visit.near.names(likeliest) == visit.hypothesis
+
+
+class _Alone(NamedTuple):
+    """Rows near a hypothesis with one effect, and its log weight on the first rows, which it was followed from."""
+
+    visit: Visit
+    before: float
+
+    @property
+    def gain(self) -> float:
+        """Return what its own path adds to its log weight."""
+        return self.visit.log_weight - self.before
 
 
 @dataclass(frozen=True)
@@ -81,6 +99,27 @@ class _Standing:
     reach: Reach
     seed: int
     window: Window
+
+    def each_by_itself(self, near: Near, labels: Sequence[str], others: Sequence[_Alone]) -> list[_Alone]:
+        """Return rows near the likeliest hypotheses with one effect each; see `by_itself`.
+
+        The likeliest on the first rows come first. An effect that would have to gain more than any before, to catch up
+        with the likeliest of these or with an unknown force alone, is left out.
+        """
+        weights = {label: near.log_weight_alone(label, self.reach) for label in labels}
+        in_order, found = ranked(labels, weights.__getitem__), list(others)
+        force = near.weighed.before.log_weight - near.log_unit
+        for at in range(0, len(in_order), FOLLOWED_TOGETHER):
+            rival = max([force, *(each.visit.log_weight for each in found)])
+            gain = max((each.gain for each in found), default=np.inf)
+            worth = [
+                label
+                for label in in_order[at : at + FOLLOWED_TOGETHER]
+                if weights[label] + gain > rival - self.reach.window
+            ]
+            followed = in_threads(partial(self.by_itself, near.rows.point, rival=rival), worth)
+            found += [_Alone(visit, weights[label]) for label, visit in zip(worth, followed, strict=True) if visit]
+        return found[len(others) :]
 
     def weighed(self, point: Point) -> Near:
         """Return all hypotheses on rows near a point."""
@@ -124,17 +163,24 @@ class _Standing:
         except (InputError, np.linalg.LinAlgError):
             return None
 
-    def followed(self, near: Near) -> Visit | None:
-        """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before."""
+    def followed(self, near: Near, gains: Sequence[float]) -> Visit | None:
+        """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before.
+
+        It ends where one would have to gain more than any before, to catch up with an unknown discrepancy.
+        """
         names: list[tuple[str, ...]] = []
+        gain = max(gains, default=np.inf)
         for _ in range(MOST_OUTER_ITERATIONS):
             alone = replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
             names.append(alone.names(alone.likeliest))
+            before = alone.likeliest.log_weight - near.log_unit
             # Two that lead to each other lead nowhere.
-            visit = None if names[-1] in names[:-2] else self.step(alone, None)
+            if names[-1] in names[:-2] or before + gain < near.log_evidence - self.reach.window:
+                return None
+            visit = self.step(alone, None)
             if visit is None or _stands(visit):
                 return visit
-            near = visit.near
+            near, gain = visit.near, max(gain, visit.log_weight - before)
         return None
 
 

@@ -12,6 +12,8 @@ from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.standing import standing_visit
 
 CUBE, LAG, DRAG = "cube", "lag", "drag"
+FIRST = {(): -60.0, (CUBE,): -30.0, (DRAG,): -35.0, (LAG,): -10.0}
+"""Log weights on the first rows."""
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,7 @@ class Table:
     complete: bool = False
     log_unit: float = 0.0
     n_value: int = 1
+    force: float = -100.0
     weighed: object = None
     likeliest: object = field(init=False)
     rows: object = field(init=False)
@@ -31,13 +34,15 @@ class Table:
     def __post_init__(self):
         names = max(self.logs, key=self.logs.__getitem__)
         hypotheses = [SimpleNamespace(names=n, log_weight=w) for n, w in self.logs.items()]
-        before = SimpleNamespace(names=(), members=())
+        before = SimpleNamespace(names=(), members=(), log_weight=self.force)
         table = SimpleNamespace(columns=np.broadcast_to(0.0, self.n_value))
         without = SimpleNamespace(hypotheses=hypotheses, before=before, prior=None, table=table, forces=(), floor=0.0)
         without.grid, without.without_discrepancy = SimpleNamespace(points=()), lambda reach, seed: without
         effects = [SimpleNamespace(label=n, effect=SimpleNamespace(hidden=n == LAG)) for n in (CUBE, LAG, DRAG)]
         for name, value in {
-            "likeliest": SimpleNamespace(names=names, members=names, complete=self.complete),
+            "likeliest": SimpleNamespace(
+                names=names, members=names, complete=self.complete, log_weight=self.logs[names]
+            ),
             "weighed": without,
             "rows": SimpleNamespace(point=self.point, model=SimpleNamespace(rows=SimpleNamespace(follows_path=True))),
             "regressors": SimpleNamespace(columns=[SimpleNamespace(effect=effect) for effect in effects]),
@@ -47,6 +52,13 @@ class Table:
     @property
     def window(self):
         return Window(frozenset(self.likeliest.names), None, ())
+
+    @property
+    def log_evidence(self):
+        return max(self.force, *self.logs.values())
+
+    def log_weight_alone(self, label, reach):
+        return self.logs.get((label,) if label else (), -np.inf)
 
     def names(self, hypothesis):
         return hypothesis.names
@@ -67,8 +79,7 @@ def paths(monkeypatch):
         near, window = tuple(name for name, _ in point.added), point.window and set(point.window.called)
         visited.append((near, window))
         own = {(): -90.0, (CUBE,): paths.cube, (DRAG,): -70.0, (LAG,): -40.0}
-        first = {(): -60.0, (CUBE,): -30.0, (DRAG,): -35.0, (LAG,): -10.0}
-        logs = {n: (own[n] if n == near else first[n] - 50.0) if near else first[n] for n in own}
+        logs = {n: (own[n] if n == near else FIRST[n] - 50.0) if near else FIRST[n] for n in own}
         kept = {n: w for n, w in logs.items() if window is None or set(n) <= window}
         return Table(kept, point, complete=near in paths.stands)
 
@@ -80,7 +91,7 @@ def paths(monkeypatch):
 
 
 def found(paths, **first):
-    first = Table({(): -60.0, (LAG,): -10.0} | first.pop("logs", {}), Point(), **first)
+    first = Table(FIRST | first.pop("logs", {}), Point(), **first)
     return standing_visit(first, SimpleNamespace(near=lambda point: point), None, Reach(), 0)
 
 
@@ -121,3 +132,22 @@ def test_nothing_is_returned_where_something_remains_along_every_path(paths):
 
 def test_nothing_is_searched_where_nothing_is_missing(paths):
     assert found(paths, logs={(): -5.0}, complete=True) is None and not paths.visited
+
+
+def followed_alone(paths):
+    return {names[0] for names, window in paths.visited if names and window == {*names}}
+
+
+@pytest.mark.parametrize(("drag", "followed"), [(-41.0, {CUBE, DRAG}), (-43.0, {CUBE})])
+def test_an_effect_that_would_have_to_gain_more_than_any_before_is_not_followed(paths, monkeypatch, drag, followed):
+    monkeypatch.setattr(standing, "FOLLOWED_TOGETHER", 1)
+    # The cube gains one nat along its own path: with as much, the drag would be 11 nats behind, or 13.
+    paths.cube = -29.0
+    assert found(paths, logs={(DRAG,): drag}).hypothesis == (CUBE,)
+    assert followed_alone(paths) == followed
+
+
+def test_nothing_is_followed_far_where_an_unknown_force_is_far_ahead(paths, monkeypatch):
+    monkeypatch.setattr(standing, "FOLLOWED_TOGETHER", 1)
+    paths.stands = set()
+    assert found(paths, force=1000.0) is None and followed_alone(paths) == {CUBE}
