@@ -162,13 +162,14 @@ class Trajectories(CutRuns):
         filter: Mapping[str, Any] | None = None,
         unseen: Sequence[int] | None = None,
         remarks: Sequence[str] = (),
+        computed: Sequence[str] = (),
     ) -> "Trajectories":
         """Rebuild from `to_frame`: `from_frame(data.to_frame(), **data.metadata())`, equal to the last bit.
 
         The table has one row for each sample, its columns named as `to_frame` names them; rows of a run lie together,
         and the column "run" has its number or its name. By default run names are those of the table, in order. Noise
-        and filter are plain records, and `unseen` lists the rows at which a sensor was clipped, if samples do not show
-        it.
+        and filter are plain records, `unseen` lists the rows at which a sensor was clipped, if samples do not show it,
+        and `computed` the states that no sensor read.
 
         Raises:
             InputError: if a column is not in the table, or its runs are not those of `run_names`.
@@ -197,6 +198,7 @@ class Trajectories(CutRuns):
             filter=None if filter is None else RateFilter.from_dict(filter),
             unseen=None if unseen is None else np.isin(np.arange(len(frame)), unseen),
             remarks=tuple(remarks),
+            computed=tuple(computed),
         )
 
     def differentiate(
@@ -271,6 +273,8 @@ class Trajectories(CutRuns):
             "filter": None if self.filter is None else self.filter.to_dict(),
             "unseen": None if self.unseen is None else np.flatnonzero(self.unseen).tolist(),
             "remarks": list(self.remarks),
+            # Without any, the record is that of earlier versions, which know no such states.
+            **({"computed": list(self.computed)} if self.computed else {}),
         }
 
     def to_frame(self) -> pd.DataFrame:

@@ -39,6 +39,9 @@ from .whole import STATISTICS_GROUP, whole_from, whole_group, whole_record
 SAMPLES_GROUP, SAMPLES_DIMENSION = "sensor_samples", "sample_id"
 """Group of the sensors' samples, if the data are a path through them, and its dimension."""
 
+BEFORE_GROUP, BEFORE_DIMENSION = "earlier_rows", "earlier_id"
+"""Groups, numbered back in time, of earlier rows of the runs, in which hidden states start, and their dimension."""
+
 STUDIED = "missing_effects"
 """Group of a file with the results of a study, and root attribute that holds the study's record."""
 
@@ -91,8 +94,12 @@ def save(
         tree[SLAB] = xr.DataTree(slab)
     if (samples := posterior.data.samples) is not None:
         record["samples"] = samples.metadata()
-        columns = {name: (SAMPLES_DIMENSION, values) for name, values in data_table(samples).items()}
-        tree[SAMPLES_GROUP] = xr.DataTree(xr.Dataset(columns))
+        tree[SAMPLES_GROUP] = _data_group(samples, SAMPLES_DIMENSION)
+    earlier = posterior.data.before
+    while earlier is not None:
+        record.setdefault("before", []).append(earlier.metadata())
+        tree[f"{BEFORE_GROUP}_{len(record['before'])}"] = _data_group(earlier, BEFORE_DIMENSION)
+        earlier = earlier.before
     if posterior.whole is not None:
         record["all_rows"] = whole_record(posterior.whole)
         tree[STATISTICS_GROUP] = xr.DataTree(whole_group(posterior.whole))
@@ -223,6 +230,7 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     if SAMPLES_GROUP in tree.children:
         data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES_GROUP].dataset, record["samples"]))
         del tree[SAMPLES_GROUP]
+    data = dataclasses.replace(data, before=_before(tree, record.get("before", ())))
     gp = record["model"]["discrepancy"]
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
@@ -239,6 +247,21 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     equations_of(model, data, whole)
     del tree[STATISTICS_GROUP]
     return Posterior(model, data, sampling, tree, whole=whole)
+
+
+def _data_group(data: Trajectories, dimension: str) -> xr.DataTree:
+    return xr.DataTree(xr.Dataset({name: (dimension, values) for name, values in data_table(data).items()}))
+
+
+def _before(tree: xr.DataTree, records: Sequence[Mapping[str, Any]]) -> Trajectories | None:
+    """Take earlier rows of the same runs out of the groups of a file."""
+    earlier: Trajectories | None = None
+    for number in range(len(records), 0, -1):
+        group = f"{BEFORE_GROUP}_{number}"
+        read = _read_data(tree[group].dataset, records[number - 1])
+        earlier = dataclasses.replace(read, before=earlier)
+        del tree[group]
+    return earlier
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:

@@ -136,10 +136,11 @@ class Packer:
             if known is value:
                 return {KIND: "same data", "number": number}
         samples = self.pack(value.samples, f"{place}.samples")
+        before = self.pack(value.before, f"{place}.before")
         self._data.append(value)
         frame = value.to_frame()
         columns = {str(name): self._array(frame[name].to_numpy(), f"{place}.{name}") for name in frame}
-        return {KIND: "data", "columns": columns, "about": value.metadata(), "samples": samples}
+        return {KIND: "data", "columns": columns, "about": value.metadata(), "samples": samples, "before": before}
 
 
 class Unpacker:
@@ -203,8 +204,9 @@ class Unpacker:
         return pd.Series([self.unpack(each) for each in value["of"]], dtype=value["dtype"])
 
     def _measurements(self, value: dict[str, Any]) -> Trajectories:
-        samples = self.unpack(value["samples"])
+        # Files of earlier versions have no rows before.
+        samples, before = self.unpack(value["samples"]), self.unpack(value.get("before"))
         table = pd.DataFrame({name: self.unpack(column) for name, column in value["columns"].items()})
-        data = dataclasses.replace(Trajectories.from_frame(table, **value["about"]), samples=samples)
+        data = dataclasses.replace(Trajectories.from_frame(table, **value["about"]), samples=samples, before=before)
         self._data.append(data)
         return data

@@ -1,7 +1,7 @@
 """Values go through text and arrays unchanged; what a file cannot hold is refused."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -108,3 +108,12 @@ def test_columns_may_be_called_as_dimensions_are(tmp_path):
 def test_what_a_term_states_is_kept():
     term = bg.Term("y**3", sign="-", prior=(-40, 10), bounds=(-60, None))
     assert through(term) == term and through(term).stated == term.stated
+
+
+def test_data_know_the_rows_before_them_and_what_was_computed():
+    t = np.arange(30.0)
+    data = bg.Trajectories.from_arrays(t, states={"q": t}, inputs={"u": t % 7}, outputs={"V": t})
+    _, second = replace(data, computed=("q",)).split(0.5)
+    found = through(second.split(0.5)[1])
+    assert found.computed == ("q",) and found.before.before.before is None
+    np.testing.assert_array_equal(found.before.before.states["q"], t[:15])

@@ -86,6 +86,14 @@ def test_coefficients_beside_a_hidden_state_are_learned_saved_and_predicted(tmp_
     for each in (fit, loaded):
         assert each.predict(test).nmse()["V"] < 1e-3
     assert "d(q)/dt" in str(fit)
+    # Files know what was computed, and the rows before those that were cut off.
+    assert loaded.data.computed == ("q",)
+    later = model({"V": ["1", "i"]}).fit(test.split(0.25)[1], draws=20, tune=20, chains=1, seed=0, progress=False)
+    later.save(tmp_path / "later.nc")
+    again = bg.load(tmp_path / "later.nc").data
+    assert again.before.n_obs == 10 and again.before.before.n_obs == 40 and again.before.before.before is None
+    np.testing.assert_array_equal(again.states["q"], later.data.states["q"])
+    np.testing.assert_allclose(model().started(again).states["q"], again.states["q"], atol=1e-12)
     fit.export(tmp_path / "cell.py")
     assert "q: hidden, with a known start, 1 where the data start" in (tmp_path / "cell.py").read_text()
 
