@@ -8,6 +8,7 @@ from bayes_greybox.running.errors import InputError
 from .batteries.run import BATTERIES
 from .blind_records.run import BLIND_RECORDS
 from .calibration import CALIBRATION
+from .compartments.run import COMPARTMENTS
 from .confounding.run import CONFOUNDING
 from .hidden_effects.run import HIDDEN_EFFECTS
 from .hudson_bay.run import HUDSON_BAY
@@ -26,13 +27,15 @@ from .spring_pendulum.run import SPRING_PENDULUM
 from .static_maps.run import STATIC_MAPS
 from .stopwatch import STOPWATCH
 from .two_mass_houses.run import TWO_MASS_HOUSES
+from .vehicles.run import VEHICLES
 from .weak_odes.run import WEAK_COVERAGE, WEAK_ODES
 
 BENCHMARKS: dict[str, Benchmark] = {
     benchmark.name: benchmark
     for benchmark in (
         HIDDEN_EFFECTS, CALIBRATION, CONFOUNDING, SAMPLED_SYSTEMS, SAMPLED_TRAPS, SAMPLED_COVERAGE, PUBLISHED_ODES,
-        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, BATTERIES, SPRING_PENDULUM, NEXT_EXPERIMENT,
+        STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, BATTERIES, COMPARTMENTS, VEHICLES,
+        SPRING_PENDULUM, NEXT_EXPERIMENT,
         WEAK_ODES, WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
     )
 }  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bayes_greybox.physics.catalogue.loading import load_catalogue
+from bayes_greybox.physics.catalogue.loading import DOMAINS, load_catalogue
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -30,7 +30,7 @@ def test_every_public_name_is_in_the_reference():
     assert names and names == listed
 
 
-@pytest.mark.parametrize("domain", ["mechanical", "fluid", "population", "electrical", "thermal", "battery"])
+@pytest.mark.parametrize("domain", DOMAINS)
 def test_every_effect_has_an_entry_and_a_picture(domain, tmp_path):
     import catalogue_text
 

@@ -33,7 +33,7 @@ from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
 from .linearise.settle import settle
 from .linearise.source import Source
-from .linearise.visits import weighed_on
+from .linearise.visits import Visit, weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
 from .sensor_errors.channels import DELAY
@@ -100,39 +100,42 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     model, train, name, odds = question.model, question.train, question.name, question.odds
     reach = Reach(effects=question.most)
 
-    def settled(source: Source, start: Point) -> tuple[Source, Near]:
+    def settled(source: Source, start: Point) -> tuple[Source, Visit]:
         return source, settle(source, start, odds, reach, question.seed, say)
 
     kind = SampleRows if model.rows.follows_path else RateRows
-    as_given = settled(kind(model, train, name, question.effects), Point())
+    source, visit = settled(kind(model, train, name, question.effects), Point())
+    as_given, near = (source, visit.near), visit.near
     remembers = model.rows.follows_path or train.computed or any(each.effect.hidden for each in question.effects)
     if model.rows.interpolation is not None or not train.input_names or not remembers:
         return as_given
     say("weighing again with inputs that are held")
-    near = as_given[1]
     point = near.point_of(near.likeliest)
-    # Lines between samples of held inputs look like a delay.
-    start = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
-    # That inputs are held has the prior odds of any error of a channel.
-    least = near.log_evidence + math.log(1 / odds.suspect - 1)
-    weighed: list[tuple[float, Source]] = []
+    # Lines between samples of held inputs look like a delay, or lead to a hypothesis that is far from the right one.
+    found = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
+    starts = [found, Point(values=point.values)]
+    # That inputs are held has the prior odds of any error of a channel. Regressors along a path that follows noise
+    # flatter hypotheses which nobody followed: those are compared that rows are near.
+    least = visit.log_weight + math.log(1 / odds.suspect - 1)
+    weighed: list[tuple[float, Source, Point]] = []
     for between in _held(train):
         held = replace(model, rows=model.rows.between(between))
         # Along some inputs no path is found.
         with suppress(InputError, np.linalg.LinAlgError):
             rows = held.rows.complete(train, name, held.simulator(train))
-            source = kind(held, rows, name, question.effects)
-            first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-            weighed.append((first.log_evidence, source))
-    likeliest, source = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0]))
+            for start in starts:
+                source = kind(held, rows, name, question.effects)
+                first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
+                weighed.append((first.log_evidence, source, start))
+    likeliest, source, start = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0], found))
     # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
     if likeliest <= least - reach.window:
         return as_given
     try:
-        again = settled(source, start)
+        source, again = settled(source, start)
     except (InputError, np.linalg.LinAlgError):
         return as_given
-    return again if again[1].log_evidence > least else as_given
+    return (source, again.near) if again.log_weight > least else as_given
 
 
 def _held(train: Trajectories) -> list[str | tuple[str, ...]]:

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, by_group, mean, median, replicated
+from benchmarks.named import counted, named
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
 
 from .cells import CAPACITY, OPEN, SLOPE, STEP, Cell, cell, one_pulse, pulses, voltage
 
@@ -18,9 +19,6 @@ KINDS = {
 """Pairs of the cell, those that its simulation has, and the effect that is lacking."""
 
 ONE_PULSE = "two lacking, one pulse"
-
-SURE = 0.9
-"""Probability from which a name counts."""
 
 INTERVAL = (0.05, 0.95)
 
@@ -60,18 +58,10 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     model = GreyBox(simulation=formulas, parameters={"R0": each.series}, starts=starts)
     train, test = data.split(0.7)
     found, seconds = studied(model, train, test=test, catalogue="battery")
-    effects: Any = found.effects.set_index("slug")
-    likely = [str(slug) for slug, p in effects["probability"].items() if p > SURE]
     return {
-        "verdict": found.verdict,
-        "probability": float(effects.loc[lacking, "probability"]) if lacking else None,
-        "right": lacking in likely if lacking else found.verdict == "no gap",
-        "named": found.verdict == "named" and likely == [lacking],
-        "wrong": sorted(set(likely) - {lacking}),
+        **named(found, seconds, lacking),
         **_times(found, each, known),
-        "instrument": [str(row["text"]) for row in found.instrument.to_dict("records") if row["probability"] > SURE],
         "left": float(found.gap.loc[("test", "unexplained share", "V"), "after"]),
-        "seconds": seconds,
     }
 
 
@@ -89,21 +79,8 @@ def _times(found: Any, each: Cell, known: int) -> dict[str, Any]:
 
 
 def score(records: list[Record]) -> Tables:
-    """Return a row for each kind of cell.
-
-    Its columns are cells; right (what is lacking above 0.9; where nothing is: *no gap*); named (*named* with it alone);
-    wrong (another effect above 0.9); holds (90 % intervals of its time, the faster one of two); seconds.
-    """
-
-    def of_group(group: list[Record]) -> Record:
-        return {
-            "cells": len(group),
-            **{key: sum(bool(record[key]) for record in group) for key in ("right", "named", "wrong")},
-            "holds": mean([record["holds"] for record in group if record["holds"] is not None]),
-            "seconds": median([record["seconds"] for record in group]),
-        }
-
-    return {"cells": by_group(records, {"kind": "kind"}, of_group)}
+    """Return a row for each kind of cell; see `counted`. Intervals are those of its time, the faster one of two."""
+    return counted(records, "cells")
 
 
 TITLE = "The relaxation that a cell's simulation lacks; counts of cells, coverage of 90 % intervals of its time"

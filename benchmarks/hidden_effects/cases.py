@@ -57,6 +57,7 @@ HOSTS_OF: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "viscous-damping": ("free-drag-oscillator", "forced-drag-oscillator"),
         "input-gain": ("unmodelled-force", "chain-with-unmodelled-force"),
         "cubic-input": ("swept-oscillator", "forced-chain"),
+        "squared-input": ("swept-oscillator", "forced-chain"),
         "coupling-stiffness": ("free-unlinked-chain", "forced-unlinked-chain"),
         "coupling-damping": ("free-unlinked-chain", "forced-unlinked-chain"),
         "cubic-coupling-stiffness": ("free-chain", "forced-unlinked-chain"),
@@ -70,6 +71,7 @@ HOSTS_OF: Mapping[str, Mapping[str, tuple[str, str]]] = {
         "connecting-pipe": ("twin-tank", "seeping-twin-tank"),
         "input-gain": ("unmodelled-pump", "seeping-tank-with-unmodelled-pump"),
         "cubic-input": ("tank", "seeping-tank"),
+        "squared-input": ("tank", "seeping-tank"),
     },
     "population": {
         "linear-growth": ("crowded-culture", "grazed"),

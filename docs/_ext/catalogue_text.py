@@ -12,6 +12,8 @@ DOMAINS = {
     "electrical": "Losses, sources and storage: effects in the equation of a voltage, a current or a flux.",
     "thermal": "Heat flows over heat capacities: effects in the equation of a temperature.",
     "battery": "Effects in the voltage of a cell, an output, whose current is an input in A.",
+    "compartment": "What becomes of a substance: effects in the equation of a concentration.",
+    "vehicle": "Forces over the mass of a vehicle: effects in the equation of its speed.",
 }
 """The packaged catalogues, and what is in each."""
 

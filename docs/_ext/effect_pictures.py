@@ -45,7 +45,7 @@ def save_picture(effect: Effect, path: Path) -> None:
         figure.savefig(path, transparent=True, metadata={"Date": None})
 
 
-DRIVEN = ("input", "position", "temperature", "current")
+DRIVEN = ("input", "position", "temperature", "current", "concentration")
 """Roles that drive hidden states in pictures, by sin(t); a velocity is its rate."""
 
 

@@ -34,6 +34,9 @@ SLUGS = {
     "electrical": "diode saturating-inductor",
     "thermal": "heat-loss linear-cooling constant-heat natural-convection radiation second-mass",
     "battery": "relaxation two-relaxations charge-transfer one-sided-resistance constant-voltage",
+    "compartment": "linear-elimination saturable-elimination second-order-elimination absorption second-compartment",
+    "vehicle": """rolling-resistance driveline-loss aerodynamic-drag grade steady-push input-saturation
+        drive-dead-zone drive-lag""",
 }
 OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
@@ -133,7 +136,14 @@ def test_all_has_every_effect_once():
 def test_an_effect_of_several_domains_has_the_look_alikes_of_all():
     for order in (["fluid", "mechanical"], ["mechanical", "fluid"]):
         gain = {effect.slug: effect for effect in load_catalogue(order)}["input-gain"]
-        looks_like = {"cubic-input", "backlash", "actuator-lag", "input-saturation", "stroke-dependent-drive"}
+        looks_like = {
+            "squared-input",
+            "cubic-input",
+            "backlash",
+            "actuator-lag",
+            "input-saturation",
+            "stroke-dependent-drive",
+        }
         assert set(gain.confusions) == looks_like and gain.domain == order[0]
 
 
@@ -238,7 +248,7 @@ def test_forces_that_resist_or_restore_have_the_sign_that_they_state(effect):
 @pytest.mark.parametrize("effect", [e for e in ALL if e.hidden and e.sign], ids=lambda effect: effect.slug)
 def test_memories_that_resist_take_power_from_a_motion_to_and_fro(effect):
     t = np.linspace(0.0, 60.0, 6001)
-    path = {"position": np.sin(t), "velocity": np.cos(t), "temperature": np.cos(t), "current": np.cos(t)}
+    path = {"position": np.sin(t), **dict.fromkeys(("velocity", "temperature", "current", "concentration"), np.cos(t))}
     term = effect.bind({role: role for role in effect.roles}).term(middle(effect, 1.0))
     (hidden,) = along([term.states], t, path, np.arange(len(t)) == 0)
     force = effect.sign * np.asarray(term.evaluate({**path, **hidden}))
@@ -260,13 +270,14 @@ def test_signs_of_flows_populations_and_circuits():
     signs = {slug: effect.sign for slug, effect in BY_SLUG.items()}
     losses = """linear-outflow torricelli-outflow overflow weir-overflow logistic-crowding cubic-crowding holling-ii
         holling-iii allee ohmic-loss cubic-resistor diode diode-pair brush-drop saturating-inductor cubic-storage
-        backlash linear-cooling relaxation two-relaxations charge-transfer"""
+        backlash linear-cooling relaxation two-relaxations charge-transfer linear-elimination saturable-elimination
+        second-order-elimination rolling-resistance driveline-loss aerodynamic-drag grade drive-dead-zone"""
     gains = """linear-inflow torricelli-inflow overflow-inflow connecting-pipe holling-ii-gain holling-iii-gain
-        inductance-drop heat-loss natural-convection radiation second-mass"""
+        inductance-drop heat-loss natural-convection radiation second-mass second-compartment"""
     either = """quadratic-stiffness bilinear-stiffness velocity-squared position-velocity-coupling constant-force
-        direction-dependent-friction input-gain cubic-input constant-inflow linear-growth bilinear-interaction migration
-        constant-harvest driven-growth constant-source actuator-lag constant-heat
-        one-sided-resistance constant-voltage"""
+        direction-dependent-friction input-gain squared-input cubic-input constant-inflow linear-growth migration
+        bilinear-interaction constant-harvest driven-growth constant-source actuator-lag constant-heat
+        one-sided-resistance constant-voltage constant-production absorption steady-push drive-lag"""
     for sign, slugs in ((-1, losses), (1, gains), (0, either)):
         assert {slug: signs[slug] for slug in slugs.split()} == dict.fromkeys(slugs.split(), sign)
     assert sum(sign == 0 for sign in signs.values()) == len(either.split())
@@ -411,7 +422,7 @@ def test_one_degree_of_freedom():
     assert roles["other_position"] == roles["other_velocity"] == ()
     found = texts("mechanical", roles)
     assert {("cubic-stiffness", "y**3"), ("coulomb-friction", "sign(ydot)"), ("input-gain", "F")} <= found
-    assert len(found) == 33 and not any(slug.startswith("coupling") for slug, _ in found)
+    assert len(found) == 34 and not any(slug.startswith("coupling") for slug, _ in found)
     assert not any(
         slug.endswith("-input") or slug.startswith("input-") for slug, _ in texts("mechanical", {**roles, "input": ()})
     )
@@ -460,7 +471,7 @@ def test_tanks():
     alone = texts("fluid", roles_of(None, ("h",), ("u",), "h"))
     assert {slug for slug, _ in alone} == {
         *("linear-outflow", "torricelli-outflow", "overflow", "weir-overflow", "constant-inflow"),
-        *("input-gain", "cubic-input"),
+        *("input-gain", "squared-input", "cubic-input"),
     }
 
 

@@ -64,7 +64,7 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _dictionary(plan),
         "[study]\n"
         '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "battery",\n'
-        '# "all", or your own file.\n'
+        '# "compartment", "vehicle", "all", or your own file.\n'
         f"catalogue = {_quoted(plan.catalogue)}",
         "[discrepancy]\n"
         "# Take these lines out for a Gaussian process beside the terms: it shows what they miss (one equation only).\n"

@@ -13,22 +13,20 @@ from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
 from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, noise_shapes
-from .refine import Company, Ground, refined
+from .refine import Ground, refined
 from .source import Source
 from .standing import LIKELIER, standing_visit
 from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, best_of, table_of, weighed_on
 
 
-def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Near:
-    """Return the hypotheses on rows near the likeliest; the seed is that of the bagged records."""
+def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Visit:
+    """Return the hypotheses on rows near the likeliest that was visited; the seed is that of the bagged records."""
     report("weighing hypotheses")
     rows = source.near(start)
-    companies: frozenset[Company] = frozenset()
-    if not start.values:
-        # Effects compete at their best from the start: at coarse values, stand-ins would win.
-        ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
-        values, companies = refined(rows.regressors, ground)
-        rows = source.near(replace(start, values=values)) if values else rows
+    # Effects compete at their best from the start: at coarse values, or those of other rows, stand-ins would win.
+    ground = Ground(table_of(rows), (rows.force,), (NoisePoint(NO_DISCREPANCY),), rows.floor)
+    values, companies = refined(rows.regressors, ground)
+    rows = source.near(replace(start, values={**start.values, **values})) if values else rows
     near = weighed_on(rows, odds, reach, seed)
     away = start.added or start.parameters or start.sensors
     visits = [Visit(near, None if away else near.names(near.weighed.before))]
@@ -42,13 +40,13 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         same_shapes = [s.name for s in point.shapes] == [s.name for s in near.rows.point.shapes]
         stays = not finer and same_shapes and here.stays(point)
         if stays and near.rows.point.window is None:
-            return _on_tangent(near, source, odds, reach, seed)
+            return Visit(_on_tangent(near, source, odds, reach, seed), near.names(near.likeliest))
         report(f"weighing them near the likeliest, round {iteration + 1}")
         # In the first iteration a small table is weighed whole: rates seldom need a second.
         narrow = (iteration or weighed.table.columns.size > SMALL_TABLE) and not stays
         try:
             rows = source.near(replace(point, window=near.window if narrow else None))
-            there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near)
+            there = Visit(weighed_on(rows, odds, reach, seed), near.names(near.likeliest), near, iteration + 1)
         except (InputError, np.linalg.LinAlgError):
             # No path of that hypothesis follows the samples.
             break
@@ -64,7 +62,7 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
         rows = source.near(replace(here.near.rows.point, window=None))
         whole = here._replace(near=weighed_on(rows, odds, reach, seed))
         visits = [whole, *(each for each in visits if each.hypothesis != here.hypothesis)]
-    return _on_tangent(here.near, source, odds, reach, seed)
+    return here._replace(near=_on_tangent(here.near, source, odds, reach, seed))
 
 
 def _on_tangent(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Near:

@@ -27,11 +27,13 @@ class Visit(NamedTuple):
 
     Attributes:
         hypothesis: Names of that hypothesis's regressors; None if the rows are near none.
+        turn: Number of visits before; values of nonlinear parameters are finer in later ones.
     """
 
     near: Near
     hypothesis: tuple[str, ...] | None = None
     origin: Near | None = None
+    turn: int = 0
 
     @property
     def log_weight(self) -> float:
@@ -53,22 +55,42 @@ class Visit(NamedTuple):
         same = near.names(near.likeliest) == self.hypothesis
         return same and self.origin is not None and near.stays(self.origin)
 
-    def corrected(self, other: "Visit", seed: int) -> "Visit":
-        """Return the rows with another hypothesis's log weight taken from the rows near that one."""
-        near, logs = self.near, self.near.log_weights()
-        if other.hypothesis is None or other.hypothesis == self.hypothesis or other.hypothesis not in logs:
-            return self
-        shift = other.log_weight + near.log_unit - logs[other.hypothesis]
-        shifts = [shift * (near.names(h) == other.hypothesis) for h in near.weighed.hypotheses]
+    def corrected(self, others: Sequence["Visit"], seed: int) -> "Visit":
+        """Return the rows with each hypothesis's log weight from the rows near the visited one that is most like it.
+
+        Rows are linear near the hypothesis that was visited, and with a further small effect that is nearly the same.
+        Of earlier visits, where values are coarser, that very hypothesis alone is known. One that is no longer kept
+        there has the least weight kept, its upper bound.
+        """
+        near, shifts = self.near, []
+        there = [(other, other.near.log_weights(), other.called) for other in others if other.hypothesis is not None]
+        logs = near.log_weights()
+        for hypothesis in near.weighed.hypotheses:
+            names = near.names(hypothesis)
+            likest, shift = self.distance(names), 0.0
+            for other, weights, called in there:
+                distance = other.distance(names)
+                knows = not distance or (other.turn > self.turn and called.issuperset(names))
+                if distance < likest and knows:
+                    weight = weights.get(names, min(weights.values()))
+                    likest, shift = distance, weight - other.near.log_unit + near.log_unit - logs[names]
+            shifts.append(shift)
         return self._replace(near=replace(near, weighed=near.weighed.reweighted(shifts, seed)))
+
+    def distance(self, names: Sequence[str]) -> float:
+        """Return the number of regressors in which a hypothesis differs from the visited one; infinite without one."""
+        return np.inf if self.hypothesis is None else len({*self.hypothesis}.symmetric_difference(names))
+
+    @property
+    def called(self) -> frozenset[str]:
+        """Return the names that were weighed there."""
+        return frozenset(column.called for column in self.near.regressors.columns)
 
 
 def best_of(visits: Sequence[Visit], seed: int) -> Visit:
     """Return the rows near the likeliest of the visited hypotheses, corrected by the rows near the others."""
     best = max(visits, key=lambda each: each.log_weight)
-    for other in visits:
-        best = best.corrected(other, seed)
-    return best
+    return best.corrected([other for other in visits if other is not best], seed)
 
 
 def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:

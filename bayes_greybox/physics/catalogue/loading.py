@@ -21,7 +21,7 @@ from .effect_tables import effect_tables, keys_of, nearest
 from .effects import Effect
 from .inner_parameter import InnerParameter
 
-DOMAINS = ("mechanical", "fluid", "population", "electrical", "thermal", "battery")
+DOMAINS = ("mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle")
 """Catalogues that come with the package."""
 
 CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]

@@ -23,6 +23,7 @@ ROLES: dict[str, str] = {
     "level": "the level of this tank",
     "upstream": "the level of another tank",
     "population": "this population",
+    "concentration": "the concentration whose equation is learned",
     "other": "another state, such as another population",
     "voltage": "the voltage whose equation is learned",
     "current": "the current whose equation is learned",
@@ -31,6 +32,7 @@ ROLES: dict[str, str] = {
     "surroundings": "another temperature, such as that of the surroundings",
     "absolute_temperature": "the temperature whose equation is learned, in kelvin",
     "absolute_surroundings": "another temperature, in kelvin",
+    "grade": "the slope of the road, as an angle: say which column it is",
     "stored": "charge or flux linkage: the state whose rate is this current or voltage",
 }
 """Roles of the packaged catalogues and their meaning in the equation of one state."""
@@ -109,7 +111,9 @@ def roles_of(
     integrals = tuple(x for x in others if pairs.get(x) == equation)
     roles = {
         "state": (equation,),
-        "input": tuple(inputs),
+        # A road's slope is a force of its own.
+        "input": tuple(name for name in inputs if name not in given.get("grade", ())),
+        "grade": (),
         "position": position,
         "velocity": (velocity,),
         "other_position": tuple(apart),
@@ -117,6 +121,7 @@ def roles_of(
         "level": (equation,),
         "upstream": others,
         "population": (equation,),
+        "concentration": (equation,),
         "other": others,
         "voltage": (equation,),
         "current": (equation,),

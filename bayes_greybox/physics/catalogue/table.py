@@ -18,8 +18,8 @@ def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.Da
     """List the effects that a study can name, as a table; `find_missing_effects` takes the same first argument.
 
     Args:
-        domain: "mechanical", "fluid", "population", "electrical", "thermal", "battery", "all", the path of a TOML file
-            of the user's own, or a list of these.
+        domain: "mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle",
+            "all", the path of a TOML file of the user's own, or a list of these.
         search: Words that must all occur in an effect, in any column and in either case; all effects by default.
 
     Returns:

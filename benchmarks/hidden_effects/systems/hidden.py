@@ -79,7 +79,11 @@ def _one(*_: Any) -> float:
     return 1.0
 
 
-_INPUT = (_plain("input-gain", lambda u: u, "input"), _plain("cubic-input", lambda u: u**3, "input"))
+_INPUT = (
+    _plain("input-gain", lambda u: u, "input"),
+    _plain("cubic-input", lambda u: u**3, "input"),
+)
+_SQUARED_INPUT = _plain("squared-input", lambda u: u * np.abs(u), "input")
 
 MECHANICAL = (
     _plain("linear-stiffness", lambda x: x, "position"),
@@ -106,6 +110,7 @@ MECHANICAL = (
     _plain("position-velocity-coupling", lambda x, v: x * v, "position", "velocity"),
     _plain("constant-force", _one),
     *_INPUT,
+    _SQUARED_INPUT,
     _plain("coupling-stiffness", lambda x, z: x - z, "position", "other_position"),
     _plain("cubic-coupling-stiffness", lambda x, z: (x - z) ** 3, "position", "other_position"),
     _plain("coupling-damping", lambda v, w: v - w, "velocity", "other_velocity"),
@@ -122,6 +127,7 @@ FLUID = (
     _plain("connecting-pipe", lambda up, h: np.sign(up - h) * np.sqrt(np.abs(up - h)), "upstream", "level"),
     _plain("constant-inflow", _one),
     *_INPUT,
+    _SQUARED_INPUT,
 )
 
 _PAIR = ("population", "other")

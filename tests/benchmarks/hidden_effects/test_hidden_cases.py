@@ -26,7 +26,7 @@ from benchmarks.hidden_effects.systems.hosts import HOSTS
 def test_cases_follow_from_the_seed_alone():
     cases = all_cases()
     assert cases == all_cases()
-    assert len({case.key for case in cases}) == len(cases) == 388
+    assert len({case.key for case in cases}) == len(cases) == 396
     counts = Counter(case.family for case in cases)
     assert set(counts) == set(HIDDEN_FAMILIES)
     assert min(counts["null"], counts["mis-calibrated"], counts["off-catalogue"]) >= 40

@@ -15,11 +15,16 @@ class Table:
 
     logs: dict
     log_unit: float = 0.0
+    more: tuple = ()
     weighed: SimpleNamespace = field(init=False)
+    regressors: SimpleNamespace = field(init=False)
 
     def __post_init__(self):
         hypotheses = [SimpleNamespace(names=names, log_weight=value) for names, value in self.logs.items()]
         object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, reweighted=self.told))
+        called = {*self.more, *(name for names in self.logs for name in names)}
+        columns = [SimpleNamespace(called=name) for name in called]
+        object.__setattr__(self, "regressors", SimpleNamespace(columns=columns))
 
     def told(self, shifts, seed):
         return {names: value + more for (names, value), more in zip(self.logs.items(), shifts, strict=True)}
@@ -79,3 +84,17 @@ def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is
 def test_a_table_keeps_its_own_hypotheses_alone():
     here, there = Visit(Table({CUBE: 10.0}), CUBE), Visit(Table({LAG: 3.0, CUBE: 1.0}), LAG)
     assert best_of([here, there], 0).near.logs == {CUBE: 10.0}
+
+
+def test_one_with_a_further_effect_has_its_weight_from_the_rows_of_what_it_adds_to():
+    # On rows near nothing, whose path follows noise, a lag looks likely with anything beside it.
+    flattered = Visit(Table({NOTHING: 6.0, LAG: 15.0, (*LAG, *CUBE): 14.0, CUBE: 3.0}), NOTHING)
+    own = Visit(Table({LAG: -30.0, NOTHING: -40.0}, more=CUBE), LAG, turn=1)
+    # Of lag and cube nothing is kept there: it is no likelier than the last that is.
+    assert best_of([flattered, own], 0).near.logs == {NOTHING: 6.0, LAG: -30.0, (*LAG, *CUBE): -40.0, CUBE: 3.0}
+    # What was not weighed there is not known.
+    narrow = Visit(Table({LAG: -30.0, NOTHING: -40.0}), LAG, turn=1)
+    assert best_of([flattered, narrow], 0).near.logs[*LAG, *CUBE] == 14.0
+    # In an earlier visit values were coarser: only its own hypothesis is known from there.
+    earlier = own._replace(turn=0)
+    assert best_of([earlier, flattered._replace(turn=1)], 0).near.logs[*LAG, *CUBE] == 14.0

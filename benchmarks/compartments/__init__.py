@@ -1,0 +1,1 @@
+"""Substances in a body: is what the simulation of their concentration lacks named?"""

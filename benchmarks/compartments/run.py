@@ -1,0 +1,60 @@
+"""Studies of substances whose simulation knows elimination in proportion alone."""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks.named import counted, named
+from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
+
+from .substances import measured, substance
+
+KINDS = {
+    "second compartment": "second-compartment",
+    "saturable elimination": "saturable-elimination",
+    "absorption": "absorption",
+    "nothing lacking": "",
+}
+"""The effect that is hidden, by the kind of substance."""
+
+UNITS = {"t": "h", "c": "mg/l", "u": "mg/(l*h)"}
+
+
+def cases(asked: Asked) -> list[Case]:
+    """Return substances of every kind."""
+    return replicated("kind", list(KINDS), asked)
+
+
+def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
+    """Return what the study of one substance names."""
+    # Imported here: these bring JAX, which the module that makes the data does without.
+    from bayes_greybox.data.trajectories import Trajectories
+    from bayes_greybox.greybox import GreyBox
+    from benchmarks.answers import studied
+
+    rng = np.random.default_rng([seed, replicate, list(KINDS).index(kind)])
+    each = substance(KINDS[kind], rng)
+    record = measured(each, rng)
+    data = Trajectories.from_arrays(record["t"], states={"c": record["c"]}, inputs={"u": record["u"]}, units=UNITS)
+    model = GreyBox(simulation={"c": "u - k*c"}, parameters={"k": each.k})
+    found, seconds = studied(model, data, catalogue="compartment", free_runs=False, interpolation="zoh")
+    return named(found, seconds, KINDS[kind], each.sizes.get(KINDS[kind]))
+
+
+def score(records: list[Record]) -> Tables:
+    """Return a row for each kind of substance; see `counted`."""
+    return counted(records, "substances")
+
+
+TITLE = "What the simulation of a concentration lacks; counts of substances, coverage of 90 % intervals"
+
+COMPARTMENTS = Benchmark(
+    "compartments",
+    "hides a second compartment, saturable elimination or a depot from the simulation of a concentration.",
+    {"cases": None, "replicates": 20, "workers": 1, "seed": 0},
+    cases,
+    study,
+    score,
+    lambda tables: {TITLE: tables["substances"]},
+    threads=1,
+)

@@ -1,0 +1,1 @@
+"""Vehicles on a road: is what the simulation of their speed lacks named?"""
