@@ -33,6 +33,7 @@ from .linearise.rates import RateRows
 from .linearise.samples import SampleRows
 from .linearise.settle import settle
 from .linearise.source import Source
+from .linearise.standing import LIKELIER
 from .linearise.visits import Visit, weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
@@ -114,22 +115,23 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     # Lines between samples of held inputs look like a delay, or lead to a hypothesis that is far from the right one.
     found = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
     starts = [found, Point(values=point.values)]
-    # That inputs are held has the prior odds of any error of a channel. Regressors along a path that follows noise
-    # flatter hypotheses which nobody followed: those are compared that rows are near.
-    least = visit.log_weight + math.log(1 / odds.suspect - 1)
-    weighed: list[tuple[float, Source, Point]] = []
-    for between in _held(train):
+    weighed: list[tuple[float, float, Source, Point]] = []
+    for between, stays in _held(train):
         held = replace(model, rows=model.rows.between(between))
+        # That inputs are held has the prior odds of any error of a channel, or is as likely as not: rounding does not
+        # decide it. Regressors along a path that follows noise flatter hypotheses which nobody followed: those are
+        # compared that rows are near.
+        least = visit.log_weight + (LIKELIER if stays else math.log(1 / odds.suspect - 1))
         # Along some inputs no path is found.
         with suppress(InputError, np.linalg.LinAlgError):
             rows = held.rows.complete(train, name, held.simulator(train))
             for start in starts:
                 source = kind(held, rows, name, question.effects)
                 first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-                weighed.append((first.log_evidence, source, start))
-    likeliest, source, start = max(weighed, key=lambda each: each[0], default=(-math.inf, as_given[0], found))
+                weighed.append((first.log_evidence - least, least, source, start))
+    gained, least, source, start = max(weighed, key=lambda each: each[0], default=(-math.inf, 0.0, as_given[0], found))
     # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
-    if likeliest <= least - reach.window:
+    if gained <= -reach.window:
         return as_given
     try:
         source, again = settled(source, start)
@@ -138,17 +140,22 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     return (source, again.near) if again.log_weight > least else as_given
 
 
-def _held(train: Trajectories) -> list[str | tuple[str, ...]]:
+def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
     """Return interpolations with inputs that are held: all of them, and those alone that do not look smooth.
 
-    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples.
+    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples. What
+    goes on does not stay the same from most samples to the next: with each is said whether all that is held does.
     """
     samples = train.samples or train
     parts = [samples.run == run for run in range(samples.n_run)]
     inputs = samples.matrix(samples.input_names)
     kinds = between_samples_of_runs([(samples.time[part], inputs[part]) for part in parts])
-    some = tuple("cubic" if kind == "cubic" else "zoh" for kind in kinds)
-    return ["zoh", some] if len({*some}) > 1 else ["zoh"]
+    rough = np.array([kind != "cubic" for kind in kinds])
+    stays = np.concatenate([np.diff(inputs[part], axis=0) == 0 for part in parts]).mean(axis=0) > 0.5
+    each: list[tuple[str | tuple[str, ...], bool]] = [("zoh", bool(np.all(stays)))]
+    if 0 < np.sum(rough) < len(rough):
+        each.append((tuple("zoh" if held else "cubic" for held in rough), bool(np.all(stays[rough]))))
+    return each
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:
