@@ -372,3 +372,23 @@ def test_a_sensor_that_stays_where_its_path_does_not_speaks_against_the_answer()
     found = study(replace(data, states={"y": y}))
     assert found.verdict != "named"
     assert any("where its path does not reach it" in text for text in found.against)
+
+
+@pytest.mark.slow
+def test_held_inputs_are_weighed_from_the_simulation_as_given_too():
+    """Lines between the samples of an infusion lead to a hypothesis from which that of held inputs is not found."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, 48.0, 0.5)
+    k, infused = 0.25, np.zeros(len(t))
+    for first, length, rate in ((3, 5, 3.4), (24, 4, 2.2), (51, 6, 3.0), (73, 3, 1.8)):
+        infused[first : first + length] = rate
+    c = [0.0]
+    for rate in infused[:-1]:
+        c.append(c[-1] * np.exp(-0.5 * k) + rate * (1 - np.exp(-0.5 * k)) / k)
+    noisy = np.array(c) + 0.02 * np.std(c) * rng.standard_normal(len(t))
+    data = bg.Trajectories.from_arrays(t, states={"c": noisy}, inputs={"u": infused}, units={"t": "h", "c": "mg/l"})
+    model = bg.GreyBox({"c": []}, simulation={"c": f"u - {k}*c"}, rows=bg.TrajectoryRows())
+    about = {"settle": False, "free_runs": False, "progress": False}
+    found = bg.find_missing_effects(model, data, catalogue="compartment", **about)
+    assert found.base.rows.interpolation == "zoh"
+    # Along lines a memory of c with the time of a sample stands for all of c', and u has a fiftieth of its coefficient.
+    assert max(found.effects["probability"]) < 0.5 and max(found.corrections["probability"]) < 0.5, found.sentence
