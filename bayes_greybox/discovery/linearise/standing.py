@@ -64,7 +64,7 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     best: Visit | None = None
     for labels in ([NO_EFFECT, *plain], [label for label in effects if label not in plain]):
         alone += search.each_by_itself(near, labels, alone)
-        first = max((each.visit for each in alone), key=lambda visit: visit.log_weight, default=None)
+        first = max(alone, key=lambda each: each.visit.log_weight).visit if alone else None
         if first is None or best is not None and first.hypothesis == best.hypothesis:
             continue
         best = search.whole(first)
