@@ -45,7 +45,7 @@ def _coastdown(folder: Path) -> Record:
     table = pd.read_csv(folder / "coastdown.csv", header=None).apply(pd.to_numeric, errors="coerce").dropna()
     table = table[table[0].diff().fillna(1) > 0]
     data = FROM_ARRAYS(table[0].to_numpy(), states={"v": table[1].to_numpy()})
-    return Record(data, {"v": "-1.438e-4*v**2"}, "v", "mechanical", "constant rolling resistance")
+    return Record(data, {"v": "-1.438e-4*v**2"}, "v", "vehicle", "constant rolling resistance")
 
 
 def _two_species(folder: Path) -> Record:
@@ -74,7 +74,7 @@ def _heater(folder: Path) -> Record:
     table = pd.read_csv(folder / "tclab_step.csv")
     data = FROM_ARRAYS(table.Time.to_numpy(), states={"T1": table.T1.to_numpy()})
     right = "a second thermal mass, or the sensor's lag"
-    return Record(data, {"T1": "(0.84*50 - (T1 - 22.3))/160"}, "T1", "all", right)
+    return Record(data, {"T1": "(0.84*50 - (T1 - 22.3))/160"}, "T1", "thermal", right)
 
 
 def _ball_and_beam(folder: Path) -> Record:
@@ -88,14 +88,14 @@ def _cooling(folder: Path) -> Record:
     """vincentarelbundock/Rdatasets@1dcc2bf: a cup of water."""
     table = pd.read_csv(folder / "cooling_water.csv")
     data = FROM_ARRAYS(table.time.to_numpy(float), states={"temp": table.temp.to_numpy()})
-    return Record(data, {"temp": "-0.0115*(temp - 24)"}, "temp", "all", "a law of temp beyond Newton's")
+    return Record(data, {"temp": "-0.0115*(temp - 24)"}, "temp", "thermal", "a law of temp beyond Newton's")
 
 
 def _indomethacin(folder: Path) -> Record:
     """vincentarelbundock/Rdatasets@1dcc2bf: R's Indometh, six subjects."""
     runs = [run for _, run in pd.read_csv(folder / "indometh.csv").groupby("Subject")]
     data = FROM_ARRAYS([r.time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
-    return Record(data, {"conc": "-0.35*conc"}, "conc", "all", "a second compartment")
+    return Record(data, {"conc": "-0.35*conc"}, "conc", "compartment", "a second compartment")
 
 
 def _theophylline(folder: Path) -> Record:
@@ -103,7 +103,7 @@ def _theophylline(folder: Path) -> Record:
     runs = [run.sort_values("Time") for _, run in pd.read_csv(folder / "theoph.csv").groupby("Subject")]
     data = FROM_ARRAYS([r.Time.to_numpy() for r in runs], states={"conc": [r.conc.to_numpy() for r in runs]})
     simulation = {"gut": "-1.5*gut", "conc": "1.5*gut - 0.086*conc"}
-    return Record(data, simulation, "conc", "all", "nothing is missing")
+    return Record(data, simulation, "conc", "compartment", "nothing is missing")
 
 
 def _battery(folder: Path) -> Record:
