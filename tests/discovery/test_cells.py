@@ -110,3 +110,10 @@ def test_a_cell_that_lacks_nothing_has_no_gap():
     study = studied(cell(0.0))
     assert study.verdict == "no gap", study.sentence
     assert not study.left_out.keys() & {("V", "relaxation"), ("V", "two-relaxations")}
+
+
+def test_a_simulation_that_gives_nothing_has_no_errors_that_are_shares_of_it():
+    data = cell(RESISTANCE)
+    model = bg.GreyBox({"V": ["1", "i"]}, simulation={"V": "0*i"})
+    found = bg.find_missing_effects(model, data, catalogue=few, settle=False, free_runs=False, progress=False)
+    assert found.instrument.empty and found.verdict in ("unknown", "partly named")

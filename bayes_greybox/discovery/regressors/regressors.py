@@ -177,7 +177,8 @@ class Regressors(EvaluatedColumns):
         """
         for suspect, value in suspects:
             size = float(np.sqrt(np.mean(value**2)))
-            if not size > 0 or not np.isfinite(size):
+            # An error that is a share of what the simulation gives is none where it gives nothing.
+            if not size > 0 or not np.isfinite(size) or not suspect.sd > 0:
                 continue
             scaled = value / size if at_rows else self.rows.operate((value / size)[:, None])[:, 0]
             sd = suspect.sd * size / self.target_scale
