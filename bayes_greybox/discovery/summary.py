@@ -106,6 +106,15 @@ def probability_of_answer(study: StudyResult) -> float:
     return total
 
 
+def probability_missing(study: StudyResult) -> float:
+    """Return the probability that something is missing in some equation: no gap, recalibration and instrument left."""
+    nothing = 1.0
+    for name in study.maps:
+        known = rows_of(study.hypotheses, name)["probability"].to_dict()
+        nothing *= sum(known.get(each, 0.0) for each in STOPS if each != UNKNOWN_KIND)
+    return 1.0 - nothing
+
+
 def shown_part(study: StudyResult) -> str:
     """Return the part of the data that the gap is summed up on: "test" where there are held-out data, or "train"."""
     return "test" if "test" in study.gap.index.get_level_values(0) else "train"

@@ -1,5 +1,7 @@
 """The verdict in one sentence, from tables that are written down by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,6 +13,7 @@ from bayes_greybox.discovery.decision.reasons import CHECK, ONE_LAW, UNSEEN_SHAP
 from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.discovery.study_file import with_kinds
+from bayes_greybox.discovery.summary import probability_missing
 from bayes_greybox.report.words.sentence import sentence
 
 INDEX = ["data", "metric", "variable"]
@@ -389,6 +392,21 @@ def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
     text = said("one of", rows)
     assert text.startswith("Something is missing, most likely cubic spring in d(x)/dt (probability 0.600")
     assert "or in its place pendulum (0.300) or dead zone (0.080); adding the likeliest closes 75.0 %" in text
+
+
+def test_one_of_is_no_surer_that_something_is_missing_than_it_is(monkeypatch):
+    monkeypatch.setattr("bayes_greybox.report.words.sentence.probability_missing", lambda study: 0.51)
+    text = said("one of", [("Cubic spring", 0.16, ("sine",)), ("Pendulum", 0.14, (), "one of")])
+    assert text.startswith("Most likely something is missing (probability 0.510): cubic spring in d(x)/dt")
+
+
+def test_that_nothing_is_missing_is_what_the_answers_without_an_effect_say(monkeypatch):
+    index = pd.MultiIndex.from_tuples(
+        [("x", "no gap"), ("x", "instrument"), ("x", "unknown"), ("x", "cubic")], names=["equation", "hypothesis"]
+    )
+    table = pd.DataFrame({"probability": [0.4, 0.1, 0.2, 0.3]}, index=index)
+    study = SimpleNamespace(maps={"x": None}, hypotheses=table)
+    assert probability_missing(study) == pytest.approx(0.5)
 
 
 def test_what_is_sure_is_no_part_of_what_is_one_of_several():

@@ -20,6 +20,7 @@ from bayes_greybox.discovery.summary import (
     corrections_above,
     gap_change,
     not_weighed,
+    probability_missing,
     probability_of_answer,
     sensors_like,
 )
@@ -234,7 +235,9 @@ def _one_of(study: StudyResult, rows: Sequence[Mapping[str, Any]], texts: Sequen
     place = f", or in its place {' or '.join(others)}" if others else ""
     sure = [text for text, row in zip(texts, rows, strict=False) if row["probability"] >= criteria.named]
     if not 0 < len(sure) < len(texts) == len(rows):
-        return f"Something is missing, most likely {' and '.join(texts)}{place}; adding the likeliest {closed}."
+        p, what = probability_missing(study), " and ".join(texts)
+        said = f"{_likely(study, 'Something is missing', p)}{', most likely' if p >= criteria.named else ':'}"
+        return f"{said} {what}{place}; adding the likeliest {closed}."
     unsure = " and ".join(text for text in texts if text not in sure)
     # That there is nothing besides may be as likely as that it is one of them.
     any_of_them = sum(row["probability"] for row in rows if row["probability"] < criteria.named)
