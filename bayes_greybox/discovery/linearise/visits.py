@@ -79,7 +79,7 @@ class Visit(NamedTuple):
 
     def distance(self, names: Sequence[str]) -> float:
         """Return the number of regressors in which a hypothesis differs from the visited one; infinite without one."""
-        return np.inf if self.hypothesis is None else len({*self.hypothesis}.symmetric_difference(names))
+        return np.inf if self.hypothesis is None else float(len({*self.hypothesis}.symmetric_difference(names)))
 
     @property
     def called(self) -> frozenset[str]:
