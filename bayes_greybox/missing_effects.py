@@ -249,8 +249,8 @@ def find_missing_effects(
         test: Held-out measurements, on which no hypothesis is weighed: they show the remaining gap, and can only
             contradict the answer. If only the training data were differentiated, the same filter is applied to these.
         catalogue: "mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle",
-            "all", a TOML file of your own, or a list of these; [] weighs no effects, only sensor errors, corrections
-            and an unnamed discrepancy.
+            "all" but that of vehicles, a TOML file of your own, or a list of these; [] weighs no effects, only sensor
+            errors, corrections and an unnamed discrepancy.
         roles: Columns by role where the package should not guess.
         seed: Seed of everything random.
         effects_at_most: Largest number of effects added to one equation.

@@ -114,7 +114,8 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     point = near.point_of(near.likeliest)
     # Lines between samples of held inputs look like a delay, or lead to a hypothesis that is far from the right one.
     found = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
-    starts = [found, Point(values=point.values)]
+    given = replace(found, added=(), parameters={}, sensors={})
+    starts = [found, given] if found.added or found.parameters or found.sensors else [given]
     weighed: list[tuple[float, float, Source, Point]] = []
     for between, stays in _held(train):
         held = replace(model, rows=model.rows.between(between))

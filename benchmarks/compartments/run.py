@@ -37,7 +37,7 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     record = measured(each, rng)
     data = Trajectories.from_arrays(record["t"], states={"c": record["c"]}, inputs={"u": record["u"]}, units=UNITS)
     model = GreyBox(simulation={"c": "u - k*c"}, parameters={"k": each.k})
-    found, seconds = studied(model, data, catalogue="compartment", free_runs=False, interpolation="zoh")
+    found, seconds = studied(model, data, catalogue="compartment", free_runs=False)
     return named(found, seconds, KINDS[kind], each.sizes.get(KINDS[kind]))
 
 

@@ -36,7 +36,7 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     inputs = {name: record[name] for name in ("outside", "heater")}
     data = Trajectories.from_arrays(record["t"], states={"T": record["T"]}, inputs=inputs, units=UNITS)
     model = GreyBox(simulation={"T": "loss*(outside - T) + heater"}, parameters={"loss": each.loss})
-    found, seconds = studied(model, data, catalogue="thermal", free_runs=False, interpolation="zoh")
+    found, seconds = studied(model, data, catalogue="thermal", free_runs=False)
     own = found.effects.set_index("slug").loc[HIDDEN]
     hidden = HIDDEN if each.exchange else ""
     storage = own["inner"].get("storage_time", np.nan)

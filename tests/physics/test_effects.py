@@ -40,7 +40,7 @@ SLUGS = {
 }
 OSCILLATOR = {"y": "ydot", "ydot": "F - y - 0.1*ydot"}
 CHAIN = {"x1": "v1", "v1": "x2 - 2*x1", "x2": "v2", "v2": "x1 - x2"}
-ALL = load_catalogue("all")
+ALL = load_catalogue(list(DOMAINS))
 BY_SLUG = {effect.slug: effect for effect in ALL}
 
 
@@ -129,6 +129,9 @@ def test_every_promised_effect_is_there(domain):
 def test_all_has_every_effect_once():
     assert len({effect.slug for effect in ALL}) == len(ALL)
     assert {e.slug for d in DOMAINS for e in load_catalogue(d)} == {effect.slug for effect in ALL}
+    # Rolling resistance is Coulomb friction by another name.
+    named = {effect.slug for effect in load_catalogue("all")}
+    assert named == {e.slug for d in DOMAINS if d != "vehicle" for e in load_catalogue(d)}
     assert load_catalogue(["mechanical", "mechanical"]) == load_catalogue("mechanical")
     assert load_catalogue(ALL) == ALL and load_catalogue(ALL[0]) == ALL[:1]
 
@@ -461,6 +464,18 @@ def test_integrals_of_the_own_position_are_no_other_body():
     assert (roles["position"], roles["other_position"], roles["other_velocity"]) == (("v",), (), ())
     # A ring of rates must not be walked for ever.
     assert roles_of({"p": "q", "q": "p"}, ("p", "q"), (), "p")["position"] == ("p",)
+
+
+def test_a_speed_is_no_concentration():
+    for unit, there in (("mg/l", True), ("mol/l", True), ("1/ml", True), ("", True), ("m/s", False), ("K", False)):
+        roles = roles_of({}, ("c",), (), "c", units={"c": unit})
+        assert roles["concentration"] == (("c",) if there else ()), unit
+
+
+def test_a_slope_of_the_road_is_no_input_of_the_drive():
+    roles = roles_of({}, ("v",), ("F", "slope"), "v", {"grade": "slope"})
+    assert roles["grade"] == ("slope",) and roles["input"] == ("F",)
+    assert {("grade", "sin(slope)"), ("input-gain", "F")} <= texts("vehicle", roles)
 
 
 def test_tanks():

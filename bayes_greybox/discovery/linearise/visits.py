@@ -56,7 +56,7 @@ class Visit(NamedTuple):
         return same and self.origin is not None and near.stays(self.origin)
 
     def corrected(self, others: Sequence["Visit"], seed: int) -> "Visit":
-        """Return the rows with each hypothesis's log weight from the rows near the visited one that is most like it.
+        """Return the rows, with log weights of hypotheses from the rows near the visited ones that differ least.
 
         Rows are linear near the hypothesis that was visited, and with a further small effect that is nearly the same.
         Of earlier visits, where values are coarser, that very hypothesis alone is known. One that is no longer kept
@@ -67,13 +67,13 @@ class Visit(NamedTuple):
         logs = near.log_weights()
         for hypothesis in near.weighed.hypotheses:
             names = near.names(hypothesis)
-            likest, shift = self.distance(names), 0.0
+            closest, shift = self.distance(names), 0.0
             for other, weights, called in there:
                 distance = other.distance(names)
                 knows = not distance or (other.turn > self.turn and called.issuperset(names))
-                if distance < likest and knows:
+                if distance < closest and knows:
                     weight = weights.get(names, min(weights.values()))
-                    likest, shift = distance, weight - other.near.log_unit + near.log_unit - logs[names]
+                    closest, shift = distance, weight - other.near.log_unit + near.log_unit - logs[names]
             shifts.append(shift)
         return self._replace(near=replace(near, weighed=near.weighed.reweighted(shifts, seed)))
 

@@ -24,6 +24,9 @@ from .inner_parameter import InnerParameter
 DOMAINS = ("mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle")
 """Catalogues that come with the package."""
 
+IN_ALL = tuple(domain for domain in DOMAINS if domain != "vehicle")
+"""Catalogues of "all": those of vehicles are mechanical effects by other names, and one column is not two effects."""
+
 CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
 """What `load_catalogue` takes."""
 
@@ -66,7 +69,7 @@ def _each(spec: Any) -> Iterator[Effect]:
     if isinstance(spec, Effect):
         yield spec
     elif isinstance(spec, str) and spec in (*DOMAINS, "all"):
-        for domain in DOMAINS if spec == "all" else (spec,):
+        for domain in IN_ALL if spec == "all" else (spec,):
             yield from _packaged(domain)
     elif isinstance(spec, str | os.PathLike):
         yield from _own(spec)

@@ -39,6 +39,8 @@ ROLES: dict[str, str] = {
 
 _ELECTRICAL_UNITS = {"voltage": "V", "current": "A", "flux": "Wb"}
 
+_CONCENTRATION_UNITS = ("mol/l", "mol/kg", "kg/m^3", "1/m^3")
+
 _THERMAL_ROLES = ("temperature", "surroundings", "absolute_temperature", "absolute_surroundings")
 
 _TEMPERATURE_ROLES = ("state", "input", "other", *_THERMAL_ROLES)
@@ -56,8 +58,8 @@ _OUTPUT_ROLE_UNITS = {
 class Columns:
     """Names of the columns of the data, and their units.
 
-    A voltage, current, flux or temperature in a unit of something else is none, and a temperature may only be a state,
-    an input, another state, or what thermal effects ask for.
+    A voltage, current, flux, concentration or temperature in a unit of something else is none, and a temperature may
+    only be a state, an input, another state, or what thermal effects ask for.
     """
 
     states: Sequence[str]
@@ -135,6 +137,9 @@ def roles_of(
         roles[f"absolute_{role}"] = tuple(name for name in roles[role] if _is_absolute(name, units))
     for role, quantity in _ELECTRICAL_UNITS.items():
         roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units))
+    roles["concentration"] = tuple(
+        name for name in roles["concentration"] if any(_may_be(name, unit, units) for unit in _CONCENTRATION_UNITS)
+    )
     for role in set(roles).difference(_TEMPERATURE_ROLES):
         roles[role] = tuple(name for name in roles[role] if not _is_temperature(name, units))
     return {**roles, **given}

@@ -79,10 +79,7 @@ def _one(*_: Any) -> float:
     return 1.0
 
 
-_INPUT = (
-    _plain("input-gain", lambda u: u, "input"),
-    _plain("cubic-input", lambda u: u**3, "input"),
-)
+_INPUT = (_plain("input-gain", lambda u: u, "input"), _plain("cubic-input", lambda u: u**3, "input"))
 _SQUARED_INPUT = _plain("squared-input", lambda u: u * np.abs(u), "input")
 
 MECHANICAL = (
