@@ -109,7 +109,7 @@ def probability_of_answer(study: StudyResult) -> float:
 def probability_missing(study: StudyResult) -> float:
     """Return the probability that something is missing in some equation: no gap, recalibration and instrument left."""
     nothing = 1.0
-    for name in study.maps:
+    for name in study.hypotheses.index.unique(0):
         known = rows_of(study.hypotheses, name)["probability"].to_dict()
         nothing *= sum(known.get(each, 0.0) for each in STOPS if each != UNKNOWN_KIND)
     return 1.0 - nothing

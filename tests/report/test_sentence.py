@@ -405,7 +405,7 @@ def test_that_nothing_is_missing_is_what_the_answers_without_an_effect_say(monke
         [("x", "no gap"), ("x", "instrument"), ("x", "unknown"), ("x", "cubic")], names=["equation", "hypothesis"]
     )
     table = pd.DataFrame({"probability": [0.4, 0.1, 0.2, 0.3]}, index=index)
-    study = SimpleNamespace(maps={"x": None}, hypotheses=table)
+    study = SimpleNamespace(hypotheses=table)
     assert probability_missing(study) == pytest.approx(0.5)
 
 
