@@ -164,6 +164,13 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
     regressors, point = near.regressors, near.rows.point
     sensors = sensor_errors(regressors, after)
     alike, hidden = _of_one_memory(regressors, after, point.hidden)
+    through = source.model.named.moved_through(point.parameters)
+    moved = {name: point.parameters[name] for name in through}
+    named = source.model.at(moved).named
+    own = [regressors.columns[i] for i in after.indices[: after.n_own]]
+    slopes = {state.name: state for column in own if column.term is not None for state in column.formula.states}
+    # Where hidden states follow the value that was found, the whole change is that and what is left of it.
+    known = [(column.formula, -through[column.parameter]) for column in own if column.parameter in through]
     in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
     remainder = None
     if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
@@ -174,7 +181,7 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         after=after,
         sigma=float(np.mean(after.sigma)) * regressors.target_scale,
         discrepancy=remainder,
-        corrected=lambda data: source.put_right(data, point, sensors, train, hidden),
+        corrected=lambda data: source.put_right(data, point, sensors, train, (*hidden, *slopes.values())),
         rows=source.row_kind(point),
         sensors=sensors,
         clock=train,
@@ -182,7 +189,9 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         alike=alike,
         gain=regressors.rows.gain,
         forced=in_time and near.rows.model.rows.follows_path,
-        remainder=source.model.named.remainder(regressors.equation, point.parameters),
+        parameters=moved,
+        slopes=tuple(slopes.values()),
+        remainder=(*named.remainder(regressors.equation, point.parameters), *known),
     )
 
 

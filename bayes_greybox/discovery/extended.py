@@ -71,8 +71,8 @@ def _moved(model: Program, study: EquationStudy) -> dict[str, Parameter]:
     moved, regressors = {}, study.regressors
     for name, value in study.near.rows.point.parameters.items():
         parameter = model.parameters[name]
-        if len(model.named.places(name)) > 1:
-            # One coefficient is of one equation.
+        if len(model.named.places(name)) > 1 or name in model.named.through:
+            # One coefficient is of one equation, and no hidden state follows what is learned.
             moved[name] = replace(parameter, value=value)
             continue
         own = next(column for column in regressors.columns if column.parameter == name)

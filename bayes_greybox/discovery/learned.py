@@ -55,7 +55,8 @@ def extended_system(
     corrected as in the commonest pattern of the draws.
     """
     for amendment in amendments.values():
-        base = amendment.model(base) if amendment.hidden else base
+        # Formulas have the parameters themselves.
+        base = replace(amendment, parameters={}, slopes=()).model(base) if amendment.hidden else base
     values: dict[str, Value] = {}
     for amendment in amendments.values():
         values |= _parameters(amendment, base)
@@ -154,7 +155,9 @@ def _drawn(amendment: Amendment, means: Mapping[str, float]) -> Drawn:
     # Beside orthogonal features the coefficients are the effects' own.
     added = replace(amendment, discrepancy=None, remainder=()).added(0, n_draw)
     weights = added.weights if f is None else amendment.statistics.target_scale * f.weights(n_draw)
-    # The simulation has the means of its parameters.
+    # The simulation has the means of its parameters; hidden states follow these, and nothing else.
+    plain = [k for k, term in enumerate(added.terms) if not (term.parameter and term.states)]
+    added = added._replace(terms=[added.terms[k] for k in plain], coefficients=added.coefficients[:, plain])
     named = [k for k, term in enumerate(added.terms) if term.parameter]
     stated = np.array([means.get(term.name, 0.0) * (not term.parameter) for term in added.terms])
     coefficients = added.coefficients + stated

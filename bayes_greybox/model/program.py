@@ -67,8 +67,8 @@ class Program(SamplingProgram):
             simulation, and f need not be orthogonal to it.
         parameters: Numbers with names in the formulas of the simulation, `{"m": bg.Parameter(2.0, sd=0.1), "k": 30.0}`.
             With a standard deviation one is learned, and its posterior stands among the coefficients; see `Parameter`.
-        starts: Where hidden states start, on rows of rates and outputs, which need to know it: a number, or the column
-            that has the value there, `{"soc": 1.0}`.
+        starts: Where hidden states start, on rows of rates and outputs, which need to know it: a number, the column
+            that has the value there, or a parameter, `{"soc": 1.0}`.
     """
 
     dictionary: Mapping[str, Any] = field(default_factory=dict)
@@ -128,7 +128,7 @@ class Program(SamplingProgram):
     @cached_property
     def named(self) -> NamedFormulas:
         """Formulas with named parameters."""
-        return NamedFormulas.of(self.simulation, self.parameters)
+        return NamedFormulas.of(self.simulation, self.parameters, self.starts)
 
     @property
     def blocks(self) -> dict[str, tuple[str, ...]]:
@@ -283,7 +283,7 @@ class Program(SamplingProgram):
             discrepancy = replace(discrepancy, variables=(*self.states(data), *data.input_names))
         simulation = with_states(self.simulation, states)
         if self.rows.linear:
-            starts = {**self.starts, **{state.name: state.start or 0.0 for state in states}}
+            starts = {**self.starts, **{state.name: state.start or state.rest for state in states}}
             return replace(self, simulation=simulation, discrepancy=discrepancy, starts=starts)
         starts = {state.name: state.start for state in states if state.start}
         rows = self.rows.resting({state.name: state.unit_of for state in states}, starts)

@@ -27,6 +27,9 @@ from bayes_greybox.running.limits import is_finite
 Arrays = Array | np.ndarray
 """Arrays of JAX, or of NumPy on their way to it."""
 
+Starts = Mapping[str, float | str]
+"""Values of hidden states where a run starts: numbers, or columns that have the value there; "": at rest, at 0."""
+
 STEP_OVER_TIME_SCALE = 0.2
 """Length of a step of hidden states, over the shortest time in which they change."""
 
@@ -50,7 +53,8 @@ class HiddenState:
         unit_of: Column, or role, whose unit and approximate size it has.
         meaning: A few words that describe it.
         start: Column, or role, whose value it has where a run starts, for a part that moves along with a body; "": at
-            rest, which is zero.
+            rest.
+        rest: Its value at rest.
         named: The same rate, if it was parsed before, with names for numbers in it.
     """
 
@@ -59,6 +63,7 @@ class HiddenState:
     unit_of: str
     meaning: str = ""
     start: str = ""
+    rest: float = 0.0
     named: InitVar[Named | None] = None
     _named: Named | None = field(init=False, repr=False, compare=False)
 
@@ -76,10 +81,10 @@ class HiddenState:
 
 
 def read_starts(given: Any) -> dict[str, float | str]:
-    """Return the starts of hidden states as the user gave them, numbers or names of columns.
+    """Return the starts of hidden states as the user gave them, numbers or names of columns or parameters.
 
     Raises:
-        InputError: They are no mapping of states to numbers or columns.
+        InputError: They are no mapping of states to numbers or names.
     """
     if not isinstance(given, Mapping):
         raise InputError("GreyBox(starts=...) must map hidden states to their values where runs start: {'soc': 1.0}.")
@@ -87,8 +92,8 @@ def read_starts(given: Any) -> dict[str, float | str]:
         check_name(str(name))
         if not (is_finite(start) or isinstance(start, str) and start):
             raise InputError(
-                f"The start of {name!r} must be a number, or the column that has the value where a run starts, "
-                f"not {start!r}: GreyBox(starts={{{name!r}: 1.0}})."
+                f"The start of {name!r} must be a number, the column that has the value where a run starts, or a "
+                f"parameter, not {start!r}: GreyBox(starts={{{name!r}: 1.0}})."
             )
     return {str(name): start if isinstance(start, str) else float(start) for name, start in given.items()}
 
@@ -117,14 +122,15 @@ def along(
         both |= {name: np.column_stack([columns[name][before], columns[name]]).ravel() for name in held if name in both}
         twice = along(systems, np.repeat(time, 2), both, np.repeat(fresh, 2) & (np.arange(2 * len(time)) % 2 == 0))
         return [{name: path[1::2] for name, path in each.items()} for each in twice]
-    alike: dict[tuple[_Rates, tuple[str, ...]], list[tuple[int, tuple[float, ...]]]] = {}
+    alike: dict[tuple[_Rates, tuple[tuple[str, float], ...]], list[tuple[int, tuple[float, ...]]]] = {}
     for k, states in enumerate(systems):
         rates, numbers = _Rates.of(states)
-        alike.setdefault((rates, tuple(state.start for state in states)), []).append((k, numbers))
+        alike.setdefault((rates, tuple((state.start, state.rest) for state in states)), []).append((k, numbers))
     paths: list[dict[str, np.ndarray]] = [{} for _ in systems]
     for (rates, _), members in alike.items():
-        starts = [columns.get(state.name, columns.get(state.start)) for state in systems[members[0][0]]]
-        start = np.column_stack([np.zeros(len(time)) if x is None else x for x in starts])
+        states = systems[members[0][0]]
+        starts = [columns.get(state.name, columns.get(state.start, np.full(len(time), state.rest))) for state in states]
+        start = np.column_stack(starts)
         values = _integrated(rates, np.array([n for _, n in members]).T, time, columns, start, fresh)
         for place, (k, _) in enumerate(members):
             paths[k] = {name: values[i, place] for i, name in enumerate(rates.names)}

@@ -12,7 +12,7 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import sympy
 
@@ -160,7 +160,7 @@ def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
 def _tangent(formula: sympy.Expr, parameters: tuple[tuple[str, Parameter], ...]) -> Tangent:
     used = {name: each for name, each in parameters if symbol(name) in formula.free_symbols}
     here: dict[Any, Any] = {symbol(name): _number(each.here) for name, each in used.items()}
-    slopes: dict[str, Any] = {name: _slope(formula, name, each.here) for name, each in used.items()}
+    slopes: dict[str, Any] = {name: slope_by(formula, name, each.here) for name, each in used.items()}
     moving = {symbol(name) for name, each in used.items() if each.learned or each.here != each.value}
     curved = {name for name in used if symbol(name) in moving and slopes[name].free_symbols & moving}
     # What the formula is linear in is taken out of it, and not off it: no rounding is left.
@@ -201,8 +201,17 @@ def step_to(value: float, here: float, spread: float) -> float:
     return here + min(max(value - here, -longest), longest)
 
 
-def _slope(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
-    """Return the derivative of a formula by a parameter, or central differences where it is not finite everywhere."""
+def at_here(formula: sympy.Expr, parameters: Parameters) -> sympy.Expr:
+    """Return a formula at the values that formulas are linearised at."""
+    here: Any = {symbol(name): _number(each.here) for name, each in parameters.items()}
+    return cast(sympy.Expr, formula.xreplace(here))
+
+
+def slope_by(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
+    """Return the derivative of a formula by a name, or central differences where it is not finite everywhere.
+
+    The step of these goes with the size of `value`.
+    """
     slope = sympy.diff(formula, symbol(name))
     logs = slope.atoms(sympy.log) - formula.atoms(sympy.log)
     if not logs and not slope.has(sympy.DiracDelta, sympy.Derivative, sympy.Subs):

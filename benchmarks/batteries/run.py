@@ -1,9 +1,10 @@
-"""Studies of cells whose simulation lacks one relaxation, two, or none."""
+"""Studies of cells whose simulation lacks one relaxation, two, or none, or has a wrong capacity."""
 
 from typing import Any
 
 import numpy as np
 
+from benchmarks.answers import SURE
 from benchmarks.named import counted, named
 from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
 
@@ -15,8 +16,13 @@ KINDS = {
     "one of two lacking": (2, 1, "relaxation"),
     "two lacking, one pulse": (2, 0, "two-relaxations"),
     "none lacking": (1, 1, ""),
+    "none lacking, capacity off": (1, 1, ""),
+    "one lacking, capacity off": (1, 0, "relaxation"),
 }
 """Pairs of the cell, those that its simulation has, and the effect that is lacking."""
+
+OFF = "capacity off"
+"""Cells whose simulation has a capacity that is 3 to 15 % too small or too large."""
 
 ONE_PULSE = "two lacking, one pulse"
 
@@ -35,7 +41,7 @@ def simulation(each: Cell, known: int) -> dict[str, str]:
     pairs = each.pairs[::-1][:known]
     formulas = {f"v{k}": f"({r!r}*i - v{k})/{time!r}" for k, (r, time) in enumerate(pairs)}
     drop = "".join(f" - {name}" for name in formulas)
-    return {"soc": f"-i/(3600*{CAPACITY})", **formulas, "V": f"{OPEN} + {SLOPE}*soc - R0*i{drop}"}
+    return {"soc": "-i/(3600*Q)", **formulas, "V": f"{OPEN} + {SLOPE}*soc - R0*i{drop}"}
 
 
 def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
@@ -55,13 +61,25 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
     )
     formulas = simulation(each, known)
     starts = {name: 1.0 if name == "soc" else 0.0 for name in formulas if name != "V"}
-    model = GreyBox(simulation=formulas, parameters={"R0": each.series}, starts=starts)
+    off = np.exp(rng.choice([-1, 1]) * rng.uniform(0.03, 0.15)) if kind.endswith(OFF) else 1.0
+    model = GreyBox(simulation=formulas, parameters={"R0": each.series, "Q": CAPACITY * off}, starts=starts)
     train, test = data.split(0.7)
     found, seconds = studied(model, train, test=test, catalogue="battery")
+    record = {**named(found, seconds, lacking), **_times(found, each, known)}
+    if kind.endswith(OFF):
+        record |= _capacity(found, record, CAPACITY * (1 - off))
+    return {**record, "left": float(found.gap.loc[("test", "unexplained share", "V"), "after"])}
+
+
+def _capacity(found: Any, record: Record, change: float) -> Record:
+    """Return whether the capacity is found off beside what is lacking, and whether its 90 % interval holds."""
+    rows = found.corrections.reset_index().to_dict("records")
+    likely = {row["term"]: row for row in rows if row["probability"] > SURE}
+    own, right = likely.get("Q"), list(likely) == ["Q"]
     return {
-        **named(found, seconds, lacking),
-        **_times(found, each, known),
-        "left": float(found.gap.loc[("test", "unexplained share", "V"), "after"]),
+        "right": right and (record["right"] or found.verdict == "recalibrate"),
+        "named": right and (record["named"] or found.verdict == "recalibrate"),
+        "holds": own and bool(own["lower"] <= change <= own["upper"]),
     }
 
 
@@ -79,7 +97,10 @@ def _times(found: Any, each: Cell, known: int) -> dict[str, Any]:
 
 
 def score(records: list[Record]) -> Tables:
-    """Return a row for each kind of cell; see `counted`. Intervals are those of its time, the faster one of two."""
+    """Return a row for each kind of cell; see `counted`.
+
+    Intervals are those of its time, the faster one of two, or of a capacity that is off.
+    """
     return counted(records, "cells")
 
 

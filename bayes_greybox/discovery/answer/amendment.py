@@ -114,6 +114,8 @@ class Amendment:
         alike: Draws whose hidden states have these rates; None: all.
         gain: Factor from rows to the sensor that they are of.
         forced: True if a latent force is part of the rows' noise.
+        parameters: Values of parameters that act through hidden states, which the model after has.
+        slopes: Sensitivities of hidden states to parameters, which columns of the draws depend on.
         remainder: What the tangent at the values of parameters that were found adds to the simulation before, beside
             the slopes, which are columns; with coefficients in the unit of the rate.
     """
@@ -131,6 +133,8 @@ class Amendment:
     alike: Int[np.ndarray, " n"] | None = None
     gain: float = 1.0
     forced: bool = False
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    slopes: tuple[HiddenState, ...] = ()
     remainder: KnownTerms = ()
 
     @property
@@ -143,10 +147,10 @@ class Amendment:
         return self.able[np.linspace(0, len(self.able) - 1, n_draw).astype(int)]
 
     def model(self, before: Program) -> Program:
-        """Return the model before with the rows and the hidden states of the model after."""
-        near = before if self.rows is None else replace(before, rows=self.rows)
+        """Return the model before with the rows, hidden states and sensitivities of the model after."""
+        near = (before if self.rows is None else replace(before, rows=self.rows)).at(self.parameters)
         data = self.clock or self.statistics.path
-        return near if data is None else near.remembering(self.hidden, data)
+        return near if data is None else near.remembering((*self.hidden, *self.slopes), data)
 
     @property
     def jumping(self) -> tuple[int, ...]:

@@ -1,7 +1,7 @@
 """Free runs of the model before and after: each started where the measurements start, and left alone."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -63,11 +63,14 @@ class FreeRuns:
         self, model: Program, amendments: Mapping[str, Amendment], interpolation: str | Sequence[str] | None = None
     ) -> None:
         self.amendments = amendments
-        self.hidden = {state.name for amendment in amendments.values() for state in amendment.hidden}
-        self.model = model
-        for amendment in amendments.values() if self.hidden else ():
+        every = list(amendments.values())
+        self.hidden = {state.name for each in every for state in (*each.hidden, *each.slopes)}
+        self.model = self.before = model
+        for amendment in every if self.hidden else ():
             # The model before has them too, where they drive nothing.
             self.model = amendment.model(self.model)
+            self.before = replace(amendment, parameters={}).model(self.before)
+        self.moved = any(each.parameters for each in every)
         self.interpolation = model.rows.interpolation if interpolation is None else interpolation
         self._runners: dict[tuple, tuple[FreeRunner, Mapping[str, Added]]] = {}
 
@@ -87,13 +90,19 @@ class FreeRuns:
         # The model before runs from the very starts of the draws after; from exact ones once.
         n_before = 1 if start.exact else n_draw
         first = start.draws(n_draw, np.random.default_rng(seed))
-        runner, added = self._runner(data, n_before, n_draw)
+        runner, added = self._runner(data, n_before, n_draw, self.model)
         parameters = {name: (jnp.asarray(a.coefficients), jnp.asarray(a.weights)) for name, a in added.items()}
-        if sensors:
-            # Before, nothing was known of the sensors; after, right inputs drive the path from where it was.
-            begin = first if starts is not None else estimate_starts(right).draws(n_draw, np.random.default_rng(seed))
+        if sensors or self.moved:
+            # Before, nothing was known of the sensors; after, right inputs drive the path from where it was. Hidden
+            # states of the two follow other values of parameters.
+            earlier = self._runner(data, n_before, n_draw, self.before)[0] if self.moved else runner
+            begin = (
+                first
+                if starts is not None or not sensors
+                else estimate_starts(right).draws(n_draw, np.random.default_rng(seed))
+            )
             both = [
-                runner(data, jax.tree.map(lambda x: x[:n_before], parameters), first[:n_before]),
+                earlier(data, jax.tree.map(lambda x: x[:n_before], parameters), first[:n_before]),
                 runner(right, jax.tree.map(lambda x: x[n_before:], parameters), begin),
             ]
             states, failed_at = np.concatenate([x for x, _ in both]), np.concatenate([t for _, t in both], axis=1)
@@ -150,18 +159,25 @@ class FreeRuns:
             return right
         return self.model.rows.complete_all(right, tuple(self.amendments), self.model.simulator(right))
 
-    def _runner(self, data: Trajectories, n_before: int, n_draw: int) -> tuple[FreeRunner, Mapping[str, Added]]:
-        key = (data.state_names, data.input_names, n_before, n_draw)
+    def _runner(
+        self, data: Trajectories, n_before: int, n_draw: int, model: Program
+    ) -> tuple[FreeRunner, Mapping[str, Added]]:
+        key = (data.state_names, data.input_names, n_before, n_draw, model is self.model)
         if key not in self._runners:
             added = {name: a.added(n_before, n_draw) for name, a in self.amendments.items()}
             # An integrator cannot stay on a jump.
             rounded = {name: [term.rounded(data.columns) for term in each.terms] for name, each in added.items()}
             added = {name: each._replace(terms=rounded[name]) for name, each in added.items()}
-            self._runners[key] = (FreeRunner(self._rate(data, added), self.interpolation, rtol=1e-6, atol=1e-7), added)
+            self._runners[key] = (
+                FreeRunner(self._rate(data, added, model), self.interpolation, rtol=1e-6, atol=1e-7),
+                added,
+            )
         return self._runners[key]
 
-    def _rate(self, data: Trajectories, added: Mapping[str, Added]) -> Callable[[Array, Array, Array, dict], Array]:
-        simulation = self.model.simulator(data, lacking=True).rounded(data.columns)
+    def _rate(
+        self, data: Trajectories, added: Mapping[str, Added], model: Program
+    ) -> Callable[[Array, Array, Array, dict], Array]:
+        simulation = model.simulator(data, lacking=True).rounded(data.columns)
         names = (*data.state_names, *data.input_names)
         places = {name: data.state_names.index(name) for name in self.amendments}
 

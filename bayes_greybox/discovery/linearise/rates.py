@@ -92,6 +92,7 @@ class RateRows(Source):
         regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
         late = {error.key: size for error, size in point.sensors.items() if error.kind == DELAY}
+        regressors.freed = [*regressors.freed, *late]
         for k, column in enumerate(regressors.columns):
             if column.called in late:
                 size = late[column.called] * column.scale / regressors.target_scale
@@ -131,7 +132,7 @@ class RateRows(Source):
         moved = undone(_earlier(self._smooth(data), self.late), self.equation, delays)
         right = calibrated(moved, self.equation, sensors, clock)
         # Hidden states follow the right inputs, also where rows are left out.
-        model = self.model.remembering(hidden, right)
+        model = self.model.at(point.parameters).remembering(hidden, right)
         right = model.rows.complete(right, self.equation, model.simulator(right))
         return right.keep(_usable(data, self.equation, delays, (*out, *_beyond(data, self.late))))
 

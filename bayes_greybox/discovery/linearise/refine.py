@@ -124,7 +124,8 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
     """
     free, group = tuple(regressors.of_kind(FREE)), set(regressors.group(label))
     if not hypotheses:
-        return {(): _Context(free, 0)}
+        freed = [i for i, column in enumerate(regressors.columns) if column.called in regressors.freed]
+        return {(): _Context((*free, *freed), 0)}
     contexts: dict[tuple[str, ...], _Context] = {}
     probability: dict[tuple[str, ...], float] = {}
     for hypothesis in hypotheses:

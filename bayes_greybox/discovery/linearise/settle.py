@@ -20,7 +20,21 @@ from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, best_of, table_of
 
 
 def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Visit:
-    """Return the hypotheses on rows near the likeliest that was visited; the seed is that of the bagged records."""
+    """Return the hypotheses on rows near the likeliest that was visited; the seed is that of the bagged records.
+
+    Where parameters that hidden states follow have moved, effects were tried beside other hidden states, some at values
+    that made up for these: they are tried again beside those that were found.
+    """
+    found = _settled(source, start, odds, reach, seed, report)
+    point = found.near.point_of(found.near.likeliest)
+    moved = {name: point.parameters[name] for name in source.model.named.moved_through(point.parameters)}
+    if moved.keys() <= start.parameters.keys():
+        return found
+    again = _settled(source, replace(start, parameters=moved), odds, reach, seed, report)
+    return max(found, again, key=lambda visit: visit.near.log_evidence)
+
+
+def _settled(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Visit:
     report("weighing hypotheses")
     rows = source.near(start)
     # Effects compete at their best from the start: at coarse values, or those of other rows, stand-ins would win.

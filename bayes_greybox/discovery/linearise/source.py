@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE
 from bayes_greybox.discovery.regressors.columns import Values, at_values, first_values
-from bayes_greybox.discovery.regressors.regressors import ALWAYS_ZERO, Regressors
+from bayes_greybox.discovery.regressors.regressors import ALWAYS_ZERO, Regressors, hidden_columns
 from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes, run_slices
 from bayes_greybox.discovery.sensor_errors.late import Late
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
@@ -144,12 +144,23 @@ def regressors_of(
 ) -> Regressors:  # fmt: skip
     """Return free terms, corrections and effects of one equation.
 
-    Where the data are the rows `kept` of whole runs, effects with memory go along these.
+    Where the data are the rows `kept` of whole runs, what remembers goes along these.
 
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
     """
-    plain = model.equation_rows(data, equation)
+    plain, simulation = model.equation_rows(data, equation), model.simulator(data)
+    off = simulation.correctable(equation)
+    remembers = any(effect.effect.hidden for effect in effects) or any(each.term.states for each in off)
+    path = model.rows.nodes(whole or data, equation, simulation, whole=True) if remembers else None
+    held = model.rows.held(data)
+    # Hidden states follow parameters where these are now; a coefficient is the whole change.
+    moved = model.named.moved_through({name: each.here for name, each in model.parameters.items()})
+    changed = [(each.term, moved[each.parameter]) for each in off if moved.get(each.parameter)]
+    hidden = hidden_columns([term for term, _ in changed], path, held, kept)
+    for (term, change), states in zip(changed, hidden, strict=True):
+        column = np.asarray(term.evaluate({**plain.columns, **states}), float)
+        shown = shown + change * plain.operate(column[:, None])[:, 0]
     rows = replace(plain, measured=plain.measured + shown / plain.gain)
     gp = model.discrepancy or OrthogonalGP()
     variables, centre, half_width = discrepancy_box(gp, rows.columns)
@@ -157,16 +168,13 @@ def regressors_of(
     per_variable = LAW_FEATURES.get(len(variables))
     default = None if per_variable is None else (per_variable,) * len(variables)
     basis = HilbertBasis(gp.boundary, features_per_variable(gp, len(variables), default))
-    hidden = any(effect.effect.hidden for effect in effects)
-    path = model.rows.nodes(whole or data, equation, simulation, whole=True) if hidden else None
-    held = model.rows.held(data)
     regressors = Regressors(variables, centre, half_width, basis, path=path, rows=rows, held=held, kept=kept)
+    regressors.freed = [term.parameter for term, _ in changed]
     if model.learns(equation):
         stated = model.stated(equation, data)
         spreads = {name: prior.sd for name, prior in stated.priors.items()}
         free = [(term, {"spread": spreads.get(term.name), "parameter": term.parameter}) for term in stated.learned]
         regressors.add(FREE, free)
-    off = simulation.correctable(equation)
     regressors.add(CORRECTION, [(each.term, each.about()) for each in off])
     nominals = simulation.nominals(equation)
     terms = {regressors.columns[i].formula.name for i in regressors.of_kind(FREE)} | set(nominals)

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
@@ -39,8 +40,9 @@ class Regressors(EvaluatedColumns):
 
     Attributes:
         acting: Regressors as forces at the samples of the rows; zero for errors of a sensor that shows the rows.
-        shown: Effect on the rows, scaled, of the sensor errors that they are free of; added to the target, so that a
-            coefficient is a whole error.
+        shown: Effect on the rows, scaled, of the errors of sensors and parameters that they are free of; added to the
+            target, so that a coefficient is a whole error.
+        freed: Names of those errors.
         left_out: Effects that cannot be told from the model's own terms, or cannot be evaluated, with the reason.
         twins: Sensor errors left out because another column is the same, with its name.
         changes: Change of that column's coefficient by one prior standard deviation of these, user's units.
@@ -55,6 +57,7 @@ class Regressors(EvaluatedColumns):
     values: Float[np.ndarray, "n_row n_column"] = field(init=False)
     acting: Float[np.ndarray, "n_row n_column"] = field(init=False)
     shown: Float[np.ndarray, " n_row"] | float = 0.0
+    freed: Collection[str] = ()
     left_out: dict[str, str] = field(default_factory=dict)
     twins: dict[str, str] = field(default_factory=dict)
     changes: dict[str, float] = field(default_factory=dict)
@@ -95,7 +98,8 @@ class Regressors(EvaluatedColumns):
             InputError: A free term that is zero or not finite on the data.
         """
         kept, refused, along_path, forces = [], {}, {}, []
-        for (term, about), hidden in zip(items, self._hidden([term for term, _ in items]), strict=True):
+        each = hidden_columns([term for term, _ in items], self.path, self.held, self.kept)
+        for (term, about), hidden in zip(items, each, strict=True):
             value = np.asarray(term.evaluate({**self.rows.columns, **hidden}), float)
             size = float(np.sqrt(np.mean(value**2))) if np.all(np.isfinite(value)) else np.nan
             if not size > 0 or not np.isfinite(size):
@@ -152,20 +156,6 @@ class Regressors(EvaluatedColumns):
         if along_path:
             at_rows[:, list(along_path)] = self.rows.operate(np.column_stack(list(along_path.values())))
         return at_rows
-
-    def _hidden(self, terms: Sequence[Term]) -> list[dict[str, np.ndarray]]:
-        """Return the hidden states of each term along the path; empty where it has none."""
-        systems = {k: term.states for k, term in enumerate(terms) if term.states}
-        if not systems:
-            return [{} for _ in terms]
-        path = self.path
-        assert path is not None
-        fresh = np.diff(path.run, prepend=-1) != 0
-        values = dict(
-            zip(systems, along(list(systems.values()), path.time, path.columns, fresh, self.held), strict=True)
-        )
-        at = slice(None) if self.kept is None else self.kept
-        return [{name: x[at] for name, x in values.get(k, {}).items()} for k in range(len(terms))]
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
         """Add sensor errors; those that another column stands for already are left out.
@@ -249,6 +239,20 @@ class Regressors(EvaluatedColumns):
         """Note effects that have no column left, by another binding or another value of a nonlinear parameter."""
         serving = {column.effect.slug for column in (*self.columns, *new) if column.effect is not None}
         self.left_out |= {slug: why for slug, why in refused.items() if slug not in serving}
+
+
+def hidden_columns(
+    terms: Sequence[Term], path: Trajectories | None, held: Sequence[str], kept: Bool[np.ndarray, " n_node"] | None
+) -> list[dict[str, np.ndarray]]:
+    """Return the hidden states of each term along a path, at the nodes that are kept; empty where it has none."""
+    systems = {k: term.states for k, term in enumerate(terms) if term.states}
+    if not systems:
+        return [{} for _ in terms]
+    assert path is not None
+    fresh = np.diff(path.run, prepend=-1) != 0
+    values = dict(zip(systems, along(list(systems.values()), path.time, path.columns, fresh, held), strict=True))
+    at = slice(None) if kept is None else kept
+    return [{name: x[at] for name, x in values.get(k, {}).items()} for k in range(len(terms))]
 
 
 def _jumps(chosen: Sequence[tuple[Term, float]]) -> Jumps:

@@ -187,7 +187,7 @@ class BoundEffect:
                 self.names[state.unit_of],
                 state.meaning,
                 self.names.get(state.start, ""),
-                rate,
+                named=rate,
             )
             for state, rate in zip(self.effect.hidden, rates, strict=True)
         )

@@ -15,10 +15,11 @@ from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
 from bayes_greybox.physics.formula.rounding import rounded
-from bayes_greybox.physics.parameters import Parameters, tangent
+from bayes_greybox.physics.parameters import Parameter, Parameters, tangent
 from bayes_greybox.physics.terms import Term
 
 from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, Starts, State, States, Times, finite
+from .through_states import acting_through, through_states
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class ExpressionSimulation(Simulation):
         expressions: Parsed expressions by state or output, without names of parameters (see `with_parameters`).
         written: The same as the user wrote them, with names of parameters; empty where there are none.
         parameters: The parameters.
-        begun: See `Simulation.starts`.
+        begun: The same as `starts`, with names of parameters.
     """
 
     expressions: Mapping[str, sympy.Expr]
@@ -42,10 +43,14 @@ class ExpressionSimulation(Simulation):
         cls, states: tuple[str, ...], inputs: tuple[str, ...], written: Mapping[str, sympy.Expr],
         parameters: Parameters, starts: Starts,
     ) -> "ExpressionSimulation":  # fmt: skip
-        """Return formulas at the values of their parameters, without the terms of those that are learned."""
+        """Return formulas at the values of their parameters, without the terms of those that are learned.
+
+        Parameters that act through hidden states are where formulas are linearised: these states follow no tangent.
+        """
         if not parameters:
             return cls(states, inputs, written, begun=starts)
-        expressions = {name: tangent(expr, parameters).rest for name, expr in written.items()}
+        there = {name: Parameter(parameters[name].here) for name in acting_through(written, starts, parameters)}
+        expressions = {name: tangent(expr, {**parameters, **there}).rest for name, expr in written.items()}
         return cls(states, inputs, expressions, written, parameters, starts)
 
     @property
@@ -55,8 +60,9 @@ class ExpressionSimulation(Simulation):
 
     @property
     def starts(self) -> Starts:
-        """Values of hidden states where a run starts."""
-        return self.begun
+        """Values of hidden states where a run starts, those of parameters where formulas are linearised."""
+        here: dict[float | str, float] = {name: each.here for name, each in self.parameters.items()}
+        return {state: here.get(start, start) for state, start in self.begun.items()}
 
     def rate(self, t: Array, x: State, u: Input) -> State:
         """Return g at one point, inside an integrator."""
@@ -110,14 +116,17 @@ class ExpressionSimulation(Simulation):
             return super().correctable(state)
         formula, names = self.written[state], {symbol(name) for name in self.parameters}
         parts = [part for part in sympy.Add.make_args(sympy.expand(formula)) if not part.free_symbols & names]
-        plain = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
-        return plain + [
-            Correctable(
-                Term(slope, name, parameter=name), self.parameters[name].value, name, self.parameters[name].changes
-            )
-            for name, slope in tangent(formula, self.parameters).slopes.items()
-            if slope != 0 and not self.parameters[name].learned
-        ]
+        off = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
+        slopes = tangent(formula, self.parameters).slopes
+        for name, each in self.parameters.items():
+            through = through_states(state, name, self.written, self.begun, self.parameters)
+            slope: Any = slopes.get(name, sympy.S.Zero)
+            hidden = () if through is None else through.states
+            slope = slope if through is None else slope + through.slope
+            if slope != 0 and not each.learned:
+                term = Term(slope, name, states=hidden, parameter=name)
+                off.append(Correctable(term, each.value, name, each.changes))
+        return off
 
     def nominals(self, state: str) -> dict[str, float]:
         """Return the numbers that the additive terms of the whole formula have."""
@@ -151,7 +160,7 @@ class ExpressionSimulation(Simulation):
     def key(self) -> Hashable:
         """Names and formulas, with all digits of their numbers."""
         formulas = tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())
-        return self.states, self.inputs, formulas, tuple(self.begun.items())
+        return self.states, self.inputs, formulas, tuple(self.starts.items())
 
 
 def _additive(formula: sympy.Expr) -> list[tuple[Term, float]]:

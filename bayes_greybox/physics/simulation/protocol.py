@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.hidden_states import Starts
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
@@ -29,9 +30,6 @@ States = Float[np.ndarray, "*n n_state"]
 Inputs = Float[np.ndarray, "*n n_input"]
 Jacobians = Float[np.ndarray, "*n n_state n_state"]
 """Values at many points, such as those along paths."""
-
-Starts = Mapping[str, float | str]
-"""Values of hidden states where a run starts: numbers, or columns that have the value there; "": at rest, at 0."""
 
 KnownTerms = Sequence[tuple[Term, float]]
 """Terms with their coefficients."""
