@@ -142,7 +142,7 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
 
 
 def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
-    """Return interpolations with inputs that are held: all of them, and those alone that do not look smooth.
+    """Return interpolations with inputs that are held: all, each by itself, and those that do not look smooth.
 
     A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples. What
     goes on does not stay the same from most samples to the next: with each is said whether all that is held does.
@@ -151,12 +151,14 @@ def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
     parts = [samples.run == run for run in range(samples.n_run)]
     inputs = samples.matrix(samples.input_names)
     kinds = between_samples_of_runs([(samples.time[part], inputs[part]) for part in parts])
-    rough = np.array([kind != "cubic" for kind in kinds])
     stays = np.concatenate([np.diff(inputs[part], axis=0) == 0 for part in parts]).mean(axis=0) > 0.5
-    each: list[tuple[str | tuple[str, ...], bool]] = [("zoh", bool(np.all(stays)))]
-    if 0 < np.sum(rough) < len(rough):
-        each.append((tuple("zoh" if held else "cubic" for held in rough), bool(np.all(stays[rough]))))
-    return each
+    n, rough = len(kinds), tuple(kind != "cubic" for kind in kinds)
+    choices = dict.fromkeys([(True,) * n, *(tuple(k == one for k in range(n)) for one in range(n)), rough])
+    return [
+        ("zoh" if all(held) else tuple("zoh" if each else "cubic" for each in held), bool(np.all(stays[list(held)])))
+        for held in choices
+        if any(held)
+    ]
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:

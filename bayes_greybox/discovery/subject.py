@@ -11,7 +11,6 @@ import numpy as np
 from bayes_greybox.data.samples.averaging import averaged, longest_block
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.noise.asked import Noise, check_asked
-from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effect_tables import nearest
 from bayes_greybox.physics.catalogue.effects import BoundEffect, Effect
@@ -24,7 +23,11 @@ from bayes_greybox.physics.units import check_units, require_units_of
 from bayes_greybox.running.errors import InputError
 
 from .answer.equation_study import EquationStudy
+from .grid.residuals import FEWEST_BAGGED_BLOCKS
 from .odds import Odds
+
+FEWEST_ROWS = FEWEST_BAGGED_BLOCKS + 2
+"""Fewest rows of a study: one for each block of the record, and two for what every hypothesis has, a start and noise."""
 
 KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Reason why an effect that is in the model is not weighed again."""
@@ -202,10 +205,10 @@ def check_data(
 ) -> None:
     """Refuse data that the search, or the gap and the fit after it, could not use."""
     check_units({}, train.units, train.derivative_names, train.time_name)
-    if train.n_obs < LEAST_ROWS:
+    if train.n_obs < FEWEST_ROWS:
         raise InputError(
             f"The training data have {train.n_obs} rows, on which nothing can be told from noise: give at least "
-            f"{LEAST_ROWS}."
+            f"{FEWEST_ROWS}."
         )
     learnable = (*model.states(train), *train.output_names)
     stranger = next((name for name in equations if name not in learnable), None)

@@ -26,10 +26,9 @@ from bayes_greybox.discovery.grid.points import LATENT_FORCE, NO_DISCREPANCY, SE
 from bayes_greybox.discovery.linearise.near import Point, Shape
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudySettings, investigate
-from bayes_greybox.discovery.subject import check_data, studied_equations
+from bayes_greybox.discovery.subject import FEWEST_ROWS, check_data, studied_equations
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
-from bayes_greybox.model.noise.suspicions import LEAST_ROWS
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.trajectory_rows import TrajectoryRows
 from bayes_greybox.physics.terms import Term
@@ -412,9 +411,9 @@ def test_a_run_of_one_row_will_do_where_no_free_run_is_possible():
 
 
 def test_too_few_rows_are_refused_and_few_are_told_to_go_unchecked(told):
-    check(two_states(n=LEAST_ROWS))
-    with pytest.raises(InputError, match=f"training data have 19 rows.*give at least {LEAST_ROWS}"):
-        check(two_states(n=LEAST_ROWS - 1))
+    check(two_states(n=FEWEST_ROWS))
+    with pytest.raises(InputError, match="training data have 7 rows.*give at least 8"):
+        check(two_states(n=FEWEST_ROWS - 1))
     first, second = told("named", "no gap").warnings
     assert "24 rows are too few to check residuals of d(x)/dt: below 40" in first and "of d(z)/dt: below" in second
 

@@ -175,6 +175,8 @@ def _mended(data: Trajectories, equation: str, rate: Rate) -> tuple[Trajectories
         return data, {}
     slips, columns, ones = {}, {}, np.ones(data.n_obs)
     for name, values in data.columns.items():
+        if name in data.computed:
+            continue
         slope = slope_along(data, rate, name, ones)
         out, better = misread(values, data.run, data.rate(equation), slope)
         if np.any(out):

@@ -150,7 +150,8 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, 
     runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 3]
     believed = {}
     for (name, x), s in zip(data.states.items(), map(float, sds), strict=True):
-        if not 0 < s < LARGEST_NOISE * np.std(x):
+        # What follows from its start no sensor reads.
+        if name in data.computed or not 0 < s < LARGEST_NOISE * np.std(x):
             continue
         if name in rates and runs:
             steps = [np.diff(x[rows] - running_integral(data.time[rows], rates[name][rows])) for rows in runs]

@@ -46,3 +46,17 @@ def test_data_put_right_have_hidden_states_that_follow_the_value_found():
 
 def test_effects_are_tried_beside_a_change_that_rows_were_freed_of():
     assert set(rows(Q=2.1)[1].regressors.freed) == {"Q"} and not set(rows()[1].regressors.freed)
+
+
+def test_no_sensor_reads_what_follows_from_its_start():
+    """A state that a noisy current moves has noise of its own, which is none of a sensor."""
+    noisy = CURRENT + 0.06 * np.random.default_rng(1).standard_normal(N)
+    charge = 1.0 - np.append(0.0, np.cumsum(noisy[:-1])) * 10 / (3600 * 2.0)
+    data = bg.Trajectories.from_arrays(10.0 * np.arange(N), inputs={"i": noisy}, outputs={"V": 3.2 + 0.9 * charge})
+    model = bg.GreyBox(
+        simulation={"soc": "-i/(3600*2.0)", "V": "3.1 + 0.9*soc"},
+        starts={"soc": 1.0},
+        rows=bg.DerivativeRows(interpolation="zoh"),
+    )
+    source = RateRows(model, model.started(data), "V", [])
+    assert "soc" not in source.sample_noise and "soc" not in source.misread
