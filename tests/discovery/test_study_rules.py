@@ -137,6 +137,7 @@ class Told(EquationStudy):
         points = (NoisePoint(NO_DISCREPANCY),)
         parts = {"amendment": Amendment, "map": GapMap, "trace": GapTrace}
         self.__dict__ |= {"name": name, **{part: blank(kind, name) for part, kind in parts.items()}}
+        self.amendment.__dict__["parameters"] = {}
         self.__dict__ |= {
             "verdict": replace(finding(verdict, 0, (f"{name} is odd",)), hypothesis=SimpleNamespace(point=0)),
             "where": self.frame(),
