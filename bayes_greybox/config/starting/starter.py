@@ -11,6 +11,7 @@ from bayes_greybox.config.starting.plan import MASS, SPRING, equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
+from .clock import time_unit
 from .layout import read_as_found
 from .plan import Plan
 from .roles import guessed
@@ -85,6 +86,8 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
         lines += ["# The table has no column of time: set the distance of its rows.", "dt = 1.0"]
     options = [name for name in LAYOUT_OPTIONS if getattr(layout, name) != getattr(usual, name)]
     lines += [f"{name} = {_quoted(getattr(layout, name))}" for name in options]
+    if layout.columns is not None:
+        lines.append(f"columns = {_quoted(layout.columns)}  # the table has no names: give yours, here and below")
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
     if guess.shuffled:
@@ -114,7 +117,7 @@ def _units(plan: Plan) -> str:
         "# With all of them, terms are checked and coefficients get units: fill in and take the # away.",
     ]
     for name, column in columns.items():
-        unit, supposed = plan.unit(column), _by_name(column)
+        unit, supposed = plan.unit(column), time_unit(column or "") if name == "t" else _by_name(column)
         what = "the time" if name == "t" else name
         asked = f'# {_key(name)} = "{supposed or PLACE}"  # unit of {what}'
         asked += ", if its name says so" if supposed else f", such as {_example_unit(plan, name, column)}"

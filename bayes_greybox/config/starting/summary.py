@@ -55,6 +55,8 @@ def _findings(plan: Plan, layout: Layout) -> list[str]:
     if isinstance(layout.skiprows, int) and layout.skiprows:
         lines = "1 line" if layout.skiprows == 1 else f"{layout.skiprows} lines"
         findings.append(f"{lines} above the names")
+    if layout.columns is not None:
+        findings.append(f"no names of columns, which are called {', '.join(layout.columns)}: give yours")
     if layout.decimal == ",":
         findings.append("decimal commas")
     if layout.encoding not in ("utf-8-sig", "utf-8"):
