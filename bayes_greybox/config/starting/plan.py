@@ -11,6 +11,8 @@ from bayes_greybox.data.reading.units import registry
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.running.errors import InputError
 
+from .held_out import split_of
+
 
 class Plan:
     """Names in formulas, and the data from which each equation is learned.
@@ -22,6 +24,7 @@ class Plan:
         learned: States whose rate is open.
         computed: True if rates are computed by a filter; where they are not measured either, rows are samples.
         followed: True if a position is all that was measured, beside inputs.
+        split: Rows that are held out.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
     """
 
@@ -47,6 +50,12 @@ class Plan:
         # One position is followed along its samples, which tell more than rates of a filter, and of memory too.
         self.followed = alone == [*guess.states] and len(alone) == 1
         self.computed = not self.measured and guess.even and not self.followed
+        self.split = split_of(guess.lengths, None, self.computed)
+        if self.computed and self.split.share is None:
+            # Too few rows for a filter.
+            self.computed = False
+        if self.sampled:
+            self.split = split_of(guess.lengths, len(guess.states) + len(self.second), False)
 
     def name(self, columns: Iterable[str]) -> list[str]:
         """Return the names of columns in formulas."""

@@ -103,9 +103,28 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
         lines.append(f"derivatives = {{ {rates} }}  # measured rates: this column is the rate of that state")
     if guess.missing:
         lines.append(f'missing = "drop"  # rows with empty cells are left out, {guess.missing} here')
-    lines.append("test_fraction = 0.2  # the end of each run, held out")
+    lines += _split(plan)
     lines += [f"# {column} has no role: it {why}." for column, why in guess.left_out.items()]
     return "\n".join(lines)
+
+
+def _split(plan: Plan) -> list[str]:
+    """Write the rows that are held out, and runs that are left out."""
+    split, guess = plan.split, plan.guess
+    # Where the time goes back within a run, its parts have other names.
+    named = not guess.shuffled and (guess.run is None or not guess.restart)
+    lines = []
+    if split.left_out and named:
+        lines.append(f"leave_out = {_quoted(split.left_out)}  # runs of too few rows")
+    if split.share is None:
+        few = f"each part of a run needs {split.needed} rows or more"
+        return [
+            *lines,
+            f"# test_fraction = 0.2 would hold out the end of each run, for which there are too few: {few}.",
+        ]
+    if split.whole_runs:
+        return [*lines, f"test_fraction = {split.share}  # the last runs, held out", 'split_by = "trajectory"']
+    return [*lines, f"test_fraction = {split.share}  # the end of each run, held out"]
 
 
 def _units(plan: Plan) -> str:

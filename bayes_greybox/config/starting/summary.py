@@ -78,4 +78,5 @@ def _samples(plan: Plan) -> list[str]:
     one = ": discover looks at one equation at a time" if len(plan.equations) > 1 else ""
     if plan.followed and plan.guess.even:
         return ["Rows are samples, and no rate is computed."]
-    return [f"Times are not even, so rows are samples, and no rate is computed{one}."]
+    why = "There are too few rows for a filter" if plan.guess.even else "Times are not even"
+    return [f"{why}, so rows are samples, and no rate is computed{one}."]
