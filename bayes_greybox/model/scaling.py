@@ -101,8 +101,9 @@ def discrepancy_box(
     if np.any(half_width == 0):
         constant = variables[int(np.argmin(half_width))]
         raise InputError(
-            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
-            "OrthogonalGP(variables=...)."
+            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out, "
+            f"OrthogonalGP(variables={[name for name in variables if name != constant]}), in a file [discrepancy] "
+            "variables."
         )
     return variables, centre, half_width
 
