@@ -105,12 +105,17 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
 
 def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
-    here = library.platform
-    if f"binaries/{here}/{description.interface.identifier}{library.sharedLibraryExtension}" in names:
+    here, file = library.platform, description.file
+    called = f"{description.interface.identifier}{library.sharedLibraryExtension}"
+    if f"binaries/{here}/{called}" in names:
         return
-    others = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
-    has = f"its libraries are for {', '.join(others)}" if others else "it has no library at all"
-    sources = any(name.startswith("sources/") and name.endswith(".c") for name in names)
-    file = description.file
-    compiled = f' its C sources are in it, python -m fmpy compile "{file}" adds a library;' if sources else ""
-    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.')
+    # Archives may have folders without a library in them.
+    places = sorted({name.split("/")[1] for name in names if re.fullmatch(r"binaries/[^/]+/.*[^/]", name)})
+    if here in places:
+        has = f"its library for that is not called {called}"
+    else:
+        has = f"its libraries are for {', '.join(places)}" if places else "it has no library at all"
+    remedy = f"export it for {here}"
+    if any(name.startswith("sources/") and name.endswith(".c") for name in names):
+        remedy = f'its C sources are in it, and python -m fmpy compile "{file}" adds a library; or {remedy}'
+    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has}; {remedy}.')
