@@ -18,6 +18,9 @@ from .description import Description, description_of
 
 INSTALL_FMPY = 'install it with pip install ".[fmu]" in the checkout'
 
+VERSIONS = ("2.0", "3.0")
+"""Versions of FMI that are supported."""
+
 KEPT_DIGESTS = 64
 """Files whose digest is kept, by their size and the time of their last change."""
 
@@ -84,9 +87,10 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             names, text = archive.namelist(), archive.read("modelDescription.xml").decode("utf-8", "replace")
         stated = re.search(r'fmiVersion\s*=\s*["\']([^"\']*)', text)
         version = stated[1] if stated else "an unknown version"
-        if version != "2.0":
+        if version not in VERSIONS:
+            supported = " and ".join(VERSIONS)
             raise InputError(
-                f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.'
+                f'"{file}" is an FMU of FMI {version}, and only {supported} are supported: export it again as one.'
             )
         library.extract(str(file), str(folder))
         parsed = library.read_model_description(str(folder), validate=False)
@@ -105,7 +109,7 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
 
 def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
-    here, file = library.platform, description.file
+    here, file = library.platform if description.version == "2.0" else library.platform_tuple, description.file
     called = f"{description.interface.identifier}{library.sharedLibraryExtension}"
     if f"binaries/{here}/{called}" in names:
         return
