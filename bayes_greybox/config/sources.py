@@ -154,6 +154,16 @@ class TableSource(Source):
         if self.workers is not None and self.scheduler is not None:
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
 
+    def nothing_studied(self, simulation: Iterable[str]) -> str:
+        """Say that there is neither a state nor an output, with the names in [simulation]; "" where there is one."""
+        if self.states or self.outputs:
+            return ""
+        name = next(iter(simulation), "y")
+        return (
+            f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of {name!r}, '
+            f'or outputs = ["{name}"] if it says {name!r} itself'
+        )
+
     def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
         """Say that a section, of these by name, has an equation of an input; "" where none has."""
         outside = set(self.inputs) - set(self._with_equations)
