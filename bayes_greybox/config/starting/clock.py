@@ -42,12 +42,19 @@ FEWEST_ROWS_NAMED, FEWEST_ROWS_OF_WORDS = 2, 4
 def time_column(table: Table, names: Sequence[str], layout: Layout) -> str | None:
     """Return the column of stamps: by its name, else the first that holds dates, else the first that only increases."""
     by_name = [name for name in names if TIME_WORDS.match(name)]
+    # T may be a temperature.
+    capital = [name for name in by_name if re.match(r"T(?![A-Za-z])", name)]
     maybe = [name for name in names if MAYBE_TIME.search(name) and name not in by_name]
+    called = [*(name for name in by_name if name not in capital), *maybe, *capital]
     # A mere counter is no time; the index of a frame, or of its file, may hold dates.
     counters = [name for name in names if COUNTERS.match(name)]
-    others = [name for name in names if name not in (*by_name, *maybe, *counters)]
+    others = [name for name in names if name not in (*called, *counters)]
     labels = [name for name in names if tells_runs(table, name, layout)]
-    for name in (*by_name, *maybe, *counters, *others):
+    moving: list[str] = []
+    for name in (*called, *counters, *others):
+        if moving and name not in called:
+            # Nothing called a time goes forward: rows are out of order.
+            break
         try:
             values, dated, *_ = stamps(table, name, layout)
         except AmbiguousDates:
@@ -55,12 +62,13 @@ def time_column(table: Table, names: Sequence[str], layout: Layout) -> str | Non
         except InputError:
             continue
         codes = run_codes(table, next((label for label in labels if label != name), None))
-        forward = _forward(values, codes) or (name in maybe and _begins_again(values))
+        forward = _forward(values, codes) or (name in called and _begins_again(values))
         # The date of a day stays the same beside the time of that day.
         moves = bool(np.any(np.diff(values[np.isfinite(values)])))
-        if moves and (name in by_name or dated or (forward and (name not in counters or np.any(values % 1)))):
+        if moves and (dated or (forward and (name not in counters or np.any(values % 1)))):
             return name
-    return None
+        moving += [name] if moves and name in by_name else []
+    return next(iter(moving), None)
 
 
 def run_codes(table: Table, label: str | None) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Split of a first configuration: rows that are held out, and runs that are too short for any."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 SHARES = (0.2, 0.25, 0.3, 0.4)
 """Shares of each run that may be held out: the first one that leaves enough rows in both parts."""
@@ -13,8 +13,7 @@ SMALLEST_WINDOW, LARGEST_WINDOW = 7, 301
 """Bounds on the window of a filter, which is no longer than a quarter of the shortest run that it is chosen for."""
 
 
-@dataclass(frozen=True)
-class Split:
+class Split(NamedTuple):
     """Rows that are held out.
 
     Attributes:

@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_greybox.config.starting.plan import MASS, SPRING, equation_of_motion
+from bayes_greybox.config.starting.plan import equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
 from .clock import time_unit
 from .layout import read_as_found
+from .parameters import parameters_text, starts_text
 from .plan import Plan
 from .roles import guessed
 from .summary import summary_of
@@ -60,8 +61,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _units(plan),
         _differentiate(plan),
         _simulation(plan),
-        _parameters(plan),
-        _starts(plan),
+        parameters_text(plan),
+        starts_text(plan),
         _dictionary(plan),
         "[study]\n"
         '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "battery",\n'
@@ -196,37 +197,6 @@ def _simulation(plan: Plan) -> str:
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
-
-
-def _parameters(plan: Plan) -> str:
-    """Write examples of named numbers, as a comment: a section of numbers that no formula has is refused."""
-    lines = [
-        "# [parameters]",
-        "# Numbers of the formulas above by name, in units of the table. With sd one is learned by fit; without, it is",
-        "# believed, and discover says if it is off, and what it should be.",
-    ]
-    if plan.second or plan.chained:
-        lines += [
-            f'# m = {{ value = {MASS}, sd = 0.2, lower = 0.0, unit = "kg" }}',
-            f"# k = {SPRING}",
-        ]
-    else:
-        lines += [f'# tau = {{ value = 10.0, sd = 3.0, lower = 0.0, unit = "{plan.unit(plan.guess.time) or "s"}" }}']
-    return "\n".join(lines)
-
-
-def _starts(plan: Plan) -> str:
-    """Write an example of a hidden state, as a comment: a start of a state without a formula is refused."""
-    if not plan.measured:
-        return ""
-    return "\n".join(
-        [
-            "# [starts]",
-            "# A state that no sensor reads, with a formula of inputs, states and other hidden states in [simulation],",
-            "# follows from where it starts: a number, or the column that has the value where a run starts.",
-            f'# charge = 1.0  # beside charge = "-{plan.variables[-1]}/3600" in [simulation]',
-        ]
-    )
 
 
 def _first_order(plan: Plan, name: str) -> str:
