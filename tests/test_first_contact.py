@@ -11,6 +11,8 @@ from bayes_greybox.config import load_config
 from bayes_greybox.config.starting.held_out import split_of
 from bayes_greybox.config.starting.starter import starter
 from bayes_greybox.data.reading.door import layout_of
+from bayes_greybox.discovery.linearise.source import regressors_of
+from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.physics.formula.expressions import parse_expression
 
 N = 60
@@ -126,21 +128,23 @@ def test_the_split_of_samples_leaves_a_path_in_each_part():
     assert split_of({"0": 27}, 2, False)[:2] == (0.25, False)
     assert split_of({"0": 40}, 2, False)[:2] == (0.2, False)
     # Too few rows for any split of each run: whole runs, or none.
-    assert split_of({"a": 8, "b": 8, "c": 8, "d": 8}, 2, False)[:2] == (0.25, True)
+    assert split_of({name: 8 for name in "abcdef"}, 2, False)[:2] == (0.2, True)
+    # A study needs 20 rows to train on.
+    assert split_of({"0": 24}, 0, False)[:2] == (None, False) == split_of({"0": 13}, 1, False)[:2]
     assert split_of({"0": 8}, 2, False)[:2] == (None, False)
     # A run of too few rows is left out.
     assert split_of({"a": 40, "b": 5, "c": 40}, 2, False) == (0.2, False, ("b",), 6)
 
 
-@pytest.mark.parametrize("rows", [18, 20, 24, 30, 60, 300])
+@pytest.mark.parametrize("rows", [20, 30, 40, 60, 300, 3000])
 def test_the_split_of_a_filter_leaves_rows_to_its_longest_window(rows):
     share, *_ = split_of({"0": rows}, None, True)
     if share is None:
-        assert rows < 24
+        assert rows < 40
         return
     first = round((1 - share) * rows)
     # Three quarters of a third, rounded up to the next odd number.
-    assert rows - first >= max(7, first // 4 + 2) + 3
+    assert rows - first >= max(7, min(first // 4 + 2, 301)) + 3
 
 
 def test_a_short_record_is_split_so_that_it_can_be_studied(tmp_path):
@@ -247,3 +251,35 @@ def test_starts_have_an_example_in_the_names_of_the_table(tmp_path):
     model = again.build_model().on(train)
     assert "lagging" in model.simulator(train).states and model.starts == {"lagging": "T_in"}
     assert [*model.assemble(model.complete(train))] == ["T_in"]
+
+
+def test_a_hidden_state_without_a_start_or_at_zero_is_asked_for_its_start():
+    t = np.linspace(0, 5, 60)
+    data = bg.Trajectories.from_arrays(t, states={}, outputs={"V": 3.2 + np.exp(-0.1 * t)}, inputs={"i": np.sin(t)})
+    simulation = {"soc": "-0.1*soc", "V": "3.2"}
+    for starts, message in (
+        ({}, "uses 'soc', which has a formula.*starts={'soc': 1.0}"),
+        ({"soc": 0.0}, "as is 'soc'.*starts"),
+    ):
+        model = bg.GreyBox({"V": ["soc"]}, simulation, starts=starts, discrepancy=None).on(data)
+        with pytest.raises(bg.InputError, match=message):
+            model.assemble(model.complete(data))
+
+
+def test_a_term_that_no_sensor_shows_is_not_called_zero():
+    columns = np.column_stack([np.ones(9), np.zeros(9)])
+    with pytest.raises(bg.InputError, match=r"'I: S\*I' .* no effect on any measurement.*into the simulation"):
+        require_independent(columns, ("S: S*I", "I: S*I"), "S_and_I")
+
+
+def test_a_study_without_a_discrepancy_leaves_out_what_is_constant():
+    t = np.linspace(0, 5, 60)
+    data = bg.Trajectories.from_arrays(
+        t, states={"x": np.exp(-t)}, derivatives={"x": -1.1 * np.exp(-t)}, inputs={"u": np.zeros(60)}, constant="keep"
+    )
+    model = bg.GreyBox({"x": []}, {"x": "-x"}, discrepancy=None).on(data)
+    assert regressors_of(model, data, "x", []).variables == ("x",)
+    # One that was asked for is refused, with the remedy.
+    asked = bg.GreyBox({"x": []}, {"x": "-x"}).on(data)
+    with pytest.raises(bg.InputError, match=r"OrthogonalGP\(variables=\['x'\]\), in a file \[discrepancy\] variables"):
+        regressors_of(asked, data, "x", [])
