@@ -68,7 +68,7 @@ def test_what_needs_all_runs_at_once_says_what_to_do(fit):
 
 def test_a_run_with_too_few_samples_is_refused_as_in_memory():
     data = oscillations()
-    with pytest.raises(InputError, match="A run has 4 samples, too few for a path of 2 states"):
+    with pytest.raises(InputError, match="has 4 samples, too few for a path of 2 states"):
         path_of().fit(bg.RowStream.from_chunks(lambda i: data.take(i).keep(slice(0, 4 if i == 2 else 120)), 4), **FEW)
 
 

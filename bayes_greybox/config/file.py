@@ -155,7 +155,7 @@ class Config(Section):
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
-            if error := self.data.equation_of_input(sections):
+            if error := self.data.nothing_studied(self._formulas) or self.data.equation_of_input(sections):
                 raise wrong(error)
         return self
 
@@ -163,6 +163,12 @@ class Config(Section):
     def _formulas(self) -> dict[str, str]:
         """Formulas of the simulation."""
         return dict(self.simulation) if isinstance(self.simulation, Mapping) else {}
+
+    @property
+    def _example(self) -> str:
+        """Name for examples of equations: the first that the file has."""
+        stated = [name for key in ("states", "outputs") for name in getattr(self.data, key, ())]
+        return next(iter((*stated, *self._formulas)), "y")
 
     @property
     def file(self) -> str:
@@ -247,8 +253,9 @@ class Config(Section):
         dictionary = self._dictionary(model)
         if not dictionary and not any(each.sd for each in self.parameters.values()):
             raise InputError(
-                f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as ydot = ["y"], or '
-                "look for what the simulation misses with bayes-greybox discover."
+                f'"{self._path}" has no [dictionary], so there is nothing to fit: add terms such as '
+                f'{self._example} = ["{self._example}"], or look for what the simulation misses with bayes-greybox '
+                "discover."
             )
         return self._model(dictionary, model)
 
@@ -261,7 +268,7 @@ class Config(Section):
         if not (self.simulation or self.dictionary):
             raise InputError(
                 f'"{self._path}" has neither [simulation] nor [dictionary]: say what is known, such as '
-                '[simulation] ydot = "F - y", so that what is missing can be told from it.'
+                f'[simulation] {self._example} = "-2*{self._example}", so that what is missing can be told from it.'
             )
         return self._model(self.dictionary, Model())
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
+from bayes_greybox.running.limits import Count, NotNegative, Positive, Seed, Whole
 
-from .section import Section, wrong
+from .section import AlsoAs, Section, wrong
 
 if TYPE_CHECKING:
     from bayes_greybox.data.streams.row_stream import RowStream
@@ -33,17 +33,19 @@ class Source(Section, ABC):
     """Settings that every kind of [data] may have.
 
     Attributes:
+        leave_out: Names of runs that are not used.
         resample: Spacing of even times at which samples are interpolated by a spline; see `Trajectories.resample`.
     """
 
+    leave_out: list[Annotated[str, BeforeValidator(lambda v: _run_name(v)), AlsoAs((int,))]] = []
     resample: Positive | None = None
     differentiate: Differentiate | None = None
-    test_fraction: Probability | None = None
+    test_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     split_by: Literal["time", "trajectory"] = "time"
 
     @model_validator(mode="after")
     def _check_test(self) -> Any:
-        if self.test_fraction is not None and self.held_out:
+        if self.test_fraction and self.held_out:
             raise wrong("give either test_fraction or the table test, not both")
         if self.test_fraction is None and "split_by" in self.model_fields_set:
             raise wrong("split_by needs test_fraction, the share of the data to hold out")
@@ -63,7 +65,9 @@ class Source(Section, ABC):
         """Return training data and, where the file asks for them, held-out data."""
         first: Any = self.load(folder, test=False)
         second = self.load(folder, test=True) if self.held_out else None
-        if self.test_fraction is not None:
+        if self.leave_out:
+            first = first.leave_out(self.leave_out)
+        if self.test_fraction:
             first, second = first.split(1.0 - self.test_fraction, by=self.split_by)
         if self.resample is not None:
             first, second = (None if part is None else part.resample(self.resample) for part in (first, second))
@@ -143,12 +147,22 @@ class TableSource(Source):
         return self
 
     def _check_stream(self) -> None:
-        if self.test_fraction is not None:
+        if self.test_fraction:
             raise wrong("a stream is not split: leave test_fraction out, and give held-out rows as [data.test] path")
         if beyond := next((key for key in self.model_fields_set if key not in STREAMED), None):
             raise wrong(f"{beyond} does not apply to rows that are read in chunks; leave it out, or leave out stream")
         if self.workers is not None and self.scheduler is not None:
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
+
+    def nothing_studied(self, simulation: Iterable[str]) -> str:
+        """Say that there is neither a state nor an output, with the names in [simulation]; "" where there is one."""
+        if self.states or self.outputs:
+            return ""
+        name = next(iter(simulation), "y")
+        return (
+            f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of {name!r}, '
+            f'or outputs = ["{name}"] if it says {name!r} itself'
+        )
 
     def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
         """Say that a section, of these by name, has an equation of an input; "" where none has."""
@@ -200,7 +214,7 @@ class TableSource(Source):
 
         # Rates are computed after the split; the key trajectory is older than run.
         settings = self.given(
-            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample",
+            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample", "leave_out",
             "trajectory",
         )  # fmt: skip
         if self.trajectory is not None:
@@ -339,6 +353,10 @@ def _names(value: Any) -> Any:
     if isinstance(value, list | dict) and all(isinstance(item, str) for item in items):
         return value
     raise wrong('should be a list of column names, such as ["y"], or a table of name = "column"')
+
+
+def _run_name(value: Any) -> Any:
+    return str(value) if type(value) is int else value
 
 
 def _start(value: Any) -> Any:

@@ -159,8 +159,8 @@ def studied_equations(model: Program, data: Trajectories) -> tuple[str, ...]:
             raise InputError(
                 f"A study of samples looks at one equation, and the simulation has {len(equations) or 'none'} that "
                 "could lack something: name the one in question with an empty list of terms, "
-                f"GreyBox(dictionary={{{(equations or ('ydot',))[0]!r}: []}}, ...), or give rates: derivatives=..., or "
-                "data.differentiate()."
+                f"GreyBox(dictionary={{{(equations or simulation.states)[0]!r}: []}}, ...), or give rates: "
+                "derivatives=..., or data.differentiate()."
             )
         return equations
     names = (*data.derivative_names, *data.output_names)

@@ -151,9 +151,12 @@ class Program(SamplingProgram):
             InputError: No dictionary; unknown states, names or units; duplicate terms; only fixed coefficients.
         """
         if not self.equations:
+            named = (*data.derivative_names, *data.state_names, *data.output_names)[0]
+            variable = (*data.state_names, *data.input_names)[0]
             raise InputError(
-                "The model has no dictionary, so there is nothing to fit: give GreyBox(dictionary={'ydot': ['y']}) "
-                "or look for what the simulation misses with bg.find_missing_effects(model, data)."
+                "The model has no dictionary, so there is nothing to fit: give "
+                f"GreyBox(dictionary={{{named!r}: [{variable!r}]}}) or look for what the simulation misses with "
+                "bg.find_missing_effects(model, data)."
             )
         for equation in self.equations:
             states, outputs = self.states(data), data.output_names

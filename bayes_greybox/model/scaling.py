@@ -38,8 +38,7 @@ def scaled_frame(
         bad = dictionary.names[int(np.argmin(np.isfinite(term_scale)))]
         raise InputError(f"Term {bad!r} of equation {equation!r} is not finite on all the data: check its domain.")
     if np.any(term_scale == 0):
-        zero = dictionary.names[int(np.argmin(term_scale))]
-        raise InputError(f"Term {zero!r} of equation {equation!r} is zero on all the data: remove it.")
+        raise InputError(_zero_term(dictionary, int(np.argmin(term_scale)), equation, columns))
     return Frame(
         equation=equation,
         dictionary=dictionary,
@@ -52,6 +51,20 @@ def scaled_frame(
         basis=basis,
         moments=np.zeros((0, 0 if basis is None else basis.size)),
         projected=False,
+    )
+
+
+def _zero_term(
+    dictionary: Dictionary, term: int, equation: str, columns: Mapping[str, Float[np.ndarray, " n_row"]]
+) -> str:
+    """Say that a term is zero, and of which column that comes."""
+    zero = f"Term {dictionary.names[term]!r} of equation {equation!r} is zero on all the data"
+    idle = [name for name in dictionary.terms[term].symbols if name in columns and not np.any(columns[name])]
+    if not idle:
+        return f"{zero}: remove it."
+    return (
+        f"{zero}, as is {idle[0]!r}: if that is a hidden state, say where it starts, starts={{{idle[0]!r}: 1.0}} (in a "
+        "file [starts]); if not, remove the term."
     )
 
 
@@ -101,8 +114,9 @@ def discrepancy_box(
     if np.any(half_width == 0):
         constant = variables[int(np.argmin(half_width))]
         raise InputError(
-            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out of "
-            "OrthogonalGP(variables=...)."
+            f"The discrepancy depends on {constant!r}, which is constant on all the data: leave it out, "
+            f"OrthogonalGP(variables={[name for name in variables if name != constant]}), in a file [discrepancy] "
+            "variables."
         )
     return variables, centre, half_width
 

@@ -1,17 +1,23 @@
 """Layout of a table, found from the table where it leaves no doubt."""
 
 import codecs
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bayes_greybox.data.reading.cells import COMMA
+import pandas as pd
+
+from bayes_greybox.data.reading.cells import COMMA, is_measured
 from bayes_greybox.data.reading.formats.text import titles
 from bayes_greybox.data.reading.sources import TABLE_READERS, read_source
 from bayes_greybox.data.reading.table import Layout, Table
 
 GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
 """A number with a comma for its decimal mark, whose digits may be grouped by points."""
+
+NUMBER = rf"{COMMA}|{GROUPS}|[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(\.\d+)?"
+"""A number where the name of a column would stand; the second of two equal ones has another point behind it."""
 
 MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 """Beginnings of files in UTF-16."""
@@ -37,7 +43,22 @@ def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
     if layout.decimal == "," and layout.thousands is None and _numbers_have(".", table):
         layout = replace(layout, thousands=".")
         table = read_source(data, layout)
+    if layout.columns is None and _nameless(table, layout):
+        layout = replace(layout, columns=tuple(f"c{i + 1}" for i in range(len(table.frame.columns))))
+        table = read_source(data, layout)
     return table, layout
+
+
+def _nameless(table: Table, layout: Layout) -> bool:
+    """Return True if the first row of a table, which was read as names, holds measurements."""
+    names = [str(name) for name in table.frame.columns]
+    if not all(re.fullmatch(NUMBER, name) or is_measured(name, layout) for name in names):
+        return False
+    if names != [str(i) for i in range(len(names))]:
+        return True
+    # Columns without names are often called 0, 1, 2: they are names unless the first column goes on from 0.
+    column = table.frame.iloc[:2, 0]
+    return pd.api.types.is_numeric_dtype(column) and 2.0 * column.iloc[0] == column.iloc[-1] != 0.0
 
 
 def _encoded(data: Path, layout: Layout) -> Layout:

@@ -11,6 +11,8 @@ from bayes_greybox.data.reading.units import registry
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.running.errors import InputError
 
+from .held_out import split_of
+
 
 class Plan:
     """Names in formulas, and the data from which each equation is learned.
@@ -22,6 +24,7 @@ class Plan:
         learned: States whose rate is open.
         computed: True if rates are computed by a filter; where they are not measured either, rows are samples.
         followed: True if a position is all that was measured, beside inputs.
+        split: Rows that are held out.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
     """
 
@@ -43,10 +46,16 @@ class Plan:
         taken = {*self.chained, *self.chained.values()}
         alone = [state for state in guess.states if state not in taken and self._is_position(state)]
         alone = [] if self.measured else alone
-        self.second = {state: self._free("v" if len(alone) == 1 else f"v_{self.names[state]}") for state in alone}
+        self.second = {state: self.free("v" if len(alone) == 1 else f"v_{self.names[state]}") for state in alone}
         # One position is followed along its samples, which tell more than rates of a filter, and of memory too.
         self.followed = alone == [*guess.states] and len(alone) == 1
         self.computed = not self.measured and guess.even and not self.followed
+        self.split = split_of(guess.lengths, None, self.computed)
+        if self.computed and self.split.share is None:
+            # Too few rows for a filter.
+            self.computed = False
+        if self.sampled:
+            self.split = split_of(guess.lengths, len(guess.states) + len(self.second), False)
 
     def name(self, columns: Iterable[str]) -> list[str]:
         """Return the names of columns in formulas."""
@@ -94,8 +103,9 @@ class Plan:
             return False
         return is_length_or_angle(unit) if unit else bool(POSITIONS.match(state))
 
-    def _free(self, name: str) -> str:
-        return name if name not in self.names.values() else self._free(f"{name}_")
+    def free(self, name: str) -> str:
+        """Return a name that no column has in formulas."""
+        return name if name not in self.names.values() else self.free(f"{name}_")
 
 
 def _names(columns: Iterable[str]) -> Mapping[str, str]:
@@ -127,7 +137,7 @@ MASS, SPRING, DAMPER = 2.0, 30.0, 0.8
 def is_length_or_angle(unit: str) -> bool:
     """Return True if a unit is that of a length, such as mm, or of an angle, such as deg."""
     parsed = registry().parse_units(unit)
-    return parsed.is_compatible_with("m") or _is_angle(unit)
+    return parsed.is_compatible_with("m") or is_angle(unit)
 
 
 def is_electrical(unit: str) -> bool:
@@ -148,7 +158,7 @@ def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None,
     "" if they are unknown.
     """
     length, time = units[0] or "m", units[1] or "s"
-    turns = _is_angle(length)
+    turns = is_angle(length)
     per_time = registry().Quantity(1.0, "1/s").to(f"1/({time})").magnitude
     parts = [f"- {SPRING / MASS * per_time**2:.4g}*{position}", f"- {DAMPER / MASS * per_time:.4g}*{rate}"]
     notes = [f"{MASS:g} kg m²", f"{SPRING:g} N m/rad", f"{DAMPER:g} N m s/rad"] if turns else []
@@ -170,6 +180,7 @@ def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None,
     return f'"{text}" ({", ".join(notes)} in {", ".join(used)})'
 
 
-def _is_angle(unit: str) -> bool:
+def is_angle(unit: str) -> bool:
+    """Return True if a unit is that of an angle."""
     parsed = registry().parse_units(unit)
     return str(registry().get_base_units(parsed)[1]) == "radian" and parsed.dimensionless

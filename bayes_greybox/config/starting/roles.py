@@ -1,21 +1,29 @@
 """Probable roles of the columns of a table, from their names and their behaviour."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from bayes_greybox.data.rates.filters import step_slack
-from bayes_greybox.data.reading.cells import AmbiguousDates, is_packed_dates, numbers, stamps
+from bayes_greybox.data.reading.cells import is_packed_dates, numbers, stamps
 from bayes_greybox.data.reading.pieces import clock_set_back
 from bayes_greybox.data.reading.table import Layout, Table
+from bayes_greybox.data.reading.units import registry
 from bayes_greybox.running.errors import InputError
 
-TIME_WORDS = re.compile(r"(?i)^(t|time|zeit|timestamp|date|datetime|datum|x_value|elapsed)([ _].*)?$")
-RUNS = re.compile(r"(?i)^(run|trial|id|experiment|test|trajectory|segment|versuch|messung|rep)([ _].*)?$")
+from .clock import (
+    COUNTERS,
+    ROWS_OUT_OF_ORDER,
+    counts_rows,
+    counts_runs,
+    run_codes,
+    run_lengths,
+    tells_runs,
+    time_column,
+)
+
 INPUTS = re.compile(
     r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
 )
@@ -30,7 +38,7 @@ LIQUID_LEVELS = re.compile(
 """A length that is no position of a body: its own rate is what is known."""
 
 POSITIONS = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
-COUNTERS = re.compile(r"(?i)^(index|no|nr|number|sample|row|unnamed: \d+)$")
+SPEEDS = re.compile(r"(?i)^(v|vel|velocity|speed|omega|rpm|geschwindigkeit|drehzahl)(_?\d+|[ _].*)?$")
 
 EXPLAINED_SHARE = 0.95
 """Share of a column that the integral of another one must explain, beside a line, to be its rate."""
@@ -40,9 +48,6 @@ RATE_FACTOR = 1.25
 
 HELD_SHARE = 0.3
 """Share of samples that repeat the one before, beyond which a column is set by somebody, and not measured."""
-
-ROWS_OUT_OF_ORDER = 3
-"""Median number of rows of a run up to which rows are out of order."""
 
 SAME_CORRELATION = 0.99999
 """Correlation from which on two columns are one."""
@@ -61,6 +66,7 @@ class Guess:
         left_out: Reason why a column has no role.
         dated: True if the stamps are dates or clock times, which become seconds.
         shuffled: True if the time goes back every few rows, as that of rows which are out of order does.
+        lengths: Number of rows by run, without those with missing cells.
     """
 
     time: str | None
@@ -75,6 +81,7 @@ class Guess:
     left_out: dict[str, str] = field(default_factory=dict)
     dated: bool = False
     shuffled: bool = False
+    lengths: dict[str, int] = field(default_factory=dict)
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
@@ -84,15 +91,20 @@ def guessed(table: Table, layout: Layout) -> Guess:
         InputError: No column has numbers that change, or the day of dates may be their month.
     """
     names = [str(name) for name in table.frame.columns]
-    time = _time(table, names, layout)
+    time = time_column(table, names, layout)
     table = table.packed() if time is not None else table
-    run = next((name for name in names if name != time and _tells_runs(table, name, layout)), None)
+    run = next((name for name in names if name != time and tells_runs(table, name, layout)), None)
+    clock, dated = np.arange(len(table.frame), dtype=float), False
+    if time is not None:
+        clock, dated, *_ = stamps(table, time, layout)
+        others = [name for name in names if name != time and run is None]
+        run = next((name for name in others if counts_runs(table, name, layout, clock)), run)
     left_out: dict[str, str] = {}
     columns: dict[str, np.ndarray] = {}
     for name in names:
         if name in (time, run):
             continue
-        reason = _unusable(table, name, layout, columns)
+        reason = _unusable(table, name, layout, columns, run_codes(table, run))
         if reason is None:
             columns[name] = numbers(table, name, layout)
         else:
@@ -100,13 +112,9 @@ def guessed(table: Table, layout: Layout) -> Guess:
     if not columns:
         nothing = f"No column of {table.where} holds numbers that change; there is nothing to model."
         raise InputError(f"{nothing}{table.hint}")
-    rows = table.frame[run].to_numpy() if run is not None else np.zeros(len(table.frame))
-    clock, dated = np.arange(len(table.frame), dtype=float), False
-    if time is not None:
-        clock, dated, *_ = stamps(table, time, layout)
     complete = np.all([np.isfinite(values) for values in (clock, *columns.values())], axis=0)
     # A new run wherever the label changes or the time goes back.
-    label = pd.factorize(rows)[0]
+    label = run_codes(table, run)
     starts = np.flatnonzero((np.diff(label) != 0) | (np.diff(clock) < 0)) + 1
     back = bool(np.any((np.diff(clock) < 0) & (np.diff(label) == 0)))
     parts = [part[complete[part]] for part in np.split(np.arange(len(clock)), starts)]
@@ -114,55 +122,18 @@ def guessed(table: Table, layout: Layout) -> Guess:
     shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
     guess = Guess(
         time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, left_out=left_out,
-        dated=dated, shuffled=shuffled,
+        dated=dated, shuffled=shuffled, lengths=run_lengths(table, run, parts),
     )  # fmt: skip
-    return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3])
+    return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3], table.units)
 
 
-def _time(table: Table, names: Sequence[str], layout: Layout) -> str | None:
-    """Return the column of stamps: by its name, else the first that holds dates, else the first that only increases."""
-    by_name = [name for name in names if TIME_WORDS.match(name)]
-    # A mere counter is no time; the index of a frame, or of its file, may hold dates.
-    counters = [name for name in names if COUNTERS.match(name)]
-    others = [name for name in names if name not in (*by_name, *counters)]
-    for name in (*by_name, *counters, *others):
-        try:
-            values, dated, *_ = stamps(table, name, layout)
-        except AmbiguousDates:
-            raise
-        except InputError:
-            continue
-        steps = np.diff(values[np.isfinite(values)])
-        # The date of a day stays the same beside the time of that day.
-        increases = np.all(steps > 0) and (name not in counters or np.any(values % 1))
-        if np.any(steps) and (name in by_name or dated or increases):
-            return name
-    return None
-
-
-def _tells_runs(table: Table, name: str, layout: Layout) -> bool:
-    """Return True if a column labels runs: it has few values for its rows, and words or such a name."""
-    column: Any = table.frame[name]
-    words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
-    few = column.nunique() <= max(1, len(column) // 10)
-    return bool(few and column.notna().all() and (RUNS.match(name) or (words and column.nunique() > 1)))
-
-
-def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
-    try:
-        numbers(table, name, layout)
-    except InputError:
-        return False
-    return True
-
-
-def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray]) -> str | None:
+def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray], codes: np.ndarray) -> str | None:
     """Return the reason why a column can be neither state nor input; None if it can."""
     try:
         values = numbers(table, name, layout)
     except InputError:
         return "holds words or dates"
-    if COUNTERS.match(name):
+    if counts_rows(values, codes, COUNTERS.match(name) is not None):
         return "counts the rows"
     finite = values[np.isfinite(values)]
     if is_packed_dates(values):
@@ -186,7 +157,13 @@ def _even(clock: np.ndarray, parts: Sequence[np.ndarray]) -> bool:
     return True
 
 
-def _with_roles(guess: Guess, clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray]) -> Guess:
+def _with_roles(
+    guess: Guess,
+    clock: np.ndarray,
+    columns: dict[str, np.ndarray],
+    parts: list[np.ndarray],
+    units: Mapping[str, str],
+) -> Guess:
     """Find states, inputs and rates."""
     rate_of: dict[str, str] = {}
     for state in columns:
@@ -200,11 +177,23 @@ def _with_roles(guess: Guess, clock: np.ndarray, columns: dict[str, np.ndarray],
         name for name in columns if name not in moving and (name in held or INPUTS.match(name) or AMBIENT.search(name))
     ]
     # The last rate of a chain of three is measured, and no state: y, v and a.
-    last = {rate for state, rate in rate_of.items() if rate not in rate_of and state in rate_of.values()}
+    # So is that of a speed without a position.
+    last = {
+        rate
+        for state, rate in rate_of.items()
+        if rate not in rate_of and (state in rate_of.values() or _is_speed(state, units.get(state, "")))
+    }
     states = [name for name in columns if name not in inputs and name not in last]
     if not states:
         states, inputs = inputs[:1], inputs[1:]
     return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
+
+
+def _is_speed(column: str, unit: str) -> bool:
+    """Return True if a column is a speed or a speed of rotation: by its unit if it has one, else by its name."""
+    if not unit:
+        return bool(SPEEDS.match(column))
+    return any(registry().parse_units(unit).is_compatible_with(each) for each in ("m/s", "rad/s"))
 
 
 def _explained(clock: np.ndarray, state: np.ndarray, rate: np.ndarray, parts: Sequence[np.ndarray]) -> float:

@@ -7,11 +7,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_greybox.config.starting.plan import MASS, SPRING, equation_of_motion
+from bayes_greybox.config.starting.plan import equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
+from .clock import time_unit
+from .held_out import FEWEST_STUDIED
 from .layout import read_as_found
+from .parameters import parameters_text, starts_text
 from .plan import Plan
 from .roles import guessed
 from .summary import summary_of
@@ -59,8 +62,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
         _units(plan),
         _differentiate(plan),
         _simulation(plan),
-        _parameters(plan),
-        _starts(plan),
+        parameters_text(plan),
+        starts_text(plan),
         _dictionary(plan),
         "[study]\n"
         '# Effects that are weighed: "mechanical", "fluid", "electrical", "population", "thermal", "battery",\n'
@@ -85,6 +88,8 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
         lines += ["# The table has no column of time: set the distance of its rows.", "dt = 1.0"]
     options = [name for name in LAYOUT_OPTIONS if getattr(layout, name) != getattr(usual, name)]
     lines += [f"{name} = {_quoted(getattr(layout, name))}" for name in options]
+    if layout.columns is not None:
+        lines.append(f"columns = {_quoted(layout.columns)}  # the table has no names: give yours, here and below")
     if guess.run is not None:
         lines.append(f"run = {_quoted(guess.run)}  # tells the runs apart")
     if guess.shuffled:
@@ -100,9 +105,28 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
         lines.append(f"derivatives = {{ {rates} }}  # measured rates: this column is the rate of that state")
     if guess.missing:
         lines.append(f'missing = "drop"  # rows with empty cells are left out, {guess.missing} here')
-    lines.append("test_fraction = 0.2  # the end of each run, held out")
+    lines += _split(plan)
     lines += [f"# {column} has no role: it {why}." for column, why in guess.left_out.items()]
     return "\n".join(lines)
+
+
+def _split(plan: Plan) -> list[str]:
+    """Write the rows that are held out, and runs that are left out."""
+    split, guess = plan.split, plan.guess
+    # Where the time goes back within a run, its parts have other names.
+    named = not guess.shuffled and (guess.run is None or not guess.restart)
+    lines = []
+    if split.left_out and named:
+        lines.append(f"leave_out = {_quoted(split.left_out)}  # runs of too few rows")
+    if split.share is None:
+        few = f"a part needs {split.needed} rows of each run, and {FEWEST_STUDIED} are trained on"
+        return [
+            *lines,
+            f"# test_fraction = 0.2 would hold out the end of each run, for which there are too few: {few}.",
+        ]
+    if split.whole_runs:
+        return [*lines, f"test_fraction = {split.share}  # the last runs, held out", 'split_by = "trajectory"']
+    return [*lines, f"test_fraction = {split.share}  # the end of each run, held out"]
 
 
 def _units(plan: Plan) -> str:
@@ -114,7 +138,7 @@ def _units(plan: Plan) -> str:
         "# With all of them, terms are checked and coefficients get units: fill in and take the # away.",
     ]
     for name, column in columns.items():
-        unit, supposed = plan.unit(column), _by_name(column)
+        unit, supposed = plan.unit(column), time_unit(column or "") if name == "t" else _by_name(column)
         what = "the time" if name == "t" else name
         asked = f'# {_key(name)} = "{supposed or PLACE}"  # unit of {what}'
         asked += ", if its name says so" if supposed else f", such as {_example_unit(plan, name, column)}"
@@ -174,37 +198,6 @@ def _simulation(plan: Plan) -> str:
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
-
-
-def _parameters(plan: Plan) -> str:
-    """Write examples of named numbers, as a comment: a section of numbers that no formula has is refused."""
-    lines = [
-        "# [parameters]",
-        "# Numbers of the formulas above by name, in units of the table. With sd one is learned by fit; without, it is",
-        "# believed, and discover says if it is off, and what it should be.",
-    ]
-    if plan.second or plan.chained:
-        lines += [
-            f'# m = {{ value = {MASS}, sd = 0.2, lower = 0.0, unit = "kg" }}',
-            f"# k = {SPRING}",
-        ]
-    else:
-        lines += [f'# tau = {{ value = 10.0, sd = 3.0, lower = 0.0, unit = "{plan.unit(plan.guess.time) or "s"}" }}']
-    return "\n".join(lines)
-
-
-def _starts(plan: Plan) -> str:
-    """Write an example of a hidden state, as a comment: a start of a state without a formula is refused."""
-    if not plan.measured:
-        return ""
-    return "\n".join(
-        [
-            "# [starts]",
-            "# A state that no sensor reads, with a formula of inputs, states and other hidden states in [simulation],",
-            "# follows from where it starts: a number, or the column that has the value where a run starts.",
-            f'# charge = 1.0  # beside charge = "-{plan.variables[-1]}/3600" in [simulation]',
-        ]
-    )
 
 
 def _first_order(plan: Plan, name: str) -> str:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from bayes_greybox.data.reading.table import Layout
 
+from .held_out import FEWEST_STUDIED
 from .plan import Plan
 
 
@@ -55,6 +56,8 @@ def _findings(plan: Plan, layout: Layout) -> list[str]:
     if isinstance(layout.skiprows, int) and layout.skiprows:
         lines = "1 line" if layout.skiprows == 1 else f"{layout.skiprows} lines"
         findings.append(f"{lines} above the names")
+    if layout.columns is not None:
+        findings.append(f"no names of columns, which are called {', '.join(layout.columns)}: give yours")
     if layout.decimal == ",":
         findings.append("decimal commas")
     if layout.encoding not in ("utf-8-sig", "utf-8"):
@@ -69,6 +72,8 @@ def _findings(plan: Plan, layout: Layout) -> list[str]:
     if plan.guess.missing:
         rows = "1 row" if plan.guess.missing == 1 else f"{plan.guess.missing} rows"
         findings.append(f"{rows} with empty cells, which are left out")
+    if (rows := sum(plan.guess.lengths.values())) < FEWEST_STUDIED:
+        findings.append(f"only {rows} rows, while discover needs {FEWEST_STUDIED}")
     return findings
 
 
@@ -76,4 +81,5 @@ def _samples(plan: Plan) -> list[str]:
     one = ": discover looks at one equation at a time" if len(plan.equations) > 1 else ""
     if plan.followed and plan.guess.even:
         return ["Rows are samples, and no rate is computed."]
-    return [f"Times are not even, so rows are samples, and no rate is computed{one}."]
+    why = "There are too few rows for a filter" if plan.guess.even else "Times are not even"
+    return [f"{why}, so rows are samples, and no rate is computed{one}."]

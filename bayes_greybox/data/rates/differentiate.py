@@ -154,7 +154,7 @@ def _window_filter(
     if window > min(lengths):
         raise InputError(
             f'Run "{run_names[int(np.argmin(lengths))]}" has {min(lengths)} rows, fewer than the window of {window}; '
-            "leave the run out or choose a smaller window."
+            "leave the run out (in a file leave_out), hold out more rows or none, or choose a smaller window."
         )
     inner = [b[window // 2 : len(b) - window // 2] for b in blocks]
 

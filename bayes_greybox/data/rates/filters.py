@@ -110,7 +110,7 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
     if shortest < smallest + 2:
         raise InputError(
             f"The shortest run has {shortest} rows, too few to choose a window (at least {smallest + 2} for "
-            f"polyorder {polyorder}); leave the run out or lower polyorder."
+            f"polyorder {polyorder}); leave the run out (in a file leave_out) or lower polyorder."
         )
     grid = np.unique(np.round(np.geomspace(smallest, largest, 32)).astype(int) // 2 * 2 + 1)
     candidates = [int(w) for w in grid if smallest <= w <= max(largest, smallest)]

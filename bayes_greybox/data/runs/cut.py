@@ -34,6 +34,21 @@ class CutRuns(Runs):
             raise InputError(f"There is no run {run!r}; there are {', '.join(self.run_names)}.")
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
+    def leave_out(self: AnyRuns, runs: str | Sequence[str]) -> AnyRuns:
+        """Return the other runs; see `run_names` for their names.
+
+        Raises:
+            InputError: There is no such run, or no other.
+        """
+        names = [runs] if isinstance(runs, str) else [*runs]
+        for name in names:
+            if name not in self.run_names:
+                raise InputError(f"There is no run {name!r} to leave out; there are {', '.join(self.run_names)}.")
+        if set(names) == set(self.run_names):
+            raise InputError("No run is left: keep at least one.")
+        kept = [0 if name in names else n for name, n in zip(self.run_names, self.run_lengths, strict=True)]
+        return self._restrict([(0, n) for n in kept]).remarked(f"runs that were left out: {', '.join(names)}")
+
     def keep(self: AnyRuns, rows: Any) -> AnyRuns:
         """Keep some rows; a run that has none of them is left out.
 

@@ -71,7 +71,9 @@ def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple
     norms = np.linalg.norm(columns, axis=0)
     if np.any(norms == 0):
         raise InputError(
-            f"Term {names[int(np.argmin(norms))]!r} of equation {equation!r} is zero on all the data: remove it."
+            f"Term {names[int(np.argmin(norms))]!r} of equation {equation!r} has no effect on any measurement: if "
+            "it acts on a hidden state, which nothing in the simulation passes on to a sensor, write first values of "
+            "the coefficients between them into the simulation, whose corrections are learned; if not, remove it."
         )
     factors: Any = scipy.linalg.qr(columns / norms, mode="economic", pivoting=True)
     _, R, order = factors

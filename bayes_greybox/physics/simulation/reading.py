@@ -1,5 +1,6 @@
 """Simulations as users give them, and as files hold them."""
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeGuard
 
@@ -59,7 +60,15 @@ def simulation_of(
     taken = next((name for name in parameters if name in (*states, *inputs)), None)
     if taken is not None:
         raise InputError(f"The parameter {taken!r} has the name of a column of the data: give it another name.")
-    parsed = {name: parse_expression(str(text), (*states, *inputs, *parameters)) for name, text in given.items()}
+    known = (*states, *inputs, *parameters)
+    for text in map(str, given.values()):
+        hidden = next((name for name in re.findall(r"[A-Za-z_]\w*", text) if name in given and name not in known), None)
+        if hidden is not None:
+            raise InputError(
+                f"The formula {text!r} of the simulation uses {hidden!r}, which has a formula and no sensor: if it is "
+                f"a hidden state, say where it starts, starts={{{hidden!r}: 1.0}}, in a file [starts]."
+            )
+    parsed = {name: parse_expression(str(text), known) for name, text in given.items()}
     return ExpressionSimulation.with_parameters(states, inputs, parsed, parameters, starts or {})
 
 

@@ -302,7 +302,7 @@ def test_where_equations_grow_beyond_bounds_rows_are_finite_or_refused(growth, p
             lambda: Program({"v": ["y"]}, simulation={"v": "-y"}, rows=TrajectoryRows()).complete(sampled(n=50)),
             "path of 'y' cannot be followed",
         ),
-        (lambda: program().complete(sampled(n=5)), "has 5 samples, too few for a path of 2 states"),
+        (lambda: program().complete(sampled(n=5)), "has 5 samples, too few for a path of 2 states, which needs 6"),
     ],
 )
 def test_what_cannot_be_used_is_refused(build, message):

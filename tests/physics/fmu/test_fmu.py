@@ -2,6 +2,7 @@
 
 import shutil
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -119,7 +120,7 @@ def test_mistakes_are_named(plant, tmp_path, monkeypatch):
     (tmp_path / "text.fmu").write_text("no archive")
     with pytest.raises(bg.InputError, match="not a ZIP archive"):
         bg.FMU(tmp_path / "text.fmu")
-    with pytest.raises(bg.InputError, match="FMI 1.0, and only 2.0"):
+    with pytest.raises(bg.InputError, match="FMI 1.0, and only 2.0 and 3.0"):
         bg.FMU(build(tmp_path / "a", version="1.0"))
     with pytest.raises(bg.InputError, match="neither Model Exchange nor Co-Simulation"):
         bg.FMU(build(tmp_path / "b", interface="Scheduled"))
@@ -183,3 +184,22 @@ def test_a_study_of_positions_names_what_the_fmu_lacks_and_refine_refuses(plant)
     fit = bg.Fit(made.model, made.data, made.sampling, made.idata)
     with pytest.raises(bg.InputError, match="an FMU cannot be differentiated"):
         fit.refine(draws=5, tune=5, chains=1, progress=False)
+
+
+def test_folders_without_a_library_are_no_platforms(tmp_path, plant):
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (extra fmu)")
+    here, called = fmpy.platform, f"Pendulum{fmpy.sharedLibraryExtension}"
+    empty, other = tmp_path / "empty.fmu", tmp_path / "other.fmu"
+    with zipfile.ZipFile(plant) as archive:
+        description = archive.read("modelDescription.xml")
+    for file in (empty, other):
+        with zipfile.ZipFile(file, "w") as archive:
+            archive.writestr("modelDescription.xml", description)
+            archive.writestr(f"binaries/{here}/", "")
+            archive.writestr("binaries/vax64/Pendulum.exe", "x")
+    with zipfile.ZipFile(other, "a") as archive:
+        archive.writestr(f"binaries/{here}/another", "x")
+    with pytest.raises(bg.InputError, match=rf"\({here}\): its libraries are for vax64; export it for {here}\."):
+        bg.FMU(empty)
+    with pytest.raises(bg.InputError, match=rf"\({here}\): its library for that is not called {called}; export it"):
+        bg.FMU(other)

@@ -171,8 +171,12 @@ def _separator(line: str, below: str, suffix: str, decimal: str) -> str:
     # A mark within quotation marks is no separator.
     line, below = (_QUOTED_CELL.sub("x", text) for text in (line, below))
     # A comma may be part of a name, or the decimal mark: a separator divides the row below as well.
-    both = next((mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1), None)
-    return both or next((mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS)
+    both = [mark for mark in order if len(_cells(line, mark)) == len(_cells(below, mark)) > 1]
+    # Commas that leave a semicolon or a tab in a cell are decimal marks, in a table without names: 0,1;27,3.
+    clean = [mark for mark in both if mark != "," or not re.search(r"[;\t]", below)]
+    return next(iter((*clean, *both)), None) or next(
+        (mark for mark in order if mark in line), "," if suffix == ".csv" else BLANKS
+    )
 
 
 def _check_names(lines: list[str], head: _Head, path: Path, layout: Layout, hint: str) -> None:

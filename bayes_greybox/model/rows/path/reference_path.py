@@ -188,11 +188,16 @@ class _Sensors:
                 f"The path of {lacking[0]!r} cannot be followed: the simulation has no equation for it. Give one, or "
                 "give it as an input."
             )
-        fewest = int(np.min(np.bincount(samples.run[self.seen], minlength=samples.n_run)))
-        if fewest < 2 * len(simulation.states) + 2:
+        counts = np.bincount(samples.run[self.seen], minlength=samples.n_run)
+        fewest, needed = int(np.min(counts)), 2 * len(simulation.states) + 2
+        if fewest < needed:
             clipped = "" if np.all(self.seen) else " that no sensor clipped"
-            n_state = len(simulation.states)
-            raise InputError(f"A run has {fewest} samples{clipped}, too few for a path of {n_state} states.")
+            name = samples.run_names[int(np.argmin(counts))]
+            raise InputError(
+                f'Run "{name}", or its held-out part, has {fewest} samples{clipped}, too few for a path of '
+                f"{len(simulation.states)} states, which needs {needed}: hold out more rows, whole runs or none (in a "
+                "file test_fraction and split_by), or leave the run out (in a file leave_out)."
+            )
         if moving and not np.any(self.measured):
             names, verb = " and ".join(samples.state_names), "is" if len(self.outputs) == 1 else "are"
             raise InputError(

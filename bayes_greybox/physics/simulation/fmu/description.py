@@ -73,7 +73,7 @@ class Interface:
 
     Attributes:
         identifier: Name of its library.
-        directional: True if it declares directional derivatives.
+        directional: True if it declares directional derivatives; FMPy does not read that of FMI 3.0.
     """
 
     identifier: str
@@ -87,8 +87,8 @@ class Description:
     Attributes:
         file: The FMU.
         name: Name of the model.
-        guid: Its identity: the GUID.
-        version: Version of FMI, such as "2.0".
+        guid: Its identity: the GUID, or the instantiation token of FMI 3.0.
+        version: Version of FMI, "2.0" or "3.0".
         interfaces: Interfaces by `MODEL_EXCHANGE` and `CO_SIMULATION`.
         variables: Variables by name.
         states: Continuous states, each with the variable that is its rate.
@@ -160,7 +160,8 @@ def _variable(given: Any, units: Mapping[str, Unit]) -> Variable:
     return Variable(
         name=given.name,
         ref=int(given.valueReference),
-        kind=str(given.type),
+        # FMI 3.0 has another name for FMI 2.0's only kind of real numbers.
+        kind="Real" if given.type == "Float64" else str(given.type),
         causality=str(given.causality or "local"),
         variability=str(given.variability or "continuous"),
         start="" if given.start is None else str(given.start),

@@ -18,6 +18,9 @@ from .description import Description, description_of
 
 INSTALL_FMPY = 'install it with pip install ".[fmu]" in the checkout'
 
+VERSIONS = ("2.0", "3.0")
+"""Versions of FMI that are supported."""
+
 KEPT_DIGESTS = 64
 """Files whose digest is kept, by their size and the time of their last change."""
 
@@ -84,9 +87,10 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             names, text = archive.namelist(), archive.read("modelDescription.xml").decode("utf-8", "replace")
         stated = re.search(r'fmiVersion\s*=\s*["\']([^"\']*)', text)
         version = stated[1] if stated else "an unknown version"
-        if version != "2.0":
+        if version not in VERSIONS:
+            supported = " and ".join(VERSIONS)
             raise InputError(
-                f'"{file}" is an FMU of FMI {version}, and only 2.0 is supported: export it again as FMI 2.0.'
+                f'"{file}" is an FMU of FMI {version}, and only {supported} are supported: export it again as one.'
             )
         library.extract(str(file), str(folder))
         parsed = library.read_model_description(str(folder), validate=False)
@@ -105,12 +109,17 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
 
 def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
-    here = library.platform
-    if f"binaries/{here}/{description.interface.identifier}{library.sharedLibraryExtension}" in names:
+    here, file = library.platform if description.version == "2.0" else library.platform_tuple, description.file
+    called = f"{description.interface.identifier}{library.sharedLibraryExtension}"
+    if f"binaries/{here}/{called}" in names:
         return
-    others = sorted({name.split("/")[1] for name in names if name.startswith("binaries/") and name.count("/") > 1})
-    has = f"its libraries are for {', '.join(others)}" if others else "it has no library at all"
-    sources = any(name.startswith("sources/") and name.endswith(".c") for name in names)
-    file = description.file
-    compiled = f' its C sources are in it, python -m fmpy compile "{file}" adds a library;' if sources else ""
-    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has};{compiled} or export it for {here}.')
+    # Archives may have folders without a library in them.
+    places = sorted({name.split("/")[1] for name in names if re.fullmatch(r"binaries/[^/]+/.*[^/]", name)})
+    if here in places:
+        has = f"its library for that is not called {called}"
+    else:
+        has = f"its libraries are for {', '.join(places)}" if places else "it has no library at all"
+    remedy = f"export it for {here}"
+    if any(name.startswith("sources/") and name.endswith(".c") for name in names):
+        remedy = f'its C sources are in it, and python -m fmpy compile "{file}" adds a library; or {remedy}'
+    raise InputError(f'The FMU "{file}" cannot run on this system ({here}): {has}; {remedy}.')

@@ -22,7 +22,7 @@ MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
 
 @dataclass(frozen=True)
 class FMU:
-    """A simulation that is an FMU of FMI 2.0, run by FMPy (extra `fmu`): for Model Exchange, else for Co-Simulation.
+    """A simulation that is an FMU, run by FMPy (extra `fmu`): of FMI 2.0 or 3.0, by Model Exchange, else Co-Simulation.
 
     Its continuous states are states of the model, by the names that `states` gives them, else by their own with "_" in
     place of characters that no column may have: "mass.s" is `mass_s`. A state that the data lack is hidden, as on rows

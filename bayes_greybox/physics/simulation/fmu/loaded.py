@@ -11,6 +11,7 @@ from bayes_greybox.running.errors import InputError
 
 from .description import Description
 from .files import fmpy
+from .version_3 import Instance3
 
 DEAD, FATAL = 3, 4
 """Status of FMI from which on an instance is of no use, and from which on it may not even be freed."""
@@ -47,17 +48,20 @@ def instantiated(description: Description, messages: deque[str]) -> Any:
 
     here, kind = os.getcwd(), FMU2Model if description.exchanged else FMU2Slave
     try:
-        # The folder lives as long as the description, as the instance may read its resources at any time.
-        fmu = kind(
-            guid=description.guid,
-            unzipDirectory=str(description.folder),
-            modelIdentifier=description.interface.identifier,
-        )
+        if description.version == "3.0":
+            fmu = Instance3(description, messages)
+        else:
+            # The folder lives as long as the description, as the instance may read its resources at any time.
+            fmu = kind(
+                guid=description.guid,
+                unzipDirectory=str(description.folder),
+                modelIdentifier=description.interface.identifier,
+            )
     finally:
         # FMPy stays in the folder of a library that cannot be loaded.
         os.chdir(here)
     # FMPy keeps the callbacks as long as the instance lives.
-    fmu.instantiate(callbacks=_callbacks(messages.append))
+    fmu.instantiate(**({} if isinstance(fmu, Instance3) else {"callbacks": _callbacks(messages.append)}))
     return fmu
 
 
