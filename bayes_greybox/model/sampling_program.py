@@ -16,7 +16,7 @@ from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 from bayes_greybox.running.errors import InputError
 
-from .design import Design, FeatureDesign
+from .design import Design
 from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
@@ -97,29 +97,6 @@ class SamplingProgram:
                     f"The prior has a site called {taken!r}, which the results need: give it another name."
                 )
         return by_equation
-
-    def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
-        """Run the same model with θ and the weights of f as sites: the reference for tests.
-
-        It is what one would write by hand. Feature path only; a spike-and-slab prior has no such density (its
-        θ are exactly zero).
-        """
-        for equation, design in designs.items():
-            with scope(prefix=equation, divider="_"):
-                hyper, scales = self._sample(design)
-                if self._samples_patterns:
-                    raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
-                if design.coefficients.bounded:
-                    raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
-                theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
-                weight = design.sampled_weights(hyper)
-                # Other designs have refused to sample weights.
-                assert isinstance(design, FeatureDesign)
-                mean = design.Phi @ theta + design.Psi @ weight
-                # Rows folded away by compression carry no signal: their share of the density is σ's alone.
-                hidden = design.n_obs - design.y.size
-                numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
-                numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
 
     def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
         """Return the prior of η of an equation.
