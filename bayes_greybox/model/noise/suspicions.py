@@ -136,7 +136,7 @@ def heavy(
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"degrees": nu, "scale": scale}
     model = replace(
-        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY), tail_weights=weight,
+        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY),
         constant=current.constant + total - at_mode, about={**current.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)
