@@ -188,14 +188,13 @@ class FreeRunner:
             kinds = between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
         states, failed_at = [], []
         for i, run in enumerate(runs):
-            u = run.matrix(data.input_names) if data.input_names else None
-            path, failed = self._run(run.time, u, kinds, starts[:, i], size, parameters)
+            path, failed = self._run(run.time, run.matrix(data.input_names), kinds, starts[:, i], size, parameters)
             states.append(path)
             failed_at.append(failed)
         return np.concatenate(states, axis=1), np.array(failed_at)
 
     def _run(
-        self, t: np.ndarray, u: np.ndarray | None, kinds: str | Sequence[str], x0: np.ndarray, size: np.ndarray,
+        self, t: np.ndarray, u: np.ndarray, kinds: str | Sequence[str], x0: np.ndarray, size: np.ndarray,
         parameters: Any,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         samples, kinds = cut(t, u, kinds)
