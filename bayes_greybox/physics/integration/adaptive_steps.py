@@ -44,7 +44,7 @@ class Limits(NamedTuple):
     x0: Float[Array | np.ndarray, "*draw d"]
     end: Float[Array, ""]
     span: Float[Array, ""]
-    sizes: Float[Array, " d"]
+    sizes: Float[Array | np.ndarray, " d"]
     limit: Float[Array, ""]
 
 
@@ -284,8 +284,8 @@ def curvature_of(
     if "cubic" in kinds:
         if len(t) < 4:
             raise InputError(f"Cubic interpolation needs four samples, not {len(t)}; use interpolation='linear'.")
-        cubic = np.array(kinds) == "cubic"
-        curvature[:, cubic] = CubicSpline(t, np.asarray(values)[:, cubic])(t, 2)
+        times, cubic = np.asarray(t), np.array(kinds) == "cubic"
+        curvature[:, cubic] = CubicSpline(times, np.asarray(values)[:, cubic])(times, 2)
     return kinds, curvature
 
 

@@ -135,9 +135,9 @@ class Simulation(ABC):
         """Return a formula with the names of some parameters, whose terms it has; the others are numbers in it."""
         return self.formula(name)
 
-    @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of a state's rate, or of an output, with coefficients; code has none that can be read."""
+        return []
 
     def correctable(self, state: str) -> list[Correctable]:
         """Return the numbers in a state's rate, or in an output, that a study may find off."""
@@ -155,9 +155,9 @@ class Simulation(ABC):
         """Return True if the rate of a state is known to be another state, as position and velocity are."""
         return self.rate_name(state) is not None
 
-    @abstractmethod
     def rate_name(self, state: str) -> str | None:
         """Return the state that is the rate of a state; None where its rate is anything else, or cannot be read."""
+        return None
 
     @property
     @abstractmethod
