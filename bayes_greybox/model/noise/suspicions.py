@@ -177,7 +177,7 @@ def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion
     intensity = float(grid[int(np.argmax(log_p))])
     noise = current.noise.forced(intensity)
     square = float(np.sum(current.noise.whiten(residual[:, None]) ** 2))
-    before = float(log_white_each(np.array([square]), len(residual), prior)[0]) - 0.5 * current.noise.log_det
+    before = log_white(square, len(residual), prior) - 0.5 * current.noise.log_det
     about = {"intensity": intensity, "share": _share(residual, current, intensity)}
     # Uniform in log λ over the grid's range, by the trapezoidal rule.
     place = np.log(grid)
