@@ -85,13 +85,9 @@ def cut(
 ) -> tuple[Samples, tuple[str, ...]]:
     """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
 
-    Args:
-        t: Increasing times.
-        inputs: Inputs at these times.
-        interpolation: Interpolation between samples, for all inputs or one for each: "linear", "zoh" (held from each
-            sample to the next) or "cubic" (twice differentiable spline); see `between_samples`.
-        curvature: Second derivatives of the inputs' splines, where these belong to a longer record; by default computed
-            from the samples.
+    Inputs at the increasing times t are interpolated by "linear", "zoh" (held from each sample to the next) or "cubic"
+    (twice differentiable spline), all alike or each by its own. Second derivatives of splines through a longer record
+    may be given as `curvature`.
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
@@ -150,7 +146,7 @@ def follow_piece(
         limits: Limits of the run.
         args: Last argument of `rhs`, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        settings: Settings of the integrator.
+        settings: Settings of the integrator; by default those of `StepSettings`.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
@@ -237,14 +233,8 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
     Straight lines take five per cent of the amplitude of a sine that is sampled eight times a period; splines
     overshoot at steps. The cubic through the four neighbours wins where most of the signal lies below a third of
-    the sampling rate. Samples cannot show that an input is held between them: name "zoh".
-
-    Args:
-        t: Increasing times.
-        values: Samples at these times.
-
-    Returns:
-        One name for each column; "linear" where there are fewer than nine samples.
+    the sampling rate. Fewer than nine samples get lines. Samples cannot show that an input is held between them: name
+    "zoh".
     """
     if len(t) < 9:
         return ("linear",) * values.shape[1]

@@ -62,12 +62,7 @@ def instantiated(description: Description, messages: deque[str]) -> Any:
 
 
 class Instance:
-    """An instance of an FMU, once there is one.
-
-    Args:
-        description: Description of the FMU.
-        messages: Queue for its messages.
-    """
+    """An instance of an FMU, once there is one; its messages are appended to a queue."""
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
         self._description, self._messages = description, messages
