@@ -317,11 +317,6 @@ def noise_record(model: NoiseModel) -> dict[str, Any]:
     return record
 
 
-def with_found(noise: Noise, models: Mapping[str, NoiseModel]) -> Noise:
-    """Return the noise with the parameters that were found for each equation."""
-    return replace(noise, found={name: noise_record(model) for name, model in models.items()})
-
-
 def is_number(value: Any) -> bool:
     """Return whether a setting is a real number, NumPy's among them; True and False are none."""
     return isinstance(value, Real) and not isinstance(value, bool)

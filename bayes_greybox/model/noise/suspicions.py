@@ -115,8 +115,8 @@ def heavy(
         cell = math.log(log_s[1] - log_s[0])
         return n * (constant - log_s) - 0.5 * (nu + 1) * tails + prior.log_density(log_s) + cell
 
-    grids = [log_s + 0.0 for _ in degrees]
-    density = np.array([log_density(nu, grid) for nu, grid in zip(degrees, grids, strict=True)])
+    grids = [log_s] * len(degrees)
+    density = np.array([log_density(nu, log_s) for nu in degrees])
     coarse = log_s[1] - log_s[0]
     if 1 / math.sqrt(2 * n) < coarse:
         # The scale is known to better than the grid's step: once more, finer, around each best node.
