@@ -21,7 +21,7 @@ from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
 from .noise.asked import Noise
-from .priors import Prior, Scales, SpikeAndSlab
+from .priors import Prior, Scales
 from .sites import DRAWN, LABELS, Sites, site
 
 
@@ -63,8 +63,6 @@ class SamplingProgram:
         Priors of single coefficients in such an equation are refused.
         """
         sites = self.require_own_sites(designs)
-        if not self._samples_patterns:
-            return ()
         sampled = tuple(name for name in designs if "gamma" in sites[name])
         for name in sampled:
             if designs[name].coefficients.stated:
@@ -82,6 +80,8 @@ class SamplingProgram:
         A prior of the user's own that has a site with the name of something else in the results is refused.
         """
         names, by_equation = Sites(designs), {}
+        # Priors of the user's own need not say that they sample no patterns.
+        drawn = () if getattr(self.prior, "samples_patterns", False) else DRAWN
         for equation, design in designs.items():
             traced = [str(name) for name in trace(seed(self.numpyro_model, 0)).get_trace({equation: design})]
             by_equation[equation] = names.owned(equation, traced)
@@ -91,7 +91,6 @@ class SamplingProgram:
                     f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
                     "were one of another equation: give it another name."
                 )
-            drawn = () if self._samples_patterns else DRAWN
             for taken in (name for name in (*LABELS, *drawn) if name in by_equation[equation]):
                 raise InputError(
                     f"The prior has a site called {taken!r}, which the results need: give it another name."
@@ -148,10 +147,6 @@ class SamplingProgram:
     @property
     def _noise_scale(self) -> float:
         return self.noise.scale if isinstance(self.noise, Noise) else self.noise
-
-    @property
-    def _samples_patterns(self) -> bool:
-        return isinstance(self.prior, SpikeAndSlab)
 
     def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
         """Sample η and the prior scales of one equation."""
