@@ -62,7 +62,12 @@ def instantiated(description: Description, messages: deque[str]) -> Any:
 
 
 class Instance:
-    """An instance of an FMU, once there is one; its messages are appended to a queue."""
+    """An instance of an FMU, once there is one.
+
+    Args:
+        description: Description of the FMU.
+        messages: Queue for its messages.
+    """
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
         self._description, self._messages = description, messages
