@@ -19,6 +19,7 @@ class Path(NamedTuple):
 
 def integrate(rhs, t, x0, inputs=None, args=None, *, scale=None, interpolation="linear", **options):
     """Integrate from x0 at t[0]; the states' sizes are those of the start unless they are given."""
+    inputs = np.zeros((len(t), 0)) if inputs is None else inputs
     samples, kinds = cut(np.asarray(t, dtype=float), inputs, interpolation)
     return _followed(rhs, jnp.asarray(t), jnp.asarray(x0), samples, args, scale, kinds, tuple(options.items()))
 

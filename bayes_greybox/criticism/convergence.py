@@ -161,11 +161,10 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
     for name, kernel, basis, lengths in _bases(posterior):
         shortest = np.quantile(lengths, QUANTILE, axis=0)
         per_variable = np.array(basis.per_variable)
-        half_widths = basis.half_widths if boundary is None else np.array(boundary)
-        required = np.ceil(kernel.features_per_unit * half_widths / shortest).astype(int)
+        present = HilbertBasis(boundary or basis.boundary, basis.per_variable)
+        required = np.ceil(kernel.features_per_unit * present.half_widths / shortest).astype(int)
         if not np.any(required > per_variable):
             continue
-        present = HilbertBasis(boundary or basis.boundary, basis.per_variable)
         most = FINER_FACTOR * per_variable
         finer = HilbertBasis(present.boundary, tuple(np.clip(required, per_variable, most).tolist()))
         if _added_square(posterior, name, present, finer) > UNSEEN_SQUARE:

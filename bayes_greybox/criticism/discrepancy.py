@@ -138,18 +138,15 @@ def discrepancy_grid(
     draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
     band = Band.of(frame.target_scale * entry.design.at(frame, columns, draws), level)
     points = data.matrix(variables)
-    shape, units = mesh[0].shape, dict(data.units)
+    on_grid = {name: values.reshape(mesh[0].shape) for name, values in vars(band).items()}
     return DiscrepancyGrid(
         equation=equation,
         variables=variables,
         axes=axes,
-        mean=band.mean.reshape(shape),
-        sd=band.sd.reshape(shape),
-        lower=band.lower.reshape(shape),
-        upper=band.upper.reshape(shape),
+        **on_grid,
         inside=support(points, axes),
         points=points,
-        units=tuple(units.get(name, "") for name in variables),
+        units=tuple(data.units.get(name, "") for name in variables),
         unit=target_unit(equation, data),
         fixed={name: value for name, value in others.items() if name in frame.variables},
         level=level,

@@ -164,12 +164,12 @@ class FreeRunner:
         self._follower = follower
 
     def __call__(
-        self, data: Trajectories, parameters: Any, starts: Float[np.ndarray, "n_draw n_run n_state"] | None = None
+        self, data: Trajectories, parameters: Any, starts: Float[np.ndarray, "n_draw n_run n_state"]
     ) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
         """Integrate every run of the data from its start with its measured inputs.
 
         Parameters are a pytree of arrays whose first axis counts draws. Starts are the states of each run at its first
-        row, for each draw; by default the measured ones.
+        row, for each draw.
 
         Returns:
             States at the rows of the data, NaN after a failure; and the time of each failure, NaN without one.
@@ -179,23 +179,18 @@ class FreeRunner:
         size = np.sqrt(np.mean(data.matrix(data.state_names) ** 2, axis=0))
         size = np.where(size > 0, size, 1.0)
         runs = [data.take(i) for i in range(data.n_run)]
-        if starts is None:
-            n_draw = len(jax.tree.leaves(parameters)[0])
-            measured = np.array([run.matrix(data.state_names)[0] for run in runs])
-            starts = np.tile(measured, (n_draw, 1, 1))
         kinds = self.interpolation
         if kinds is None:
             kinds = between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
         states, failed_at = [], []
         for i, run in enumerate(runs):
-            u = run.matrix(data.input_names) if data.input_names else None
-            path, failed = self._run(run.time, u, kinds, starts[:, i], size, parameters)
+            path, failed = self._run(run.time, run.matrix(data.input_names), kinds, starts[:, i], size, parameters)
             states.append(path)
             failed_at.append(failed)
         return np.concatenate(states, axis=1), np.array(failed_at)
 
     def _run(
-        self, t: np.ndarray, u: np.ndarray | None, kinds: str | Sequence[str], x0: np.ndarray, size: np.ndarray,
+        self, t: np.ndarray, u: np.ndarray, kinds: str | Sequence[str], x0: np.ndarray, size: np.ndarray,
         parameters: Any,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         samples, kinds = cut(t, u, kinds)

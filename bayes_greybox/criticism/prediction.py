@@ -81,8 +81,7 @@ class Prediction(Mapping[str, EquationPrediction]):
         for name, predicted in self.equations.items():
             columns = {"t": self.data.time, "run": self.data.run, "simulation": predicted.simulation}
             for part in ("rate", "measurement", "discrepancy"):
-                band = getattr(predicted, part)
-                columns |= {f"{part}_{field}": getattr(band, field) for field in ("mean", "sd", "lower", "upper")}
+                columns |= {f"{part}_{field}": values for field, values in vars(getattr(predicted, part)).items()}
             tables[name] = pd.DataFrame({**columns, "inside": predicted.inside})
         return pd.concat(tables, names=["equation", "row"])
 

@@ -61,8 +61,8 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
     """
     design = equation.design
     if plain:
-        draws = redrawn(design.plain(equation.frame), draws)
         design = design.plain(equation.frame)
+        draws = redrawn(design, draws)
     theta, f = draws.theta, design.on_rows(draws.weight, draws.f)
     Phi = np.asarray(design.Phi)
     projection = f @ np.linalg.pinv(Phi).T

@@ -44,16 +44,10 @@ def sample_posterior(
     equations: Mapping[str, Equation] | None = None, whole: Mapping[str, RowStatistics] | None = None,
     options: RunOptions | None = None,
 ) -> Posterior:  # fmt: skip
-    """Assemble the designs, run NUTS on the hyperparameters, and draw the rest exactly.
+    """Assemble the designs, run NUTS on the hyperparameters, and draw the rest exactly; the same seed, the same draws.
 
-    Args:
-        model: Model.
-        data: Training data.
-        sampling: Settings; the same seed gives the same posterior.
-        progress: If true, a progress bar is shown.
-        equations: Equations to use instead of those assembled from the data, for refits that leave rows out.
-        whole: Statistics of all rows, by equation, if the data are a sample of them.
-        options: Label, chain files and compiled programs.
+    Refits that leave rows out give `equations` in place of those assembled from the data; of a stream, of which the
+    data are a sample, `whole` has the statistics of all rows.
 
     Raises:
         InputError: The model cannot be assembled from the data, or the files keep other chains.

@@ -141,14 +141,11 @@ def used_states(
     unknown = [name for name in dictionary if name not in columns and name not in simulation]
     if not unknown:
         return ()
-    used: dict[str, set[str]] = {name: set(_names(text)) for name, text in simulation.items()}
+    formulas = {name: parse_expression(str(text)) for name, text in simulation.items()}
+    used: dict[str, set[str]] = {name: set(symbol_names(formula)) for name, formula in formulas.items()}
     for name, terms in dictionary.items():
         used.setdefault(name, set()).update(*(term.symbols for term in terms_of(terms)))
     return tuple(name for name in unknown if any(name in each for state, each in used.items() if state != name))
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return symbol_names(parse_expression(str(text)))
 
 
 CERTAIN = 1e3

@@ -61,6 +61,11 @@ class Frame:
         """User's coefficient per scaled coefficient."""
         return self.target_scale / self.term_scale
 
+    @property
+    def n_column(self) -> int:
+        """Number of columns of [Φ ψ y]."""
+        return len(self.dictionary) + self.moments.shape[1] + 1
+
     def shares(self) -> dict[str, Share]:
         """Return frames by learned state: this one, or, of several that share their rows, one for each."""
         if not self.dictionary.parts:

@@ -38,7 +38,7 @@ class CollapsedNormal(dist.Distribution):
 
     def log_prob(self, value: Any, intermediates: Any = None) -> Float[Array, ""]:
         """Return log p(y | η, scales) of a target."""
-        return _log_density(self.design, self.hyper, self.scales, value)
+        return log_density(self.design, self.hyper, self.scales, value)
 
     def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw targets; the last compressed row stands for all directions outside the columns.
@@ -65,9 +65,10 @@ class CollapsedNormal(dist.Distribution):
 
 
 @jax.jit
-def _log_density(
+def log_density(
     design: Design, hyper: Hyperparameters, scales: Scales, value: Float[Array, " n_row"]
 ) -> Float[Array, ""]:
+    """Return log p(y | η, scales) of a target, of the numbers that place coefficients with bounds too."""
     # A program of its own, which is traced once for all that sampling makes of it: most of what a warm fit waits for.
     regression = design.remove_discrepancy(value, hyper)[0].beside(scales.mean)
     if scales.uniform is None:

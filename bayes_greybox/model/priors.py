@@ -135,7 +135,10 @@ class SpikeAndSlab(_Limited):
         b: Second parameter.
         slab_scale: Median of τ, scaled units.
         enumerate_up_to: Largest dictionary whose patterns are summed.
+        samples_patterns: True, as γ is a site of the model where its patterns are not summed.
     """
+
+    samples_patterns = True
 
     a: Positive = 1.0
     b: Positive = 1.0

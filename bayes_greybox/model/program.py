@@ -33,7 +33,7 @@ from .design import Design
 from .equation import Equation
 from .estimate.evidence import LEAST_FLOOR
 from .gp.discrepancy import OrthogonalGP
-from .noise.asked import Noise, find_noise, is_number, with_found
+from .noise.asked import Noise, find_noise, is_number, noise_record
 from .noise.noise_model import PROCESS, NoiseModel
 from .priors import Prior, SpikeAndSlab
 from .rows.equation_rows import EquationRows, block_name
@@ -357,7 +357,8 @@ class Program(SamplingProgram):
         noise = {**data.noise, **{name: model.noise.sensors for name, model in models.items()}}
         moved = [about["intensity"] for model in models.values() if (about := model.about.get(PROCESS))]
         rows = self.rows.moved_by(moved[0]) if moved else self.rows
-        return replace(fresh, rows=rows, noise=with_found(self.noise, models)), replace(data, noise=noise)
+        found = replace(self.noise, found={name: noise_record(model) for name, model in models.items()})
+        return replace(fresh, rows=rows, noise=found), replace(data, noise=noise)
 
     def _find_noise(
         self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]

@@ -16,12 +16,12 @@ from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.compiling import compiled
 from bayes_greybox.running.errors import InputError
 
-from .design import Design, FeatureDesign
+from .design import Design
 from .gp.discrepancy import OrthogonalGP
 from .gp.hyper import Hyperparameters, HyperPrior, NoisePrior
 from .likelihood import CollapsedNormal
 from .noise.asked import Noise
-from .priors import Prior, Scales, SpikeAndSlab
+from .priors import Prior, Scales
 from .sites import DRAWN, LABELS, Sites, site
 
 
@@ -63,8 +63,6 @@ class SamplingProgram:
         Priors of single coefficients in such an equation are refused.
         """
         sites = self.require_own_sites(designs)
-        if not self._samples_patterns:
-            return ()
         sampled = tuple(name for name in designs if "gamma" in sites[name])
         for name in sampled:
             if designs[name].coefficients.stated:
@@ -82,6 +80,8 @@ class SamplingProgram:
         A prior of the user's own that has a site with the name of something else in the results is refused.
         """
         names, by_equation = Sites(designs), {}
+        # Priors of the user's own need not say that they sample no patterns.
+        drawn = () if getattr(self.prior, "samples_patterns", False) else DRAWN
         for equation, design in designs.items():
             traced = [str(name) for name in trace(seed(self.numpyro_model, 0)).get_trace({equation: design})]
             by_equation[equation] = names.owned(equation, traced)
@@ -91,35 +91,11 @@ class SamplingProgram:
                     f"The prior has a site that is called {strange[0]!r} in the equation of {equation!r}, as if it "
                     "were one of another equation: give it another name."
                 )
-            drawn = () if self._samples_patterns else DRAWN
             for taken in (name for name in (*LABELS, *drawn) if name in by_equation[equation]):
                 raise InputError(
                     f"The prior has a site called {taken!r}, which the results need: give it another name."
                 )
         return by_equation
-
-    def uncollapsed_model(self, designs: Mapping[str, Design]) -> None:
-        """Run the same model with θ and the weights of f as sites: the reference for tests.
-
-        It is what one would write by hand. Feature path only; a spike-and-slab prior has no such density (its
-        θ are exactly zero).
-        """
-        for equation, design in designs.items():
-            with scope(prefix=equation, divider="_"):
-                hyper, scales = self._sample(design)
-                if self._samples_patterns:
-                    raise InputError("uncollapsed_model has no density for a spike-and-slab prior: use another prior.")
-                if design.coefficients.bounded:
-                    raise InputError("uncollapsed_model knows no bounds of coefficients: leave them out.")
-                theta = numpyro.sample("theta", dist.Normal(design.coefficients.mean, scales.sd).to_event(1))
-                weight = design.sampled_weights(hyper)
-                # Other designs have refused to sample weights.
-                assert isinstance(design, FeatureDesign)
-                mean = design.Phi @ theta + design.Psi @ weight
-                # Rows folded away by compression carry no signal: their share of the density is σ's alone.
-                hidden = design.n_obs - design.y.size
-                numpyro.factor("hidden", -hidden * (jnp.log(hyper.sigma) + 0.5 * jnp.log(2 * jnp.pi)))
-                numpyro.sample("y", dist.Normal(mean, hyper.sigma).to_event(1), obs=design.y)
 
     def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
         """Return the prior of η of an equation.
@@ -171,10 +147,6 @@ class SamplingProgram:
     @property
     def _noise_scale(self) -> float:
         return self.noise.scale if isinstance(self.noise, Noise) else self.noise
-
-    @property
-    def _samples_patterns(self) -> bool:
-        return isinstance(self.prior, SpikeAndSlab)
 
     def _sample(self, design: Design) -> tuple[Hyperparameters, Scales]:
         """Sample η and the prior scales of one equation."""

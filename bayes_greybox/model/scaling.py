@@ -1,6 +1,6 @@
 """Scaling, features and measure of an equation: the frame that the data fix before sampling starts."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -110,7 +110,7 @@ def discrepancy_box(
             f"OrthogonalGP(variables=...) names {unknown[0]!r}, which is neither a state nor an input; "
             f"known: {', '.join(columns)}."
         )
-    centre, half_width = _box(columns, variables)
+    centre, half_width = box_of(columns, variables)
     if np.any(half_width == 0):
         constant = variables[int(np.argmin(half_width))]
         raise InputError(
@@ -147,11 +147,13 @@ def box_columns(
     nodes, weights = box_nodes(
         len(names), monte_carlo=gp.monte_carlo if gp.measure == "box-monte-carlo" else None, seed=gp.seed
     )
-    centre, half_width = _box(columns, names)
+    centre, half_width = box_of(columns, names)
     return dict(zip(names, (centre + half_width * nodes).T, strict=True)), weights
 
 
-def _box(columns: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+def box_of(columns: Mapping[str, np.ndarray], names: Iterable[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Return centre and half-width of the box of some columns; their ends are enough."""
+    names = tuple(names)
     low = np.array([columns[name].min() for name in names])
     high = np.array([columns[name].max() for name in names])
     return (low + high) / 2, (high - low) / 2

@@ -15,12 +15,6 @@ DRAWN = ("theta", "theta_sd", "prior_sd", "gamma", "inclusion", "weight", "f")
 LABELS = ("term", "variable", "basis")
 """Coordinates of results: a site of a user's own prior with one of these names would vanish beside them."""
 
-PACKAGE_QUANTITIES = frozenset(
-    (*DRAWN, "y", "rate", "noise", "sigma", "amplitude", "length_scale", "pi", "tau", "tau_unit", "log_odds")
-    + ("v", "lambda", "slab", "placement")
-)
-"""Quantities that the package itself names."""
-
 VECTOR = "eta"
 """The only site of a `density_model`."""
 
@@ -84,6 +78,12 @@ class EquationSites:
     def raw(self) -> tuple[str, str, str]:
         """Coordinates of the sampler that follow from another quantity: s from σ, τ's from τ, bounded ones from θ."""
         return self.noise, self.tau_unit, self.placement
+
+
+PACKAGE_QUANTITIES = frozenset(
+    ("v", "lambda", "slab", *(name for name, each in vars(EquationSites).items() if isinstance(each, _Name)))
+)
+"""Quantities that the package itself names."""
 
 
 class Sites(Mapping[str, EquationSites]):

@@ -143,11 +143,9 @@ class _Deviation(Coefficient):
 
     @property
     def known(self) -> float:
-        """The mean."""
         return self.known_part
 
     def centred(self) -> "Coefficient":
-        """Return the prior itself."""
         return self
 
 
@@ -162,17 +160,7 @@ def coefficient_of_term(
     fixed: float | None,
     bounds: Sequence[float | None] | None,
 ) -> Coefficient | None:
-    """Check what a term states of its own coefficient, in user's units.
-
-    Args:
-        term: Its name, for messages.
-        sign: "+": not negative; "-": not positive.
-        prior: Mean and standard deviation.
-        fixed: The value.
-        bounds: Least and largest value; None leaves an end open.
-
-    Returns:
-        The same as a `Coefficient`; None where nothing is stated.
+    """Return what a term states of its own coefficient (see `Term`) as a `Coefficient`; None where it states nothing.
 
     Raises:
         InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the

@@ -230,13 +230,7 @@ class Dictionary:
     def evaluate(
         self, columns: Mapping[str, Float[Array | np.ndarray, "*rows"]]
     ) -> Float[Array | np.ndarray, "*rows n_term"]:
-        """Return the dictionary matrix Phi, one row for each observation.
-
-        Args:
-            columns: Arrays by name, all of one shape: `(n_obs,)`, or `()` for a single point.
-
-        Returns:
-            Values of the terms along a new last axis.
+        """Return the dictionary matrix Phi: values of the terms along a new last axis, on columns of one shape.
 
         Raises:
             InputError: A column is missing.

@@ -58,16 +58,16 @@ def same_unit(first: str, second: str, what: str) -> bool:
     return _same(one, other) and abs(float(registry().Quantity(0.0, one).to(other).magnitude)) < 1e-9
 
 
-def require_units_of(data: Runs, train: Runs, which: str = "test") -> None:
-    """Refuse data in other units than those of the training data, where both are declared.
+def require_units_of(data: Runs, train: Runs) -> None:
+    """Refuse test data in other units than those of the training data, where both are declared.
 
     Raises:
-        InputError: Units of a column differ, or one is unknown. The message calls the data `which`.
+        InputError: Units of a column differ, or one is unknown.
     """
     for name, unit in train.units.items():
         other = data.units.get(name)
         if unit and other and not same_unit(unit, other, f"column {name!r}"):
-            raise InputError(f"The {which} data have {name} in {other}, the training data in {unit}: convert them.")
+            raise InputError(f"The test data have {name} in {other}, the training data in {unit}: convert them.")
 
 
 def per_second(unit: str) -> float:
@@ -91,8 +91,7 @@ def derivative_unit(state: str, units: Mapping[str, str]) -> str:
         return declared
     if not units.get(state) or not units.get("t"):
         return ""
-    rate = parse_unit(units[state], f"column {state!r}") / parse_unit(units["t"], "the time")
-    return f"{rate:~P}" or "1"
+    return _shown(parse_unit(units[state], f"column {state!r}") / parse_unit(units["t"], "the time"))
 
 
 def with_rates(units: Mapping[str, str], rates: Mapping[str, str | None]) -> dict[str, str]:

@@ -84,11 +84,11 @@ def test_what_a_band_holds_is_said_in_order_and_nothing_says_nothing():
 
 
 @pytest.mark.parametrize("runs", [1, 2])
-def test_without_starts_all_draws_begin_at_the_measured_one(runs):
+def test_every_draw_begins_at_its_own_starts(runs):
     data = swinging(runs=runs)
-    states, failed_at = FreeRunner(lambda t, x, u, c: c * x)(data, np.array([0.1, 0.2]))
-    first = np.arange(runs) * 201
-    np.testing.assert_array_equal(states[:, first], np.tile(data.matrix(("y", "v"))[first], (2, 1, 1)))
+    starts = np.random.default_rng(0).standard_normal((2, runs, 2))
+    states, failed_at = FreeRunner(lambda t, x, u, c: c * x)(data, np.array([0.1, 0.2]), starts)
+    np.testing.assert_array_equal(states[:, np.arange(runs) * 201], starts)
     assert failed_at.shape == (runs, 2) and np.isnan(failed_at).all()
 
 

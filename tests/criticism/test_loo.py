@@ -14,7 +14,8 @@ from scipy.special import betaln, logsumexp
 
 from bayes_greybox.criticism.convergence import array_stats, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
-from bayes_greybox.criticism.cross_validation.loo import loo, refit_without
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
+from bayes_greybox.criticism.cross_validation.loo import refit_without
 from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group, pointwise_loo
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior
@@ -212,7 +213,7 @@ def test_one_run_equals_thirty_exact_refits():
     gp = OrthogonalGP(features=8, variables=("y",))
     model = Program(dictionary={"v": ["v", "v**3"]}, prior=SpikeAndSlab(), discrepancy=gp)
     posterior = sample_posterior(model, oscillator(n, seed=1), Sampling(2500, 300, 4, seed=0), progress=False)
-    result = loo(posterior, refit=None)
+    result = cross_validate(posterior, refit=None)
 
     frame, group = posterior.equations["v"].frame, posterior.idata["posterior"]
     hyper = posterior.draws("v").hyper
@@ -268,7 +269,7 @@ def test_arviz_finds_the_same_from_the_log_likelihood_group():
             coords={"chain": np.arange(4), "draw": np.arange(250)},
         )
     )
-    result = loo(posterior)
+    result = cross_validate(posterior)
     theirs = arviz_stats.loo(tree, pointwise=True, reff=result.r_eff[0])
     np.testing.assert_allclose(result.pointwise, theirs.elpd_i.to_numpy(), rtol=1e-10)
     np.testing.assert_allclose(result.khat, theirs.pareto_k.to_numpy(), rtol=1e-8)
@@ -307,7 +308,7 @@ def test_flagged_rows_are_refitted_exactly_or_reported():
         refits.append((equation, rows, refit_without(posterior, equation, rows)))
         return refits[-1][2]
 
-    result = loo(posterior, refit=refit)
+    result = cross_validate(posterior, refit=refit)
     ((equation, rows, without),) = refits
     assert (equation, rows) == ("v", [7])
     assert result.refits == 1 and result.refitted[7] and result.khat[7] > result.threshold
@@ -324,7 +325,7 @@ def test_flagged_rows_are_refitted_exactly_or_reported():
     def never(*_):
         raise AssertionError("no refit was to be made")
 
-    capped = loo(posterior, refit=never, max_refits=0)
+    capped = cross_validate(posterior, refit=never, max_refits=0)
     assert capped.refits == 0 and capped.n_bad == 1 and capped.worst_k > capped.threshold
     assert "not refitted" in capped.notes[0] and "max_refits=0" in capped.notes[0]
     np.testing.assert_array_equal(np.delete(capped.pointwise, 7), np.delete(result.pointwise, 7))
@@ -342,4 +343,4 @@ def test_flagged_rows_are_refitted_exactly_or_reported():
 def test_too_few_draws_are_refused():
     model = Program(dictionary={"v": ["y"]}, discrepancy=None)
     with pytest.raises(InputError, match="at least 25 posterior draws, not 6"):
-        loo(fabricate(model, oscillator(30)))
+        cross_validate(fabricate(model, oscillator(30)))

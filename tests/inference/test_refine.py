@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from scipy.stats import norm
 
 import bayes_greybox as bg
-from bayes_greybox.criticism.cross_validation.loo import loo
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
 from bayes_greybox.criticism.linearity import linearity
 from bayes_greybox.inference.refinement import accurate, methods, refine
 from bayes_greybox.inference.refinement.exact_paths import Course
@@ -245,7 +245,8 @@ def test_it_is_read_again_and_runs_freely(bent, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "ask", [bg.Fit.checks, loo, lambda fit: fit.whiteness("x"), linearity_of, bg.Fit.discrepancy, bg.Fit.trade_off]
+    "ask",
+    [bg.Fit.checks, cross_validate, lambda fit: fit.whiteness("x"), linearity_of, bg.Fit.discrepancy, bg.Fit.trade_off],
 )
 def test_what_is_found_from_linear_rows_is_asked_of_the_fit_that_was_refined(bent, ask):
     with pytest.raises(bg.InputError, match="ask the fit that was refined"):

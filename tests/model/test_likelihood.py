@@ -147,10 +147,7 @@ def test_spike_and_slab_draws_leave_terms_out(data):
     assert abs(silent - 0.125) < 5 * np.sqrt(0.125 * 0.875 / 4000)
 
 
-def test_uncollapsed_twin_refuses_what_it_cannot_hold(program, data, designs):
+def test_a_dense_design_has_no_weights_to_sample(data):
     exact = Program({"v": ["y"]}, prior=Normal(), discrepancy=OrthogonalGP(path="exact"))
     with pytest.raises(ValueError, match="path='hsgp'"):
-        seed(exact.uncollapsed_model, 0)(exact.designs(data))
-    spike = Program({"v": ["y"]}, prior=SpikeAndSlab(), discrepancy=OrthogonalGP(features=3))
-    with pytest.raises(ValueError, match="spike-and-slab"):
-        seed(spike.uncollapsed_model, 0)(spike.designs(data))
+        seed(exact.designs(data)["v"].sampled_weights, 0)(None)

@@ -11,6 +11,7 @@ from scipy.stats import qmc
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampler.prior_data import OpenEquation
 from bayes_greybox.model.frame import Frame
+from bayes_greybox.model.scaling import box_of
 from bayes_greybox.model.sites import EquationSites, Sites
 
 from .ranks import rank_truths
@@ -55,11 +56,10 @@ def places(frame: Frame, data: Trajectories) -> Places:
     chosen = {name: column[row] for name, column in data.columns.items()}
     region = np.zeros(len(row), int)
     if frame.basis is not None:
-        low = np.array([column.min() for column in data.columns.values()])
-        high = np.array([column.max() for column in data.columns.values()])
-        unit = 2 * qmc.Halton(len(low), scramble=False).random(CANDIDATES + 1)[1:] - 1
-        candidates = dict(zip(data.columns, ((low + high) / 2 + BEYOND_REACH * (high - low) / 2 * unit).T, strict=True))
-        beyond = np.any(np.abs(BEYOND_REACH * unit[:, high > low]) > 1, axis=1)
+        centre, half_width = box_of(data.columns, data.columns)
+        unit = 2 * qmc.Halton(len(centre), scramble=False).random(CANDIDATES + 1)[1:] - 1
+        candidates = dict(zip(data.columns, (centre + BEYOND_REACH * half_width * unit).T, strict=True))
+        beyond = np.any(np.abs(BEYOND_REACH * unit[:, half_width > 0]) > 1, axis=1)
         at, rows = np.asarray(frame.position(candidates)), np.asarray(frame.position(data.columns))
         away = np.array([np.linalg.norm(rows - place, axis=1).min() > LEAST_DISTANCE for place in at])
         with np.errstate(all="ignore"):

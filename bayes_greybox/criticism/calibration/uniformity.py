@@ -38,11 +38,9 @@ def uniformity_p(values: Float[np.ndarray, " n_value"]) -> float:
     γ = 2 min_i min{Bin(R_i | N, z_i), 1 − Bin(R_i − 1 | N, z_i)} (Säilynoja, Bürkner & Vehtari 2022, Eq. 11), and its
     distribution follows by recursion over the points (their Sec. 2.3), without simulation.
     """
-    n = len(values)
-    at = evaluation_points(n)
-    counts = np.searchsorted(np.sort(values), at, side="right")
-    tails = np.minimum(binom.cdf(counts, n, at), binom.sf(counts - 1, n, at))
-    gamma = float(min(1.0, 2 * tails.min()))
+    n, tails = len(values), _tails(len(values))
+    counts = np.searchsorted(np.sort(values), evaluation_points(n), side="right")
+    gamma = float(min(1.0, tails[counts, np.arange(len(counts))].min()))
     # Data on the edge of a band count as outside: γ is the level at which they just are.
     return 1.0 - _inside(n, gamma * (1 + 1e-9))
 

@@ -48,10 +48,9 @@ def suggestion(posterior: Posterior, equation: str) -> str:
     best = max(factors, key=factors.__getitem__, default=PROCESS)
     if factors.get(best, 0.0) < CLEAR_LOG_BAYES_FACTOR or (best == PROCESS and not len(rows.noise.intensities)):
         return ""
-    options = {key: value for key, value in asdict(noise).items() if key != "found" and value is not None}
-    options = {key: value for key, value in options.items() if (key, value) != ("scale", 1.0)} | {
-        NOISE_ARGUMENTS[best]: FIT
-    }
+    stated = {key: value for key, value in asdict(noise).items() if key != "found" and value is not None}
+    options = {key: value for key, value in stated.items() if (key, value) != ("scale", 1.0)}
+    options[NOISE_ARGUMENTS[best]] = FIT
     written = ", ".join(f"{key}={value!r}" for key, value in options.items())
     what = "an unknown force on the path" if best == PROCESS else best
     return (

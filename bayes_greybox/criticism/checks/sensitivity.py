@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
-from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
 from bayes_greybox.criticism.convergence import array_stats
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.algebra.collapsed import Regression, log_pattern_weights, patterns, ridge
+from bayes_greybox.model.algebra.collapsed import Regression, patterns, spike_and_slab
 from bayes_greybox.model.design import Design, EquationDraws
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
@@ -200,7 +199,5 @@ def _summed(
     """
     root = jnp.sqrt(likelihood)
     scaled = Regression(root * regression.T, root * regression.q, likelihood * regression.log_det)
-    full = ridge(scaled, slab / jnp.sqrt(prior), 0.0)
-    weights = log_pattern_weights(full.mean, full.covariance, prior * log_odds, certain)
-    total = logsumexp(weights)
-    return full.log_evidence + total, jnp.exp(weights - total) @ jnp.asarray(patterns(len(full.mean), certain))
+    total, log_weight = spike_and_slab(scaled, slab / jnp.sqrt(prior), prior * log_odds, 0.0, certain)
+    return total, jnp.exp(log_weight) @ jnp.asarray(patterns(len(slab), certain))

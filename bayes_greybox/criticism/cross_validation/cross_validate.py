@@ -4,7 +4,7 @@ from bayes_greybox.inference.posterior import Posterior
 
 from .folds import FUTURE_START, check_scheme, make_folds
 from .leave_future_out import leave_future_out
-from .loo import Loo, Refit, leave_folds_out, loo, refit_without
+from .loo import Loo, Refit, leave_folds_out, refit_without
 
 
 def cross_validate(
@@ -40,7 +40,7 @@ def cross_validate(
     """
     check_scheme(scheme, block, start)
     if scheme == "loo":
-        return loo(posterior, at_most, refit=refit, max_refits=max_refits, progress=progress)
+        return leave_folds_out(posterior, None, at_most, refit, max_refits, progress)
     folds = make_folds(posterior, scheme, block, start)
     run = leave_future_out if scheme == "future" else leave_folds_out
-    return run(posterior, folds, at_most, refit=refit, max_refits=max_refits, progress=progress)
+    return run(posterior, folds, at_most, refit, max_refits, progress)

@@ -11,10 +11,11 @@ from jax.scipy.special import logsumexp
 from jaxtyping import Array, Bool, Float, Int
 
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.algebra.collapsed import log_evidence, log_pattern_weights, ridge
+from bayes_greybox.model.algebra.collapsed import log_pattern_weights, ridge
 from bayes_greybox.model.algebra.linalg import solve_lower
 from bayes_greybox.model.design import Design, WeightedRows
 from bayes_greybox.model.gp.hyper import Hyperparameters
+from bayes_greybox.model.likelihood import log_density
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.running.compiling import compiled
 
@@ -156,9 +157,4 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
 
 @compiled
 def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
-    def one(item: tuple[Hyperparameters, Scales]) -> Array:
-        hyper, scales = item
-        regression = design.remove_discrepancy(design.y, hyper)[0].beside(scales.mean)
-        return log_evidence(regression, scales.sd, scales.log_odds, design.n_obs, design.coefficients.certain)
-
-    return jax.lax.map(one, parameters)
+    return jax.lax.map(lambda item: log_density(design, *item, design.y), parameters)

@@ -6,14 +6,13 @@ from bayes_greybox.inference.posterior import Posterior
 
 from .fold_densities import fold_parameters, past_densities
 from .folds import Folds
-from .loo import WEIGHTED_NOTE, Estimates, Loo, Refit, refit_without, refitted_without, result, weighted
+from .loo import WEIGHTED_NOTE, Estimates, Loo, Refit, refitted_without, result, weighted
 from .psis import count_draws, khat_threshold, log_mean, relative_efficiency, smoothed
 
 
 def leave_future_out(
-    posterior: Posterior, folds: Folds, at_most: int | None = None, *, refit: Refit | None = refit_without,
-    max_refits: int = 10, progress: bool = True,
-) -> Loo:  # fmt: skip
+    posterior: Posterior, folds: Folds, at_most: int | None, refit: Refit | None, max_refits: int, progress: bool
+) -> Loo:
     """Leave the future out: elpd = Σ_j log p(y_j | y_<j) over consecutive steps j of the folds.
 
     These are the M-step-ahead predictions of Bürkner, Gabry & Vehtari 2020 (Approximate leave-future-out

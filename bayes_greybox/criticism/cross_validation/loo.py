@@ -106,24 +106,15 @@ def refit_without(posterior: Posterior, equation: str, rows: Sequence[int], prog
     )
 
 
-def loo(
-    posterior: Posterior, at_most: int | None = None, *, refit: Refit | None = refit_without, max_refits: int = 10,
-    progress: bool = True,
-) -> Loo:  # fmt: skip
-    """Leave one observation out at a time, by Pareto-smoothed importance sampling over the draws of one run.
+def leave_folds_out(
+    posterior: Posterior, folds: Folds | None, at_most: int | None, refit: Refit | None, max_refits: int, progress: bool
+) -> Loo:
+    """Leave folds out, single observations if `folds` is None, by importance sampling over the draws of one run.
 
-    elpd_i = log Σ_s w_is p(y_i | y₋ᵢ, η_s), with w_is ∝ 1/p(y_i | y₋ᵢ, η_s) smoothed (Vehtari et al. 2024;
+    elpd_F = log Σ_s w_Fs p(y_F | y₋F, η_s), with w_Fs ∝ 1/p(y_F | y₋F, η_s) Pareto-smoothed (Vehtari et al. 2024;
     Bürkner, Gabry & Vehtari 2021, section 2.3, for models whose observations are not independent given η). Arguments
     are those of `cross_validate`; the `pointwise` values are comparable between models of the same data.
     """
-    return leave_folds_out(posterior, None, at_most, refit=refit, max_refits=max_refits, progress=progress)
-
-
-def leave_folds_out(
-    posterior: Posterior, folds: Folds | None, at_most: int | None = None, *, refit: Refit | None = refit_without,
-    max_refits: int = 10, progress: bool = True,
-) -> Loo:  # fmt: skip
-    """Leave several observations out at once, w_Fs ∝ 1/p(y_F | y₋F, η_s); single ones if `folds` is None. See `loo`."""
     posterior.require_rows("Leave-one-out and other folds are found")
     n_draw = count_draws(posterior, at_most)
 

@@ -94,7 +94,7 @@ class Course(NamedTuple):
         # By run, as for the rows.
         for run in (samples.run == r for r in range(samples.n_run)):
             kind = interpolation or between_samples(samples.time[run], inputs[run])
-            curvature[run] = curvature_of(jnp.asarray(samples.time[run]), jnp.asarray(inputs[run]), kind)[1]
+            curvature[run] = curvature_of(samples.time[run], inputs[run], kind)[1]
         rows = [np.flatnonzero(every[:, 0] == k) for k in range(path.n_segment)]
         place = np.empty(len(every), int)
         for index in rows:

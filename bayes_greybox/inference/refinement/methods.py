@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.physics.integration.adaptive_steps import Limits, Samples, StepSettings, cut, follow_piece, joined
+from bayes_greybox.physics.integration.adaptive_steps import Samples, StepSettings, cut, follow_piece, joined, limits_of
 from bayes_greybox.physics.integration.fixed_steps import Intervals, Rate, follow, follow_with_slopes, intervals_of
 from bayes_greybox.physics.integration.solvers import diffrax
 
@@ -125,8 +125,7 @@ class AdaptiveSteps:
         """Return paths at the samples; NaN beyond the end of a path."""
 
         def one(x0: Array, times: Array, samples: Samples) -> Array:
-            limits = Limits(x0, times[-1], times[-1] - times[0], grid.sizes, 1e12 * jnp.max(grid.sizes))
-            dfx = diffrax()
+            limits, dfx = limits_of(times, x0, grid.sizes), diffrax()
             settings = StepSettings(grid.tolerance, grid.tolerance, solver=dfx.Tsit5(), adjoint=dfx.ForwardMode())
             follow = partial(follow_piece, rate, limits=limits, args=parameters, kinds=self._kinds, settings=settings)
             _, pieces = jax.lax.scan(
@@ -161,12 +160,10 @@ Method = FixedSteps | AdaptiveSteps
 
 def _filled(segment: Segment, n: int) -> Segment:
     """Pad a segment to n samples, which no row is at."""
-    time, inputs, curvature = segment
-    more = n - len(time)
+    more, time = n - len(segment.time), segment.time
     step = time[-1] - time[-2] if len(time) > 1 else 1.0
-    held = np.repeat(inputs[-1:], more, axis=0)
     return Segment(
         np.concatenate([time, time[-1] + step * np.arange(1, more + 1)]),
-        np.concatenate([inputs, held]),
-        np.concatenate([curvature, np.zeros_like(held)]),
+        np.pad(segment.inputs, ((0, more), (0, 0)), "edge"),
+        np.pad(segment.curvature, ((0, more), (0, 0))),
     )

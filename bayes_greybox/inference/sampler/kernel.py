@@ -31,7 +31,7 @@ def posterior_kernel(model: SamplingProgram, designs: Mapping[str, Design], targ
 
 
 def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Callable:
-    """Return a `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each equation, then as many swaps.
+    """Return a `gibbs_fn` for `numpyro.infer.HMCGibbs`: a sweep over γ of each of these equations, and swaps.
 
     Given η, τ and π the posterior of γ is p(γ | ·) ∝ Π π^γ (1 − π)^(1−γ) p(y | γ, ·), and p(y | γ, ·) is
     Gaussian with θ and f integrated out. In terms of A = TᵀT and b = Tᵀq of the remaining regression (see
@@ -42,11 +42,6 @@ def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Cal
 
     which the sweep operator (Goodnight 1979) keeps up to date in K² operations a flip. Swapping a term that
     is in for one that is out (Metropolis) lets near-collinear terms change places.
-
-    Args:
-        model: The collapsed model.
-        designs: The model's argument.
-        equations: Equations with a `gamma` site.
     """
     names = Sites(designs)
 

@@ -127,28 +127,19 @@ def log_white_each(
     return marginal(spectrum, noise).log_evidence
 
 
-def means(spectrum: Spectrum, posterior: Marginal) -> Float[np.ndarray, "*batch n_column"]:
-    """Return the posterior mean of β without f, σ integrated out: that of `coefficients`, for a third of the cost."""
-    return np.einsum("...ij,...j->...i", spectrum.back, _conditional(spectrum, posterior)[2])
-
-
 def coefficients(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray]:
     """Return posterior mean [..., n_column] and covariance [..., n_column, n_column] of β without f, σ integrated out.
 
     Given σ, β ~ N(D^½U b/(σ² + λ), σ² D^½U diag 1/(σ² + λ) UᵀD^½); the mean hardly moves with σ, so the covariance is
     the average of the conditional ones plus that of the conditional means.
     """
-    both, means_at, centre = _conditional(spectrum, posterior)
+    # σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the mean of the latter over the nodes.
+    both = posterior.sigma[..., None] ** 2 + spectrum.eigenvalues[..., None, :]
+    means_at = spectrum.loading[..., None, :] / both
+    centre = np.sum(posterior.weight[..., None] * means_at, axis=-2)
     within = np.sum(posterior.weight[..., None] * posterior.sigma[..., None] ** 2 / both, axis=-2)
     away = means_at - centre[..., None, :]
     between = np.einsum("...n,...ni,...nj->...ij", posterior.weight, away, away)
     inner = between + np.eye(within.shape[-1]) * within[..., None, :]
     mean = np.einsum("...ij,...j->...i", spectrum.back, centre)
     return mean, np.einsum("...ij,...jk,...lk->...il", spectrum.back, inner, spectrum.back)
-
-
-def _conditional(spectrum: Spectrum, posterior: Marginal) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return σ² + λ and b/(σ² + λ) at each node of σ [..., n_node, n_column], and the latter's mean over the nodes."""
-    both = posterior.sigma[..., None] ** 2 + spectrum.eigenvalues[..., None, :]
-    means_at = spectrum.loading[..., None, :] / both
-    return both, means_at, np.sum(posterior.weight[..., None] * means_at, axis=-2)

@@ -67,14 +67,10 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
 
 
 def nearer(model: Any, equation: Equation, earlier: Any = None, last: bool = False) -> Any:
-    """Return the model with rows near the estimate on more rows than its own; None where they are near already.
+    """Return a model of `near_estimate` near the estimate of its equation, without f, on all rows; None if it is so.
 
-    Args:
-        model: A model of `near_estimate`.
-        equation: Its equation on all rows, without f.
-        earlier: The model before, if it was moved by this function. Of two sets of terms that lead to each other
-            alternately either will do, if they differ by one term.
-        last: If true, rows are not taken anew again: an estimate within a standard deviation will do.
+    Of two sets of terms that lead to each other alternately, the `earlier` model's and this one's, either will do if
+    they differ by one term. At the `last` time an estimate within a standard deviation will do.
     """
     if model.rows.follows_path:
         off = equation.moved(frozen(model, equation))

@@ -24,12 +24,9 @@ Model = TypeVar("Model", bound=Any)
 
 
 def at_estimate(model: Model, data: Trajectories, near: Callable[[Model], Model]) -> Model:
-    """Return the model with formulas linearised at the estimate of their parameters.
+    """Return a model that is not linear in its learned parameters with formulas linearised at their estimate.
 
-    Args:
-        model: Model with learned parameters that its formulas are not linear in.
-        data: Training data.
-        near: Function that takes the rows of a model near its estimate, where they are linear only near one.
+    `near` takes the rows of a model near its estimate, where they are linear only near one.
 
     Raises:
         InputError: See `Program.assemble`; parameters that do not settle.

@@ -1,9 +1,8 @@
-"""η, the hyperparameters of one equation: their sites, their prior density and their packing, stated once.
+"""η, the hyperparameters of one equation, and their prior.
 
     σ² = floor² + s²,  s ~ HalfNormal(scale),   amplitude ~ HalfNormal(a),   ℓ_d ~ LogNormal(log ℓ₀, spread),
 
-all in scaled units. The NumPyro program samples them as sites; the evidence of a hypothesis integrates
-over the packed vector (log s, log amplitude, log ℓ).
+all in scaled units. The NumPyro program samples them as sites; the evidence of sets of terms integrates over log s.
 """
 
 import math
@@ -42,7 +41,8 @@ class NoisePrior(NamedTuple):
 
     def log_density(self, log_s: Array | np.ndarray) -> Any:
         """Return the log prior density of log s."""
-        return log_half_normal(log_s, self.scale)
+        xp = namespace([log_s, self.scale])
+        return 0.5 * math.log(2 / math.pi) - xp.log(self.scale) - 0.5 * (xp.exp(log_s) / self.scale) ** 2 + log_s
 
 
 @jax.tree_util.register_dataclass
@@ -75,25 +75,3 @@ class HyperPrior:
         amplitude = site("amplitude", dist.HalfNormal(self.amplitude))
         length = dist.LogNormal(jnp.log(self.length_scale), self.spread).expand([self.n_var]).to_event(1)
         return Hyperparameters(sigma, amplitude, site("length_scale", length))
-
-    @property
-    def start(self) -> Float[np.ndarray, " n_eta"]:
-        """Packed η at which a search for its mode begins."""
-        lengths = np.full(self.n_var or 0, math.log(self.length_scale))
-        return np.concatenate([[math.log(0.5), math.log(0.5)], lengths])
-
-    def unpack(self, eta: Float[Array, " n_eta"]) -> Hyperparameters:
-        """Return η of the packed vector (log s, log amplitude, log ℓ)."""
-        return Hyperparameters(jnp.asarray(self.noise.sigma(eta[0])), jnp.exp(eta[1]), jnp.exp(eta[2:]))
-
-    def log_density(self, eta: Float[Array, " n_eta"]) -> Array:
-        """Return the log prior density of the packed vector."""
-        z = (eta[2:] - jnp.log(self.length_scale)) / self.spread
-        lengths = jnp.sum(-0.5 * z**2 - jnp.log(self.spread * math.sqrt(2 * math.pi)))
-        return self.noise.log_density(eta[0]) + log_half_normal(eta[1], self.amplitude) + lengths
-
-
-def log_half_normal(log_x: Array | np.ndarray, scale: Array | float) -> Any:
-    """Return the log density of log x for x ~ HalfNormal(scale)."""
-    xp = namespace([log_x, scale])
-    return 0.5 * math.log(2 / math.pi) - xp.log(scale) - 0.5 * (xp.exp(log_x) / scale) ** 2 + log_x

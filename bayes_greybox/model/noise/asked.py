@@ -30,6 +30,7 @@ from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
+from bayes_greybox.model.scaling import box_of
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
 
@@ -268,11 +269,10 @@ def _features(
     variables = tuple(discrepancy.variables or rows.columns)
     if len(variables) not in RIDGE_FEATURES or any(name not in rows.columns for name in variables):
         return none
-    low, high = (np.array([edge(rows.columns[name]) for name in variables]) for edge in (np.min, np.max))
-    if np.any(high <= low):
+    centre, half_width = box_of(rows.columns, variables)
+    if not np.all(half_width > 0):
         return none
     basis = HilbertBasis(discrepancy.boundary, (RIDGE_FEATURES[len(variables)],) * len(variables))
-    centre, half_width = (low + high) / 2, (high - low) / 2
     features = rows.table(
         lambda at: np.asarray(held_features(basis, scaled_position(at, variables, centre, half_width)))
     )
@@ -315,11 +315,6 @@ def noise_record(model: NoiseModel) -> dict[str, Any]:
     if parameters := about.get(HEAVY):
         record |= {"degrees": float(parameters["degrees"])}
     return record
-
-
-def with_found(noise: Noise, models: Mapping[str, NoiseModel]) -> Noise:
-    """Return the noise with the parameters that were found for each equation."""
-    return replace(noise, found={name: noise_record(model) for name, model in models.items()})
 
 
 def is_number(value: Any) -> bool:

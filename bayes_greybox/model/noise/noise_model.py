@@ -11,10 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
-from bayes_greybox.data.noise.weighted import correlation_and_sd, with_sd
 
 CORRELATED, PROCESS = "correlated noise", "process in time"
 """The suspect, and the discrepancy where the correlation is smooth, which is no suspect."""
@@ -31,22 +29,12 @@ class NoiseModel:
         names: The suspects in it; none for noise as it was given.
         constant: See the module's equation; sums over suspects.
         about: Parameters of each suspect, by name.
-        tail_weights: Factor of each row's 1/σ² by heavy tails, found on the residuals; None without heavy tails.
     """
 
     noise: RowNoise
     names: tuple[str, ...] = ()
     constant: float = 0.0
     about: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    tail_weights: Float[np.ndarray, " n_obs"] | None = None
-
-    @property
-    def body(self) -> RowNoise:
-        """R without the weights of heavy tails: where R makes tails light, rows that this whitens have Student's t."""
-        if self.tail_weights is None:
-            return self.noise
-        inner, sd = correlation_and_sd(self.noise)
-        return self.noise.with_error(with_sd(inner, sd * np.sqrt(self.tail_weights)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -115,8 +115,8 @@ def heavy(
         cell = math.log(log_s[1] - log_s[0])
         return n * (constant - log_s) - 0.5 * (nu + 1) * tails + prior.log_density(log_s) + cell
 
-    grids = [log_s + 0.0 for _ in degrees]
-    density = np.array([log_density(nu, grid) for nu, grid in zip(degrees, grids, strict=True)])
+    grids = [log_s] * len(degrees)
+    density = np.array([log_density(nu, log_s) for nu in degrees])
     coarse = log_s[1] - log_s[0]
     if 1 / math.sqrt(2 * n) < coarse:
         # The scale is known to better than the grid's step: once more, finer, around each best node.
@@ -136,7 +136,7 @@ def heavy(
     before = log_white(float(np.sum(e**2)), n, prior)
     about = {"degrees": nu, "scale": scale}
     model = replace(
-        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY), tail_weights=weight,
+        current, noise=current.noise.with_error(held), names=(*current.names, HEAVY),
         constant=current.constant + total - at_mode, about={**current.about, HEAVY: about},
     )  # fmt: skip
     return Suspicion(HEAVY, total - before, model)
@@ -177,7 +177,7 @@ def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion
     intensity = float(grid[int(np.argmax(log_p))])
     noise = current.noise.forced(intensity)
     square = float(np.sum(current.noise.whiten(residual[:, None]) ** 2))
-    before = float(log_white_each(np.array([square]), len(residual), prior)[0]) - 0.5 * current.noise.log_det
+    before = log_white(square, len(residual), prior) - 0.5 * current.noise.log_det
     about = {"intensity": intensity, "share": _share(residual, current, intensity)}
     # Uniform in log λ over the grid's range, by the trapezoidal rule.
     place = np.log(grid)

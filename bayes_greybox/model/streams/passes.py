@@ -152,7 +152,7 @@ class Whole:
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
         rows = Rows(self.stream.source, model, self.sample.samples or self.sample, self.runs)
         parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
-        factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
+        factors = {block: Factors.empty(frame.n_column) for block, frame in frames.items()}
         for part in parts:
             factors = {block: factor.joined(part[block]) for block, factor in factors.items()}
         for block, frame in frames.items():
@@ -213,7 +213,7 @@ def _extent_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> Exten
     with threadpool_limits(1):
         for chunk, by_name in rows.of_part(part):
             factors = {
-                block: _with_rows(Factors.empty(_width(frame)), frame, by_name[block])
+                block: _with_rows(Factors.empty(frame.n_column), frame, by_name[block])
                 for block, frame in frames.items()
             }
             n_telling = max(len(np.unique(each.run)) for each in by_name.values()) if frames else chunk.n_run
@@ -225,7 +225,7 @@ def _extent_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> Exten
 
 
 def _factors_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> dict[str, Factors]:
-    factors = {block: Factors.empty(_width(frame)) for block, frame in frames.items()}
+    factors = {block: Factors.empty(frame.n_column) for block, frame in frames.items()}
     # The last digits of a factor may depend on how many threads made it.
     with threadpool_limits(1):
         for _, by_name in rows.of_part(part):
@@ -257,10 +257,6 @@ def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
         table[:, -1] = y[start : start + CACHED_ROWS]
         R = stacked(R, table)
     return R
-
-
-def _width(frame: Frame) -> int:
-    return len(frame.dictionary) + 1 + (0 if frame.basis is None else frame.basis.size)
 
 
 def _over_parts(

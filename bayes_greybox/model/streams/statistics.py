@@ -204,9 +204,8 @@ class RowStatistics:
         """Return the equation as the likelihood sees it, with a design of all rows, and some of them to look at."""
         name, n_term = sample.equation, len(dictionary)
         frame = scaled_frame(name, dictionary, discrepancy, self.ends, self.term_scale, self.target_scale)
-        n_column = n_term + 1 + (0 if frame.basis is None else frame.basis.size)
         factors = [each for each in (self.factor, self.plain) if each is not None]
-        if any(each.shape != (n_column, n_column) or not np.all(np.isfinite(each)) for each in factors):
+        if any(each.shape != (frame.n_column, frame.n_column) or not np.all(np.isfinite(each)) for each in factors):
             raise InputError(f"The statistics of {name!r} are not those of its {n_term} terms and its discrepancy.")
         plain = self.factor if self.plain is None else self.plain
         require_independent(plain[:, :n_term], dictionary.names, name)

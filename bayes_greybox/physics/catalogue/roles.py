@@ -37,6 +37,9 @@ ROLES: dict[str, str] = {
 }
 """Roles of the packaged catalogues and their meaning in the equation of one state."""
 
+_OWN_ROLES = ("state", "level", "population", "concentration", "voltage", "current", "temperature")
+"""Roles of the state whose equation is learned."""
+
 _ELECTRICAL_UNITS = {"voltage": "V", "current": "A", "flux": "Wb"}
 
 _CONCENTRATION_UNITS = ("mol/l", "mol/kg", "kg/m^3", "1/m^3")
@@ -112,7 +115,7 @@ def roles_of(
     apart = [x for x in pairs if x != velocity and velocity not in _rates(x, pairs)]
     integrals = tuple(x for x in others if pairs.get(x) == equation)
     roles = {
-        "state": (equation,),
+        **dict.fromkeys(_OWN_ROLES, (equation,)),
         # A road's slope is a force of its own.
         "input": tuple(name for name in inputs if name not in given.get("grade", ())),
         "grade": (),
@@ -120,16 +123,10 @@ def roles_of(
         "velocity": (velocity,),
         "other_position": tuple(apart),
         "other_velocity": tuple(dict.fromkeys(pairs[x] for x in apart)),
-        "level": (equation,),
         "upstream": others,
-        "population": (equation,),
-        "concentration": (equation,),
         "other": others,
-        "voltage": (equation,),
-        "current": (equation,),
         "flux": integrals or (equation,),
         "stored": integrals,
-        "temperature": (equation,),
         "surroundings": (*others, *inputs),
     }
     for role in ("temperature", "surroundings"):

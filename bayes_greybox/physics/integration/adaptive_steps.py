@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, cast
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
 
 from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.running.errors import InputError
@@ -21,6 +21,9 @@ PIECE = 128
 
 MOST_STEPS_OF_A_PIECE = 32 * PIECE
 """Steps allowed for a piece: equations that need more are stiff, such as friction that rises steeply at rest."""
+
+BLOW_UP = 1e12
+"""Size at which a run has failed, over the largest size of a state."""
 
 # Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
 # all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
@@ -41,7 +44,7 @@ class Limits(NamedTuple):
     x0: Float[Array | np.ndarray, "*draw d"]
     end: Float[Array, ""]
     span: Float[Array, ""]
-    sizes: Float[Array, " d"]
+    sizes: Float[Array | np.ndarray, " d"]
     limit: Float[Array, ""]
 
 
@@ -76,19 +79,15 @@ def check_interpolation(kind: str | Sequence[str]) -> None:
 
 def cut(
     t: Float[Array | np.ndarray, " n"],
-    inputs: Float[Array | np.ndarray, "n p"] | None,
+    inputs: Float[Array | np.ndarray, "n p"],
     interpolation: str | Sequence[str],
     curvature: Float[Array | np.ndarray, "n p"] | None = None,
 ) -> tuple[Samples, tuple[str, ...]]:
     """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
 
-    Args:
-        t: Increasing times.
-        inputs: Inputs at these times.
-        interpolation: Interpolation between samples, for all inputs or one for each: "linear", "zoh" (held from each
-            sample to the next) or "cubic" (twice differentiable spline); see `between_samples`.
-        curvature: Second derivatives of the inputs' splines, where these belong to a longer record; by default computed
-            from the samples.
+    Inputs at the increasing times t are interpolated by "linear", "zoh" (held from each sample to the next) or "cubic"
+    (twice differentiable spline), all alike or each by its own. Second derivatives of splines through a longer record
+    may be given as `curvature`.
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
@@ -98,10 +97,10 @@ def cut(
     """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
-    if inputs is not None and inputs.shape[0] != t.shape[0]:
+    if inputs.shape[0] != t.shape[0]:
         raise InputError(f"The inputs have {inputs.shape[0]} rows for {t.shape[0]} times; give one row for each time.")
     xp = namespace([t, inputs])
-    values = xp.zeros((t.shape[0], 0)) if inputs is None else xp.asarray(inputs, dtype=float)
+    values = xp.asarray(inputs, dtype=float)
     if curvature is None:
         kinds, curvature = curvature_of(t, values, interpolation)
     else:
@@ -118,13 +117,10 @@ def cut(
 def limits_of(
     t: Float[Array | np.ndarray, " n"],
     x0: Float[Array | np.ndarray, "*draw d"],
-    scale: Float[Array | np.ndarray, " d"],
-    blow_up: float = 1e12,
+    sizes: Float[Array | np.ndarray, " d"],
 ) -> Limits:
-    """Return the limits of a run from x0 at t[0], which fails at `blow_up` times the largest size of a state."""
-    xp = namespace([scale])
-    sizes = xp.asarray(scale, dtype=float)
-    return Limits(x0, t[-1], t[-1] - t[0], sizes, blow_up * xp.max(sizes))
+    """Return the limits of a run from x0 at t[0], which fails at `BLOW_UP` times the largest size of a state."""
+    return Limits(x0, t[-1], t[-1] - t[0], sizes, BLOW_UP * namespace([sizes]).max(sizes))
 
 
 def follow_piece(
@@ -150,7 +146,7 @@ def follow_piece(
         limits: Limits of the run.
         args: Last argument of `rhs`, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        settings: Settings of the integrator.
+        settings: Settings of the integrator; by default those of `StepSettings`.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
@@ -237,14 +233,8 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
     Straight lines take five per cent of the amplitude of a sine that is sampled eight times a period; splines
     overshoot at steps. The cubic through the four neighbours wins where most of the signal lies below a third of
-    the sampling rate. Samples cannot show that an input is held between them: name "zoh".
-
-    Args:
-        t: Increasing times.
-        values: Samples at these times.
-
-    Returns:
-        One name for each column; "linear" where there are fewer than nine samples.
+    the sampling rate. Fewer than nine samples get lines. Samples cannot show that an input is held between them: name
+    "zoh".
     """
     if len(t) < 9:
         return ("linear",) * values.shape[1]
@@ -274,16 +264,19 @@ def between_samples_of_runs(
 
 def curvature_of(
     t: Float[Array | np.ndarray, " n"], values: Float[Array | np.ndarray, "n p"], kind: str | Sequence[str]
-) -> tuple[tuple[str, ...], Float[Array | np.ndarray, "n p"]]:
+) -> tuple[tuple[str, ...], Float[np.ndarray, "n p"]]:
     """Return the interpolation of each column, and second derivatives at the samples: zero but for splines.
 
     Raises:
         InputError: An interpolation is unknown, or there are fewer than four samples for a spline.
     """
-    kinds = one_for_each(kind, values.shape[1])
-    if "cubic" not in kinds:
-        return kinds, namespace([values]).zeros_like(values)
-    return kinds, jnp.where(np.array(kinds) == "cubic", _spline_curvature(jnp.asarray(t), jnp.asarray(values)), 0.0)
+    kinds, curvature = one_for_each(kind, values.shape[1]), np.zeros(values.shape)
+    if "cubic" in kinds:
+        if len(t) < 4:
+            raise InputError(f"Cubic interpolation needs four samples, not {len(t)}; use interpolation='linear'.")
+        times, cubic = np.asarray(t), np.array(kinds) == "cubic"
+        curvature[:, cubic] = CubicSpline(times, np.asarray(values)[:, cubic])(times, 2)
+    return kinds, curvature
 
 
 def one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
@@ -311,22 +304,3 @@ def _input_at(time: Any, samples: Samples, kinds: tuple[str, ...]) -> Float[Arra
     line = a * values[i] + b * values[i + 1]
     smooth = line + (a * (a**2 - 1) * curvature[i] + b * (b**2 - 1) * curvature[i + 1]) * h**2 / 6.0
     return jnp.where(np.array(kinds, dtype=str) == "zoh", held, smooth)
-
-
-def _spline_curvature(t: Float[Array, " n"], values: Float[Array, "n p"]) -> Float[Array, "n p"]:
-    """Return second derivatives at the samples of the cubic spline with not-a-knot ends."""
-    if t.shape[0] < 4:
-        raise InputError(f"Cubic interpolation needs four samples, not {t.shape[0]}; use interpolation='linear'.")
-    h = jnp.diff(t)
-    slope = jnp.diff(values, axis=0) / h[:, None]
-    # h_{i-1} m_{i-1} + 2 (h_{i-1} + h_i) m_i + h_i m_{i+1} = 6 (s_i - s_{i-1}) at the inner samples. At the
-    # second sample the third derivative is continuous, m_0 = m_1 + (m_1 - m_2) h_0 / h_1; so too at the end.
-    lower, diagonal, upper = h[:-1], 2.0 * (h[:-1] + h[1:]), h[1:]
-    first, last = h[0] / h[1], h[-1] / h[-2]
-    diagonal = diagonal.at[0].add(h[0] * (1.0 + first)).at[-1].add(h[-1] * (1.0 + last))
-    upper = upper.at[0].add(-h[0] * first).at[-1].set(0.0)
-    lower = lower.at[-1].add(-h[-1] * last).at[0].set(0.0)
-    inner = jax.lax.linalg.tridiagonal_solve(lower, diagonal, upper, 6.0 * jnp.diff(slope, axis=0))
-    start = inner[0] + (inner[0] - inner[1]) * first
-    end = inner[-1] + (inner[-1] - inner[-2]) * last
-    return jnp.concatenate([start[None], inner, end[None]])

@@ -125,10 +125,7 @@ def forces(
 ) -> Float[np.ndarray, "n_segment n_step 3 k"]:
     """Evaluate forces at the start, the middle and the end of steps; a rough one is replaced by the nearest parabola.
 
-    Args:
-        evaluate: Function from c columns at any points to k forces.
-        nodes: Columns at the ends and middles of steps; within steps they are parabolas.
-        least: Sizes of forces below which roughness is ignored.
+    Within steps the columns in `nodes` are parabolas too. Below the sizes `least` roughness is ignored.
     """
     values = np.asarray(evaluate(nodes.reshape(-1, nodes.shape[-1]))).reshape(*nodes.shape[:2], -1)
     in_steps = triples(values)

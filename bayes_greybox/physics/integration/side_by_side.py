@@ -94,18 +94,10 @@ def run_with(
     simulation: Simulation, systems: Sequence[Added], starts: Sequence[np.ndarray], times: Float[np.ndarray, " n"],
     inputs: Float[np.ndarray, "n_run n_stage p"], limit: Float[np.ndarray, " d"],
 ) -> list[np.ndarray]:  # fmt: skip
-    """Integrate a simulation with terms added to its rates, and with the hidden states of these terms.
+    """Integrate a simulation with terms added to its rates by several systems, and with the hidden states of the terms.
 
-    Args:
-        simulation: Simulation without jumps: an integrator cannot stay on them.
-        systems: Terms added to it, by system.
-        starts: States at the first sample [n_run, n_draw, d], by system; hidden states start as they say.
-        times: Sampling times.
-        inputs: Inputs at the `stage_times`.
-        limit: Size of each state beyond which a run has failed.
-
-    Returns:
-        Paths [n_run, n_draw, n, d] by system.
+    The simulation has no jumps, which an integrator cannot stay on. Starts [n_run, n_draw, d] and the paths that are
+    returned [n_run, n_draw, n, d] are by system; hidden states start as they say. A run beyond its `limit` has failed.
     """
     paths: dict[int, np.ndarray] = {}
     hidden = [tuple(dict.fromkeys(s for _, term in system.terms for s in term.states)) for system in systems]

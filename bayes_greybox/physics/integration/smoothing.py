@@ -55,32 +55,12 @@ class Steps(NamedTuple):
     length: Float[Any, "n_segment n_step"]
 
 
-class Smoothed(NamedTuple):
-    """A path, and the likelihood of λ with it.
-
-    Attributes:
-        ends: States at the ends of steps.
-        log_likelihood: Log likelihood of λ, σ² profiled out.
-    """
-
-    ends: Float[np.ndarray, "n_segment n_end n_state"]
-    log_likelihood: float
-
-
 def steps_along(
     time: Float[np.ndarray, "n_segment n_node"], ends: Float[np.ndarray, "n_segment n_end n_state"],
     response: Response, departure: Float[np.ndarray, "n_segment n_step 3 n_state"],
     E: Float[np.ndarray, "n_state n_force"],
 ) -> Steps:  # fmt: skip
-    """Linearise along a path.
-
-    Args:
-        time: Times of the ends and middles of steps.
-        ends: The path at the ends.
-        response: Response of the linear equation along it.
-        departure: Rate of the equations less the path's slope, at the start, the middle and the end of each step.
-        E: Rates of the states by each unknown force.
-    """
+    """Linearise along a path, of which the rates depart by `departure`; E has the rates by each unknown force."""
     length = np.diff(time[:, ::2], axis=1)
     c = ends[:, 1:] + response.jumps(departure) - np.einsum("snij,snj->sni", response.M, ends[:, :-1])
     # Nothing moves in no time, wherever a filter left the ends of such a step.
@@ -88,19 +68,20 @@ def steps_along(
     return Steps(response.M, c, response.b.sum(axis=-2) @ E, length)
 
 
-def smooth(steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float) -> Smoothed:
-    """Return the posterior mean of the path of linear steps and the likelihood of the ratio λ.
+def smooth(
+    steps: Steps, observed: Observed, outputs: tuple[int, ...], ratio: float
+) -> Float[np.ndarray, "n_segment n_end n_state"]:
+    """Return the posterior mean of the path of linear steps at their ends, given the ratio λ.
 
     `outputs` are the indices of the states that are sampled.
     """
-    ends, log_likelihood = _smooth(*_padded(steps, observed), outputs, ratio)
-    return Smoothed(np.asarray(ends)[:, : steps.M.shape[1] + 1], float(log_likelihood))
+    return np.asarray(_smooth(*_padded(steps, observed), outputs, ratio)[0])[:, : steps.M.shape[1] + 1]
 
 
 def log_likelihoods(
     steps: Steps, observed: Observed, outputs: tuple[int, ...], ratios: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """Return the log likelihoods of several ratios λ, in one run of their filters."""
+    """Return the log likelihoods of several ratios λ, σ² profiled out, in one run of their filters."""
     return np.asarray(_log_likelihoods(*_padded(steps, observed), outputs, ratios))
 
 
@@ -110,16 +91,8 @@ def filtered(
 ) -> Float[np.ndarray, "n_segment n_end n_state"]:  # fmt: skip
     """Return the path of the extended Kalman filter, which needs no path before it to be linearised along.
 
-    Where a sample would take it out of the domain of the equations, it goes only part of the way, or stays.
-
-    Args:
-        rate: `rate(t, x, u, args)` at one point.
-        grid: Nodes.
-        observed: Samples.
-        outputs: Indices of the states that are sampled.
-        E: Rates of the states by each unknown force.
-        ratio: λ.
-        args: Last argument of the rate.
+    Where a sample would take it out of the domain of the equations, it goes only part of the way, or stays. The other
+    arguments are those of `smooth` and `steps_along`; `rate(t, x, u, args)` is at one point.
     """
     n_step = grid.time.shape[1] // 2
     more = filled_length(n_step) - n_step

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.grammar import symbol
-from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
 from .protocol import (
@@ -82,14 +81,6 @@ class CallableSimulation(Simulation):
     def formula(self, name: str) -> sympy.Expr:
         """Return an undefined function g_name(t, x, u) of a state: code cannot be read. It gives no outputs."""
         return undefined(self, name) if name in self.states else sympy.S.Zero
-
-    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """Return no terms: code cannot be read."""
-        return []
-
-    def rate_name(self, state: str) -> str | None:
-        """Return None: only data that meet the rate exactly show it."""
-        return None
 
     @property
     def key(self) -> Hashable:

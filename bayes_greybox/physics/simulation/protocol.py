@@ -133,9 +133,9 @@ class Simulation(ABC):
         """Return a formula with the names of some parameters, whose terms it has; the others are numbers in it."""
         return self.formula(name)
 
-    @abstractmethod
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of a state's rate, or of an output, with coefficients; code has none that can be read."""
+        return []
 
     def correctable(self, state: str) -> list[Correctable]:
         """Return the numbers in a state's rate, or in an output, that a study may find off."""
@@ -153,9 +153,9 @@ class Simulation(ABC):
         """Return True if the rate of a state is known to be another state, as position and velocity are."""
         return self.rate_name(state) is not None
 
-    @abstractmethod
     def rate_name(self, state: str) -> str | None:
         """Return the state that is the rate of a state; None where its rate is anything else, or cannot be read."""
+        return None
 
     @property
     @abstractmethod
@@ -203,27 +203,22 @@ class _WithTerms(Simulation):
 
     @property
     def differentiable(self) -> bool:
-        """True if the simulation is."""
         return self.base.differentiable
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of the simulation."""
         return self.base.warnings
 
     @property
     def code(self) -> str:
-        """Description of the simulation, if it is code."""
         return self.base.code
 
     @property
     def starts(self) -> Starts:
-        """Starts of the simulation."""
         return self.base.starts
 
     @property
     def equations(self) -> tuple[str, ...]:
-        """Equations of the simulation, and those of the terms."""
         return tuple(dict.fromkeys((*self.base.equations, *self.known)))
 
     @property
@@ -233,85 +228,72 @@ class _WithTerms(Simulation):
         return [(places[name], *each) for name, terms in self.known.items() if name in places for each in terms]
 
     def rate(self, t: Array, x: State, u: Input) -> State:
-        """Return g at one point, inside an integrator."""
         columns, rate = self.named(x, u), jnp.asarray(self.base.rate(t, x, u), float)
         for k, term, value in self._in_rates:
             rate = rate.at[k].add(value * term.evaluate(columns))
         return rate
 
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Return g for one state on the rows of the data, user's units."""
         rate = np.array(self.base.on(data, state), float)
         for term, value in self.known.get(state, ()):
             rate = rate + value * np.asarray(term.evaluate(data.columns))
         return finite(rate, state)
 
     def rates(self, t: Times, x: States, u: Inputs) -> States:
-        """Return g at many points."""
         rates, columns = np.array(self.base.rates(t, x, u)), self._columns(x, u)
         for k, term, value in self._in_rates:
             rates[..., k] += value * np.asarray(term.evaluate(columns))
         return rates
 
     def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
-        """Return ∂g/∂x at points along paths."""
         slopes, columns = np.array(self.base.jacobian(t, x, u)), self._columns(x, u)
         for k, term, value in self._in_rates:
             slopes[..., k, :] += value * gradient(term.expr, self.states, columns)
         return slopes
 
     def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
-        """Return the output of the simulation plus the terms."""
         columns = self.named(x.T, u.T)
         added = [value * term.evaluate(columns) for term, value in self.known.get(name, ())]
         return sum(added, start=self.base.output(name, t, x, u))
 
     def formula(self, name: str) -> sympy.Expr:
-        """Return the formula of the simulation plus the terms."""
-        added = [value * term.expr for term, value in self.known.get(name, ())]
-        return cast(sympy.Expr, sympy.Add(self.base.formula(name), *added))
+        return self._plus_terms(self.base.formula(name), name)
 
     def own_formula(self, name: str) -> sympy.Expr:
-        """Return the formula of the simulation."""
         return self.base.own_formula(name)
 
     def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
-        """Return the formula of the simulation plus the terms."""
-        added = [value * term.expr for term, value in self.known.get(name, ())]
-        return cast(sympy.Expr, sympy.Add(self.base.in_parameters(name, parameters), *added))
+        return self._plus_terms(self.base.in_parameters(name, parameters), name)
+
+    def _plus_terms(self, formula: sympy.Expr, name: str) -> sympy.Expr:
+        return cast(sympy.Expr, sympy.Add(formula, *(value * term.expr for term, value in self.known.get(name, ()))))
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        """Return the terms of the simulation: coefficients of the others are known, and nobody corrects them."""
+        # Coefficients of the other terms are known, and nobody corrects them.
         return self.base.additive_terms(state)
 
     def correctable(self, state: str) -> list[Correctable]:
-        """Return the numbers of the simulation."""
         return self.base.correctable(state)
 
     def nominals(self, state: str) -> dict[str, float]:
-        """Return those of the simulation."""
         return self.base.nominals(state)
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
-        """Return the terms of the simulation, and those that are known."""
         return [*self.base.readable_terms(state), *self.known.get(state, ())]
 
     def rate_name(self, state: str) -> str | None:
-        """Return the state that is the rate of a state without more terms."""
         return None if state in self.known else self.base.rate_name(state)
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
-        """Round the jumps of both."""
         known = {s: tuple((term.rounded(columns), value) for term, value in terms) for s, terms in self.known.items()}
         return replace(self, base=self.base.rounded(columns), known=known)
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
-        """Take the numbers out of the simulation; the terms stay as they are."""
+        # The terms stay as they are.
         base, numbers = self.base.without_numbers()
         return replace(self, inputs=base.inputs, base=base), numbers
 
     @property
     def key(self) -> Hashable:
-        """Key of the simulation, and the terms."""
         known = ((s, tuple((sympy.srepr(t.expr), value) for t, value in terms)) for s, terms in self.known.items())
         return self.base.key, tuple(known)

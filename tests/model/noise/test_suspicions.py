@@ -110,7 +110,6 @@ def test_evidence_of_heavy_tails(correlated):
     # The grid of the scale reaches from 0.4 to 1.8 of its robust estimate.
     assert found.log_bayes_factor == pytest.approx(expected - normal(e, inner.covariance()), abs=0.05)
     assert found.model.constant + normal(e, found.model.noise.covariance()) == pytest.approx(expected, abs=0.05)
-    np.testing.assert_allclose(found.model.body.whiten(e[:, None])[:, 0], white, rtol=1e-12)
 
 
 def test_a_known_time_scale_is_kept():
@@ -208,7 +207,6 @@ def test_suspects_join():
     both = weighed(e, known=first)[CORRELATED]
     assert both.log_bayes_factor > 50 and both.model.names == (VARYING, CORRELATED)
     assert isinstance(both.model.noise, WeightedNoise) and isinstance(both.model.noise.inner, StateSpaceNoise)
-    assert both.model.body is both.model.noise
     three = weighed(e, known=both.model)
     assert set(three) == {HEAVY} and three[HEAVY].log_bayes_factor < 3
     expected = multivariate_normal(cov=0.01 * both.model.noise.covariance()).logpdf(e)  # pyright: ignore[reportArgumentType]

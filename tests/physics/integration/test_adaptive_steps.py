@@ -24,9 +24,9 @@ from bayes_greybox.running.errors import InputError
 
 def interpolant(t, values, kind="linear"):
     """The input between samples as the integrator sees it."""
-    t, values = jnp.asarray(t), jnp.asarray(values)
     kinds, curvature = curvature_of(t, values, kind)
-    return lambda time: _input_at(time, Samples(t, values, curvature), kinds)
+    samples = Samples(*map(jnp.asarray, (t, values, curvature)))
+    return lambda time: _input_at(time, samples, kinds)
 
 
 def _harmonic(t, x, u, args):

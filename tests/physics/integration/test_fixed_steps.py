@@ -21,7 +21,7 @@ P, START = np.array([2.0, 0.15, 0.4]), np.array([0.4, -0.2])
 
 def inputs(kind):
     u = np.sin(1.3 * T)[:, None]
-    curvature = np.zeros_like(u) if kind == "zoh" else np.asarray(curvature_of(jnp.asarray(T), jnp.asarray(u), kind)[1])
+    curvature = np.zeros_like(u) if kind == "zoh" else curvature_of(T, u, kind)[1]
     return u, curvature
 
 

@@ -77,8 +77,9 @@ def test_the_smoothed_path_is_the_posterior_mean(ratio, missing):
     grid, observed = problem(missing=missing)
     found = path_of(grid, observed, ratio)
     path, log = dense(steps_of(grid, np.zeros((1, 41, 2))), observed, ratio)
-    np.testing.assert_allclose(np.asarray(found.ends)[0], path, atol=1e-9)
-    assert float(found.log_likelihood) == pytest.approx(log, abs=1e-8)
+    np.testing.assert_allclose(found[0], path, atol=1e-9)
+    steps = steps_of(grid, np.zeros((1, 41, 2)))
+    assert log_likelihoods(steps, observed, (0,), np.array([ratio]))[0] == pytest.approx(log, abs=1e-8)
 
 
 def test_of_a_linear_system_one_pass_is_enough_but_for_the_steps():
@@ -88,17 +89,17 @@ def test_of_a_linear_system_one_pass_is_enough_but_for_the_steps():
         observed = observed._replace(values=np.where(np.isfinite(observed.values), 0.5, np.nan))
         start = np.array([0.3, -0.1]) + np.stack([np.sin(grid.time[:, ::2]), np.cos(grid.time[:, ::2])], axis=-1)
         once, again = path_of(grid, observed, 1e-3), path_of(grid, observed, 1e-3, around=start)
-        errors.append(np.abs(again.ends - once.ends).max())
+        errors.append(np.abs(again - once).max())
     assert errors[0] < 5e-3 and errors[1] < errors[0] / 3.5
 
 
 def test_segments_are_smoothed_by_themselves():
     grid, observed = problem(segments=2)
-    found = np.asarray(path_of(grid, observed, 0.1).ends)
+    found = path_of(grid, observed, 0.1)
     for k in range(2):
         part = Grid(*(x[k : k + 1] for x in grid))
         own = observed._replace(values=observed.values[k : k + 1], mean=observed.mean[k : k + 1])
-        np.testing.assert_allclose(found[k], np.asarray(path_of(part, own, 0.1).ends)[0], atol=1e-10)
+        np.testing.assert_allclose(found[k], path_of(part, own, 0.1)[0], atol=1e-10)
 
 
 def test_two_sensors_count_by_their_noise():
@@ -106,13 +107,13 @@ def test_two_sensors_count_by_their_noise():
     values = np.concatenate([np.asarray(observed.values), np.asarray(observed.values)], axis=-1)
     both = observed._replace(values=values, variances=np.array([0.8, 0.8]))
     one, two = path_of(grid, observed, 0.1), path_of(grid, both, 0.1, outputs=(0, 0))
-    np.testing.assert_allclose(np.asarray(two.ends), np.asarray(one.ends), atol=1e-9)
+    np.testing.assert_allclose(two, one, atol=1e-9)
 
 
 def test_the_filter_ends_where_the_smoother_does():
     grid, observed = problem(n_step=200, every=10)
     found = np.asarray(filtered(linear, grid, observed, (0,), FORCED, 0.1, None))
-    np.testing.assert_allclose(found[0, -1], np.asarray(path_of(grid, observed, 0.1).ends)[0, -1], atol=5e-5)
+    np.testing.assert_allclose(found[0, -1], path_of(grid, observed, 0.1)[0, -1], atol=5e-5)
 
 
 def draining(t, x, u, args):
@@ -145,15 +146,10 @@ def test_forces_add_up_by_their_variances():
         points = np.concatenate([grid.time[..., None], np.zeros((1, 81, 2)), grid.inputs], axis=-1)
         A = np.broadcast_to([[0.0, 1.0], [-2.0, -0.3]], (1, 81, 2, 2))
         steps = steps_along(grid.time, ends, respond(grid.time, A), forces(rates, points), E)
-        # Of several intensities at once: the likelihoods that the smoother has one by one.
-        ratios = np.array([1e-6, 0.1, 3.0])
-        alone = [smooth(steps, observed, (0,), ratio).log_likelihood for ratio in ratios]
-        np.testing.assert_allclose(log_likelihoods(steps, observed, (0,), ratios), alone, atol=1e-8)
-        found.append((smooth(steps, observed, (0,), 0.1), filtered(linear, grid, observed, (0,), E, 0.1, None)))
-    (one, first), (two, other) = found
-    np.testing.assert_allclose(two.ends, one.ends, atol=1e-10)
-    np.testing.assert_allclose(other, first, atol=1e-10)
-    assert two.log_likelihood == pytest.approx(one.log_likelihood, abs=1e-8)
+        logs = log_likelihoods(steps, observed, (0,), np.array([1e-6, 0.1, 3.0]))
+        found.append((smooth(steps, observed, (0,), 0.1), filtered(linear, grid, observed, (0,), E, 0.1, None), logs))
+    for one, two in zip(*found, strict=True):
+        np.testing.assert_allclose(two, one, atol=1e-8)
 
 
 def test_steps_of_no_length_keep_the_state():
@@ -161,8 +157,8 @@ def test_steps_of_no_length_keep_the_state():
     time = np.concatenate([grid.time, np.repeat(grid.time[:, -1:], 4, axis=1)], axis=1)
     inputs = np.concatenate([grid.inputs, np.repeat(grid.inputs[:, -1:], 4, axis=1)], axis=1)
     values = np.concatenate([observed.values, np.full((1, 2, 1), np.nan)], axis=1)
-    longer = np.asarray(path_of(Grid(time, inputs), observed._replace(values=values), 0.1).ends)
-    shorter = np.asarray(path_of(grid, observed, 0.1).ends)
+    longer = path_of(Grid(time, inputs), observed._replace(values=values), 0.1)
+    shorter = path_of(grid, observed, 0.1)
     np.testing.assert_allclose(longer[:, :-2], shorter, atol=1e-10)
     np.testing.assert_allclose(longer[:, -2:], np.repeat(shorter[:, -1:], 2, axis=1), atol=1e-10)
 

@@ -102,7 +102,7 @@ class PathSmoother:
             stronger = (
                 full_intensity * FORCE_INTENSITIES[full_intensity * FORCE_INTENSITIES > ratio] if process_noise else ()
             )
-            paths = (smooth(steps, observed, outputs, each).ends for each in (ratio, *stronger))
+            paths = (smooth(steps, observed, outputs, each) for each in (ratio, *stronger))
             before, ends = ends, self._inside_domain(ends, paths)
             if not process_noise and turn > 1 and turn >= fewest and _arrived(before, ends):
                 break
