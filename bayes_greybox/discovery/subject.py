@@ -23,11 +23,8 @@ from bayes_greybox.physics.units import check_units, require_units_of
 from bayes_greybox.running.errors import InputError
 
 from .answer.equation_study import EquationStudy
-from .grid.residuals import FEWEST_BAGGED_BLOCKS
+from .decision.criteria import FEWEST_ROWS
 from .odds import Odds
-
-FEWEST_ROWS = FEWEST_BAGGED_BLOCKS + 2
-"""Fewest rows of a study: one for each block of the record, two for the start and the noise that all have."""
 
 KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
 """Reason why an effect that is in the model is not weighed again."""

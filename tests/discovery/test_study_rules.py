@@ -14,7 +14,7 @@ from bayes_greybox.discovery.answer.amendment import Amendment
 from bayes_greybox.discovery.answer.equation_study import EquationStudy
 from bayes_greybox.discovery.answer.free_runs import FreePath
 from bayes_greybox.discovery.answer.where import GapMap, GapTrace
-from bayes_greybox.discovery.decision.criteria import Criteria
+from bayes_greybox.discovery.decision.criteria import FEWEST_ROWS, Criteria
 from bayes_greybox.discovery.decision.decide import VERDICTS, Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import Share
 from bayes_greybox.discovery.decision.reasons import Reason
@@ -26,7 +26,7 @@ from bayes_greybox.discovery.grid.points import LATENT_FORCE, NO_DISCREPANCY, SE
 from bayes_greybox.discovery.linearise.near import Point, Shape
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudySettings, investigate
-from bayes_greybox.discovery.subject import FEWEST_ROWS, check_data, studied_equations
+from bayes_greybox.discovery.subject import check_data, studied_equations
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.noise.noise_model import HEAVY, VARYING
 from bayes_greybox.model.program import Program

@@ -9,8 +9,8 @@ SHARES = (0.2, 0.25, 0.3, 0.4)
 FEWEST_RATES = 4
 """Rows of rates that each part of a run should have."""
 
-FEWEST_STUDIED = 20
-"""Rows of training data below which a study is refused."""
+FEWEST_TRAINED = 20
+"""Rows of training data that a split leaves: fewer tell little from noise."""
 
 SMALLEST_WINDOW, LARGEST_WINDOW = 7, 301
 """Bounds on the window of a filter, which is no longer than a quarter of the shortest run that it is chosen for."""
@@ -52,7 +52,7 @@ def split_of(lengths: Mapping[str, int], n_state: int | None, filtered: bool) ->
         # The held-out part is filtered by the window of the first one.
         window = min(max(first // 4 + 2, SMALLEST_WINDOW), LARGEST_WINDOW) if filtered else 1
         training = sum(round((1.0 - share) * rows) - window + 1 for rows in kept)
-        if min(first, shortest - first) - window + 1 >= needed and training >= FEWEST_STUDIED:
+        if min(first, shortest - first) - window + 1 >= needed and training >= FEWEST_TRAINED:
             return Split(share, False, left_out, needed)
-    share = None if len(kept) < 3 or sum(kept) < 2 * FEWEST_STUDIED else max(SHARES[0], 1.0 / len(kept))
+    share = None if len(kept) < 3 or sum(kept) < 2 * FEWEST_TRAINED else max(SHARES[0], 1.0 / len(kept))
     return Split(share and round(share, 2), share is not None, left_out, needed)

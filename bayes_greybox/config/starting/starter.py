@@ -12,7 +12,7 @@ from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
 from .clock import time_unit
-from .held_out import FEWEST_STUDIED
+from .held_out import FEWEST_TRAINED
 from .layout import read_as_found
 from .parameters import parameters_text, starts_text
 from .plan import Plan
@@ -119,7 +119,7 @@ def _split(plan: Plan) -> list[str]:
     if split.left_out and named:
         lines.append(f"leave_out = {_quoted(split.left_out)}  # runs of too few rows")
     if split.share is None:
-        few = f"a part needs {split.needed} rows of each run, and {FEWEST_STUDIED} are trained on"
+        few = f"a part needs {split.needed} rows of each run, and {FEWEST_TRAINED} are trained on"
         return [
             *lines,
             f"# test_fraction = 0.2 would hold out the end of each run, for which there are too few: {few}.",

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from bayes_greybox.data.reading.table import Layout
+from bayes_greybox.discovery.decision.criteria import FEWEST_ROWS
 
-from .held_out import FEWEST_STUDIED
 from .plan import Plan
 
 
@@ -72,8 +72,8 @@ def _findings(plan: Plan, layout: Layout) -> list[str]:
     if plan.guess.missing:
         rows = "1 row" if plan.guess.missing == 1 else f"{plan.guess.missing} rows"
         findings.append(f"{rows} with empty cells, which are left out")
-    if (rows := sum(plan.guess.lengths.values())) < FEWEST_STUDIED:
-        findings.append(f"only {rows} rows, while discover needs {FEWEST_STUDIED}")
+    if (rows := sum(plan.guess.lengths.values())) < FEWEST_ROWS:
+        findings.append(f"only {rows} rows, while discover needs {FEWEST_ROWS}")
     return findings
 
 

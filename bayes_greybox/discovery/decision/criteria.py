@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+FEWEST_ROWS = 8
+"""Fewest rows of a study: one for each block of the record, two for the start and the noise of all hypotheses."""
+
 
 @dataclass(frozen=True)
 class Criteria:
