@@ -9,9 +9,10 @@ from .runner import Record, Tables, by_group, mean, median
 def named(found: Any, seconds: float, hidden: str, size: float | None = None) -> Record:
     """Return what a study says of the effect that is hidden; "" where nothing is.
 
-    Its keys are verdict; probability; right (the effect above 0.9; where nothing is hidden: *no gap*); named (*named*
-    with it alone); wrong (other effects above 0.9); holds (whether the 90 % interval has its size, where it is given);
-    instrument (errors of the measurement above 0.9); seconds.
+    Its keys are verdict; probability; found (the effect is in the answer, alone or not); right (the effect
+    above 0.9; where nothing is hidden: *no gap*); named (*named* with it alone); wrong (other effects above 0.9); holds
+    (whether the 90 % interval has its size, where it is given); instrument (errors of the measurement above 0.9);
+    seconds.
     """
     rows = found.effects.sort_values("probability", ascending=False, kind="stable").to_dict("records")
     likely = [str(row["slug"]) for row in rows if row["probability"] > SURE]
@@ -20,6 +21,7 @@ def named(found: Any, seconds: float, hidden: str, size: float | None = None) ->
     return {
         "verdict": found.verdict,
         "probability": float(own["probability"]) if own else None,
+        "found": bool(own and own["status"]),
         "right": hidden in likely if hidden else found.verdict == "no gap",
         "named": found.verdict == "named" and likely == [hidden],
         "wrong": sorted(set(likely) - {hidden}),
@@ -32,14 +34,14 @@ def named(found: Any, seconds: float, hidden: str, size: float | None = None) ->
 def counted(records: list[Record], what: str) -> Tables:
     """Return a row for each kind of record; see `named`.
 
-    Its columns are the number of records; of those that are right, named and wrong; the share of intervals that hold;
-    and the median of seconds.
+    Its columns are the number of records; of those that are found, right, named and wrong; the share of intervals that
+    hold; and the median of seconds.
     """
 
     def of_group(group: list[Record]) -> Record:
         return {
             what: len(group),
-            **{key: sum(bool(record[key]) for record in group) for key in ("right", "named", "wrong")},
+            **{key: sum(bool(record[key]) for record in group) for key in ("found", "right", "named", "wrong")},
             "holds": mean([record["holds"] for record in group if record["holds"] is not None]),
             "seconds": median([record["seconds"] for record in group]),
         }

@@ -7,15 +7,19 @@ import numpy as np
 from benchmarks.named import counted, named
 from benchmarks.runner import Asked, Benchmark, Case, Record, Tables, replicated
 
-from .substances import measured, substance
+from .substances import few_samples, measured, substance
 
 KINDS = {
     "second compartment": "second-compartment",
     "saturable elimination": "saturable-elimination",
     "absorption": "absorption",
     "nothing lacking": "",
+    "second compartment, 11 samples": "second-compartment",
+    "nothing lacking, 11 samples": "",
 }
 """The effect that is hidden, by the kind of substance."""
+
+FEW = "11 samples"
 
 UNITS = {"t": "h", "c": "mg/l", "u": "mg/(l*h)"}
 
@@ -34,9 +38,12 @@ def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
 
     rng = np.random.default_rng([seed, replicate, list(KINDS).index(kind)])
     each = substance(KINDS[kind], rng)
-    record = measured(each, rng)
-    data = Trajectories.from_arrays(record["t"], states={"c": record["c"]}, inputs={"u": record["u"]}, units=UNITS)
-    model = GreyBox(simulation={"c": "u - k*c"}, parameters={"k": each.k})
+    few = kind.endswith(FEW)
+    record = few_samples(each, rng) if few else measured(each, rng)
+    inputs = {} if few else {"u": record["u"]}
+    units = {name: unit for name, unit in UNITS.items() if name in record}
+    data = Trajectories.from_arrays(record["t"], states={"c": record["c"]}, inputs=inputs, units=units)
+    model = GreyBox(simulation={"c": "-k*c" if few else "u - k*c"}, parameters={"k": each.k})
     found, seconds = studied(model, data, catalogue="compartment", free_runs=False)
     return named(found, seconds, KINDS[kind], each.sizes.get(KINDS[kind]))
 

@@ -10,6 +10,10 @@ HOURS, STEP, NOISE = 48.0, 0.5, 0.02
 """Duration and time between samples, hours; noise over the spread of the concentration."""
 
 
+FEW, FEW_NOISE = (0.25, 0.5, 0.75, 1.0, 1.25, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0), 0.05
+"""Hours of the blood samples after an injection, and their noise over the concentration itself."""
+
+
 @dataclass(frozen=True)
 class Substance:
     """c' = −k c + d + exchange (z − c) − most c/(half + c); z' = (c − z)/storage; d' = (u − d)/depot, or d = u.
@@ -46,6 +50,16 @@ def substance(hidden: str, rng: np.random.Generator) -> Substance:
     if hidden == "absorption":
         return Substance(float(k), depot=float(1.5 * time))
     return Substance(float(k))
+
+
+def few_samples(each: Substance, rng: np.random.Generator) -> dict[str, Any]:
+    """Return time and concentration of a few samples after an injection, which the blood has at time 0."""
+
+    def rates(_: float, x: np.ndarray) -> list[float]:
+        return [-each.k * x[0] + each.exchange * (x[1] - x[0]), (x[0] - x[1]) / each.storage]
+
+    c = solve_ivp(rates, (0.0, FEW[-1]), [rng.uniform(2.0, 4.0), 0.0], t_eval=FEW, rtol=1e-9, atol=1e-9).y[0]
+    return {"t": np.array(FEW), "c": c * (1 + FEW_NOISE * rng.standard_normal(len(c)))}
 
 
 def measured(each: Substance, rng: np.random.Generator) -> dict[str, Any]:
