@@ -18,8 +18,9 @@ if "PYTEST_XDIST_WORKER" in os.environ:
             "XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
         )
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
-    # Tracing makes millions of objects that stay; looking for cycles among them so often took a tenth of the time.
-    gc.set_threshold(20_000, 10, 10)
+    # Imports and tracing make millions of objects that stay; looking for cycles among them so often took a tenth of
+    # the time.
+    gc.set_threshold(100_000, 20, 20)
 # Where JAX has a folder of its own no traces are kept: tests replace what is traced, and count it.
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "compiled"))
 
@@ -55,3 +56,9 @@ LONGEST = (
 def pytest_collection_modifyitems(items):
     """The longest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
+
+
+def pytest_collection_finish():
+    """Modules and tests stay to the end."""
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        gc.freeze()

@@ -19,7 +19,7 @@ def populations(time, coefficients=COEFFICIENTS, starts=STARTS):
         x, y = z
         return [coefficients[0] * x + coefficients[1] * x * y, coefficients[2] * x * y + coefficients[3] * y]
 
-    return odeint(rate, starts, time, tfirst=True, rtol=1e-10, atol=1e-10).T
+    return odeint(rate, starts, time, tfirst=True, rtol=1e-8, atol=1e-8).T
 
 
 def sampled(seed=0, noise=0.1, n=41, end=4.0, keep="xy"):
@@ -46,7 +46,7 @@ def by_integration(data, sd, free=(0, 1, 2, 3)):
         return ((populations(data.time, coefficients, p[-2:])[seen] - measured) / np.reshape(sd, (-1, 1))).ravel()
 
     # Its slopes by steps far above what the integration is off by, or they are of its rounding.
-    found = least_squares(residual, [*COEFFICIENTS[list(free)], *STARTS], "3-point", diff_step=1e-4)
+    found = least_squares(residual, [*COEFFICIENTS[list(free)], *STARTS], "3-point", diff_step=1e-3, ftol=1e-6)
     sigma2 = np.sum(found.fun**2) / (measured.size - len(found.x))
     covariance = sigma2 * np.linalg.inv(found.jac.T @ found.jac)
     return found.x[:-2], np.sqrt(np.diag(covariance))[:-2]

@@ -193,6 +193,7 @@ def test_bad_input_is_refused_before_the_study(here, found, capsys, old, new, se
     assert not found and sorted(os.listdir(here)) == ["case.toml", "run.csv"]
 
 
+@pytest.mark.slow
 def test_a_real_study_finds_the_hidden_spring(tmp_path, capsys):
     text = (CONFIGS / "discover_spring.toml").read_text()
     text = text.replace("points = 601", "points = 201").replace("[study]", "[study]\nsettle = false\nfree_runs = false")

@@ -19,6 +19,7 @@ DICTIONARY = {"v": ["y", "v", "y**3"], "y": ["v", "y", "y**3"]}
 MODEL = bg.GreyBox(dictionary=DICTIONARY, discrepancy=None)
 
 
+@pytest.mark.slow
 def test_priors_are_fitted_compared_and_set_side_by_side(capsys):
     data = oscillator()
     own = {"Narrow": bg.Laplace(scale=0.1), "RegularisedHorseshoe": None, "Laplace": None, "Normal": None}

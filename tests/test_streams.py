@@ -51,6 +51,7 @@ def test_checks_tables_and_predictions_are_made(fit):
     assert set(fit.idata.children) >= {"log_likelihood", "posterior_predictive"}
 
 
+@pytest.mark.slow
 def test_its_posterior_is_that_of_the_same_rows_in_memory(fit):
     same = _own().fit(together(), **FEW)
     got, expected = (each.summary().loc["ydot"].loc[["y**3", "ydot**3", "sigma"]] for each in (fit, same))

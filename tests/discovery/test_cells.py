@@ -31,7 +31,7 @@ def studied(data, **options):
         simulation={"soc": "-i/9000", "V": "3.2 + 0.9*soc - R0*i"}, parameters={"R0": 0.05}, starts={"soc": 0.8}
     )
     train, test = data.split(0.7)
-    given = {"catalogue": "battery", "settle": False, "progress": False, **options}
+    given = {"catalogue": "battery", "settle": False, "free_runs": False, "progress": False, **options}
     return bg.find_missing_effects(model, train, test=test, **given)
 
 
@@ -40,7 +40,7 @@ few = [replace(each, confusions=()) for each in load_catalogue("battery") if eac
 
 @pytest.fixture(scope="module")
 def relaxing():
-    return studied(cell(RESISTANCE))
+    return studied(cell(RESISTANCE), free_runs=True)
 
 
 def test_a_relaxation_is_named_with_its_time_and_resistance(relaxing):
@@ -91,7 +91,7 @@ def test_two_outputs_have_memories_of_their_own():
         simulation={"soc": "-i/9000", "V": "3.2 + 0.9*soc - 0.05*i", "W": "-0.01*i"}, starts={"soc": 0.8},
         rows=bg.DerivativeRows(interpolation="zoh"),
     )  # fmt: skip
-    study = bg.find_missing_effects(model, data, catalogue=few, settle=False, progress=False)
+    study = bg.find_missing_effects(model, data, catalogue=few, settle=False, free_runs=False, progress=False)
     times = {name: studied_system(study).learned[name].inner[0].value.mean for name in ("V", "W")}
     assert abs(times["V"] - TIME) < 1.0 and abs(times["W"] - 4 * TIME) < 4.0
     assert {"z_relaxation_i_V", "z_relaxation_i_W"} < {*study.model.simulation}

@@ -33,6 +33,7 @@ def machine():
     return np.array(rows).T
 
 
+@pytest.mark.slow
 def test_a_rough_force_on_a_machine_is_no_noise_of_its_sensor(machine):
     t, y, v, u, a = machine
     a = a + 0.05 * np.std(a) * np.random.default_rng(1).standard_normal(N)
@@ -50,6 +51,7 @@ def test_what_is_rough_in_an_output_is_its_sensor(machine):
     force = force + 0.1 * np.std(force) * rough(N, STEP, 0.7 * PERIOD, 2)
     data = bg.Trajectories.from_arrays(t, states={"y": y, "v": v}, outputs={"F": force}, units={"y": "m", "v": "m/s"})
     study = bg.find_missing_effects(
-        bg.GreyBox(simulation={"F": "9*y + 4*v"}), data, catalogue="mechanical", settle=False, progress=False
+        bg.GreyBox(simulation={"F": "9*y + 4*v"}), data, catalogue="mechanical", settle=False, free_runs=False,
+        progress=False,
     )  # fmt: skip
     assert study.verdict == "no gap" and "correlated noise" in set(study.instrument["suspect"])

@@ -37,7 +37,8 @@ def host_with_absorber(seed):
     )
 
 
-@pytest.mark.parametrize("seed", [5, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [5, 6])
 def test_an_attached_absorber_is_no_name_of_the_catalogue(seed):
     data = host_with_absorber(seed)
     model = bg.GreyBox(simulation={"y": "v", "v": "F - 12*y - 0.6*v"}, dictionary={"v": []})
@@ -47,6 +48,7 @@ def test_an_attached_absorber_is_no_name_of_the_catalogue(seed):
     assert study.effects["probability"].max() < 0.9
 
 
+@pytest.mark.slow
 def test_a_force_of_time_that_nobody_measured_has_no_name():
     rng, h = np.random.default_rng(3), 0.001
 
@@ -84,7 +86,7 @@ def held_brake(limit, slope):
     return np.array(rows).T
 
 
-@pytest.mark.parametrize(("limit", "slope"), [(1400, 0.0053), (8000, 0.0007)])
+@pytest.mark.parametrize(("limit", "slope"), [(1400, 0.0053), pytest.param(8000, 0.0007, marks=pytest.mark.slow)])
 def test_a_brake_that_saturates_has_its_own_sign_and_its_own_coefficient(limit, slope):
     t, v, throttle, u = held_brake(limit, slope)
     model = bg.GreyBox(
@@ -124,6 +126,7 @@ def test_an_output_that_relaxes_after_its_input_remembers_it():
     assert study.corrections.loc[("V", "I"), "probability"] < 0.5
 
 
+@pytest.mark.slow
 def test_a_temperature_is_told_of_no_friction():
     rng, T, S, rows = np.random.default_rng(1), 22.3, 22.3, []
     for i in range(600):

@@ -11,6 +11,9 @@ import bayes_greybox as bg
 
 GIVEN = {"m": bg.Parameter(2.0, unit="kg"), "k": 30.0, "c": 0.8}
 
+ALONE = {"catalogue": (), "settle": False, "free_runs": False, "progress": False}
+"""Parameters are in question: the effects of a catalogue cost time and tell no more."""
+
 
 def record(rate, start, t, noise, inputs=None, seed=1):
     x = solve_ivp(rate, (t[0], t[-1]), start, t_eval=t, rtol=1e-9, atol=1e-9).y
@@ -68,7 +71,7 @@ def test_a_parameter_far_off_is_found_all_the_same():
     # A zero that is right stays what it is; nothing is divided by it.
     given = {"m": 4.0, "k": 30.0, "c": 0.0}
     model = bg.GreyBox(simulation={"y": "v", "v": "(F - k*y - c*v)/m"}, parameters=given)
-    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    study = bg.find_missing_effects(model, data, **ALONE)
     row = study.corrections.loc["v", "m"]
     assert abs(4.0 + row["mean"] - 2.0) < 4 * row["sd"] and row["sd"] < 0.01
     assert study.corrections.loc["v", "c"]["probability"] < 0.1
@@ -83,7 +86,7 @@ def test_a_learned_parameter_is_at_its_estimate_before_anything_is_weighed():
     data = bg.Trajectories.from_arrays(np.arange(150.0), states={}, inputs={"T": T}, outputs={"P": P})
     parameters = {"a": 300.0, "b": bg.Parameter(950.0, sd=100.0)}
     model = bg.GreyBox(simulation={"P": "a*exp(-b/T)"}, parameters=parameters)
-    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    study = bg.find_missing_effects(model, data, **ALONE)
     assert study.verdict == "no gap"
     # Before and after are one model, where nothing was added.
     np.testing.assert_allclose(study.gap["before"], study.gap["after"], rtol=0.01)
@@ -104,9 +107,7 @@ def test_a_parameter_of_two_equations_is_set_right_in_both():
         derivatives=dict(zip(("v1", "v2"), rates, strict=True)), inputs={"F": drive(t)},
     )  # fmt: skip
     formulas = {"x1": "v1", "v1": "(F-30*x1-0.8*v1-k*(x1-x2))/2", "x2": "v2", "v2": "k*(x1-x2)-0.5*v2"}
-    study = bg.find_missing_effects(
-        bg.GreyBox(simulation=formulas, parameters={"k": 10.0}), data, settle=False, progress=False
-    )
+    study = bg.find_missing_effects(bg.GreyBox(simulation=formulas, parameters={"k": 10.0}), data, **ALONE)
     assert study.verdict == "recalibrate"
     assert (
         study.model.parameters["k"].value == pytest.approx(12.0, abs=0.05) and not study.model.parameters["k"].learned
@@ -117,7 +118,7 @@ def test_two_parameters_of_one_curve_are_tied():
     t = np.linspace(0, 15, 201)
     data = record(lambda t, x: [x[1], -9.81 / 1.1 * np.sin(x[0]) - 0.1 * x[1]], [1.0, 0.0], t, 0.02)
     model = bg.GreyBox(simulation={"y": "v", "v": "-g/l*sin(y) - c*v"}, parameters={"g": 9.81, "l": 1.0, "c": 0.1})
-    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    study = bg.find_missing_effects(model, data, **ALONE)
     assert study.verdict == "recalibrate"
     assert study.corrections.loc["v", ["g", "l"], :]["probability"].between(0.3, 0.7).all()
     assert "g or l" in study.sentence
@@ -129,5 +130,5 @@ def test_a_correction_beyond_the_bounds_is_none():
     data = record(lambda t, x: [x[1], (drive(t) - 30 * x[0] - 0.8 * x[1]) / 2.3], [0.1, 0.0], t, 0.02, {"F": drive(t)})
     bounded = {**GIVEN, "m": dataclasses.replace(GIVEN["m"], bounds=(1.9, 2.1))}
     model = bg.GreyBox(simulation={"y": "v", "v": "(F - k*y - c*v)/m"}, parameters=bounded)
-    study = bg.find_missing_effects(model, data, settle=False, progress=False)
+    study = bg.find_missing_effects(model, data, **ALONE)
     assert study.corrections.loc["v", "m"]["probability"] < 0.1

@@ -130,6 +130,7 @@ def test_a_wrong_coefficient_is_recalibrated():
     assert row["mean"] == pytest.approx(-0.2, abs=0.02)
 
 
+@pytest.mark.slow
 def test_the_inner_parameter_of_a_dead_zone_is_found():
     found = study(lambda y, v: -0.6 * np.sign(y) * np.maximum(np.abs(y) - 0.37, 0))
     row = added(found).loc["dead-zone"]

@@ -15,7 +15,7 @@ def on_a_grid(b, s):
     """Mean and standard deviation of μ, quantiles of τ, own means: by sums over μ and τ, nothing in closed form."""
     b, s = np.array(b, float), np.array(s, float)
     scale = DIFFER * np.sqrt(np.mean(b**2))
-    mu, tau = np.linspace(-60, 80, 1401), np.linspace(0, 8 * scale, 1201)
+    mu, tau = np.linspace(-60, 80, 351), np.linspace(0, 8 * scale, 1201)
     spread = np.sqrt(s**2 + tau[:, None, None] ** 2)
     log_p = norm.logpdf(b, mu[None, :, None], spread).sum(axis=2) + norm.logpdf(tau, 0, scale)[:, None]
     p = np.exp(log_p - log_p.max())
@@ -53,7 +53,7 @@ def test_one_coefficient_is_known_as_well_as_all_data_tell_it():
 
 def test_the_probability_of_one_coefficient_is_a_ratio_of_densities():
     b, s = np.array(SCHOOLS[0], float), np.array(SCHOOLS[1], float)
-    mu, scale = np.linspace(-200, 200, 8001), DIFFER * np.sqrt(np.mean(b**2))
+    mu, scale = np.linspace(-200, 200, 801), DIFFER * np.sqrt(np.mean(b**2))
     one = np.exp(norm.logpdf(b, mu[:, None], s).sum(axis=1)).sum()
     tau = np.linspace(0, 8 * scale, 1501)
     each = [np.exp(norm.logpdf(b, mu[:, None], np.hypot(s, t)).sum(axis=1)).sum() for t in tau]

@@ -11,7 +11,7 @@ import bayes_greybox as bg
 from bayes_greybox.criticism.kept.file import load_checked
 from bayes_greybox.inference.kept import netcdf
 
-SETTINGS = settings(derandomize=True, deadline=None, max_examples=60, database=None)
+SETTINGS = settings(derandomize=True, deadline=None, max_examples=30, database=None)
 
 
 @pytest.fixture(scope="module")

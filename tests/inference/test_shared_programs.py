@@ -44,6 +44,12 @@ def theta(fit):
     return fit.idata["posterior"]["ydot_theta"].to_numpy()
 
 
+def test_equal_priors_and_shapes_share_them():
+    shared = [programs_of(**parts)[0] for parts in ({}, {"terms": ("ydot", "y**5")}, {"prior": bg.Normal(scale=1.0)})]
+    assert shared[0] is shared[1] is shared[2]
+
+
+@pytest.mark.slow
 def test_equal_priors_and_shapes_share_them_and_draw_as_if_they_did_not(first):
     # Rows are folded into as many as there are columns: other terms, and more data, have the same shapes.
     others = {

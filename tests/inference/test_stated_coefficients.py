@@ -102,6 +102,7 @@ def signed(data):
     return model_of(stated).fit(data, seed=1, **RUN)
 
 
+@pytest.mark.slow
 def test_signs_restrict_the_posterior(signed, data):
     """With zero as the bound, P(box | τ) is a half whatever τ: the draws without bounds that keep to them."""
     free = model_of({}).fit(data, seed=2, **RUN | {"draws": 2000})

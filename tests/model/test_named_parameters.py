@@ -112,6 +112,7 @@ def test_free_runs_follow_the_formula_of_each_draw(fit, data):
         np.testing.assert_allclose(found, [0.2, (3.0 - k * 0.1 - 0.8 * 0.2) / m], rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_where_the_data_say_nothing_the_posterior_is_the_prior():
     """Only the sum of two parameters is seen: beside a well-known one the other has what its prior leaves."""
     rng = np.random.default_rng(5)

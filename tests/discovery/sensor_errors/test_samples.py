@@ -17,7 +17,7 @@ def smoothed(data, rates=None):
 
 @pytest.mark.parametrize("share", [0.005, 0.01, 0.03, 0.1])
 @pytest.mark.parametrize("name", ["forced", "decaying", "bouncing"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_noise_is_found_and_smoothing_takes_it_away(name, share, seed):
     x = paths()[name]
     sd = share * np.std(x)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from fabricated import fabricate
 from scipy.stats import multivariate_normal, norm
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
+from bayes_greybox.criticism.checks.other_noise import suggestion
 from bayes_greybox.data.noise.state_space import StateSpaceNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise
 from bayes_greybox.inference.kept.model_record import describe, rebuild
@@ -222,9 +224,27 @@ def test_intervals_cover_under_correlated_noise_and_white_noise_does_not():
     assert inside["white"] <= 22
 
 
-@pytest.mark.parametrize(
+KINDS = pytest.mark.parametrize(
     ("kind", "option"), [("correlated", "correlation"), ("heavy", "tails"), ("varying", "depends_on")]
 )
+
+
+def at_the_truth(data):
+    """A posterior of the coefficient that the data were made with, under white noise."""
+    model = model_with(1.0)
+    theta = TRUTH / model.assemble(data)["x"].frame.coefficient_scale
+    return fabricate(model, data, draws=1, theta=np.tile(theta, (2, 1, 1)))
+
+
+@KINDS
+def test_residuals_say_which_noise_to_try(kind, option):
+    text = suggestion(at_the_truth(data_with(kind, n=900 if kind == "varying" else 300)), "x")
+    assert text.endswith(f"try GreyBox(noise=bg.Noise({option}='fit')).")
+    assert suggestion(at_the_truth(data_with("white")), "x") == ""
+
+
+@pytest.mark.slow
+@KINDS
 def test_checks_name_the_noise_to_try(kind, option):
     data = data_with(kind, n=900 if kind == "varying" else 300)
     checks = model_with(1.0).fit(data, **SMALL).checks()
@@ -234,14 +254,13 @@ def test_checks_name_the_noise_to_try(kind, option):
         assert better.whiteness["x"].p > 0.01
 
 
-def test_checks_suggest_no_noise_for_a_rest_that_moves_as_systems_do():
+def test_no_noise_is_suggested_for_a_rest_that_moves_as_systems_do():
     data = data_with("white")
     smooth = StateSpaceNoise((data.time,), "matern32", 1.5, 0.0)
     rest = smooth.correlated(np.random.default_rng(1).standard_normal((1, 300)))[0]
     rate = {"x": TRUTH * data.states["x"] + 0.3 * rest + 0.01 * np.random.default_rng(2).standard_normal(300)}
     data = bg.Trajectories.from_arrays(data.time, states=data.states, derivatives=rate)
-    checks = model_with(1.0).fit(data, **SMALL).checks()
-    assert checks.whiteness["x"].p < 0.01 and "bg.Noise" not in " ".join(checks.reasons)
+    assert suggestion(at_the_truth(data), "x") == ""
 
 
 # Configuration

@@ -50,6 +50,7 @@ def test_completed_samples_are_samples_still():
     assert completed.derivative_names and type(AsMeasured().chosen(completed)) is type(model.rows)
 
 
+@pytest.mark.slow
 def test_a_fit_of_samples_needs_no_word_about_rows_and_says_what_it_took(tmp_path):
     data = sampled(lambda y, v: -0.3 * y**3, n=120)
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, discrepancy=None)

@@ -115,6 +115,7 @@ class StaticRows(RowKind):
         )
 
 
+@pytest.mark.slow
 def test_a_kind_of_rows_of_ones_own_is_fitted():
     rng = np.random.default_rng(0)
     y = rng.uniform(-1, 1, 50)

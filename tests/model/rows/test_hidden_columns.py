@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fabricated import fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
@@ -88,7 +89,8 @@ def test_coefficients_beside_a_hidden_state_are_learned_saved_and_predicted(tmp_
     assert "d(q)/dt" in str(fit)
     # Files know what was computed, and the rows before those that were cut off.
     assert loaded.data.computed == ("q",)
-    later = model({"V": ["1", "i"]}).fit(test.split(0.25)[1], draws=20, tune=20, chains=1, seed=0, progress=False)
+    made = fabricate(fit.model, fit.model.started(test.split(0.25)[1]))
+    later = bg.Fit(made.model, made.data, made.sampling, made.idata)
     later.save(tmp_path / "later.nc")
     again = bg.load(tmp_path / "later.nc").data
     assert again.before.n_obs == 10 and again.before.before.n_obs == 40 and again.before.before.before is None

@@ -280,7 +280,7 @@ def test_a_path_does_not_leap_with_its_input():
 
 
 @pytest.mark.parametrize("growth", ["30*v**3", "300*v**3", "5*y**3*v**2", "40*v"])
-@pytest.mark.parametrize("process_noise", [True, False])
+@pytest.mark.parametrize("process_noise", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_where_equations_grow_beyond_bounds_rows_are_finite_or_refused(growth, process_noise):
     simulation = {"y": "v", "v": f"F - 2*y + {growth}"}
     rows = TrajectoryRows(process_noise=process_noise)

@@ -123,6 +123,7 @@ def test_outputs_of_an_fmu_are_functions_too(fits):
     np.testing.assert_allclose(slope, [-10, -0.4], atol=0.02)
 
 
+@pytest.mark.slow
 def test_nothing_missing_beside_code_is_no_gap(plant):
     """Where no term can be corrected, the likeliest explanation has no column at all."""
     t = np.arange(0, 6, 0.1)
