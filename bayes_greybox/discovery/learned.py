@@ -27,11 +27,11 @@ from .answer.equation_study import unit_if_known
 from .regressors.regressors import CORRECTION, FREE
 from .study import StudyResult
 
-RULE = (
-    "Terms: effects that were found, corrections of the likeliest pattern, with the coefficients that they have in it "
-    "(tables average over all patterns); f where what is left has no name."
-)
-"""Rule for the terms of an extended equation, and for its f."""
+CORRECTED = "Corrections are those of the likeliest pattern (tables average over all)."
+"""Rule for the simulation's own coefficients in an extended equation."""
+
+UNNAMED = "f is what is left without a name."
+"""Rule for its f."""
 
 ByTerm = Mapping[tuple[str, str], float]
 """Probabilities by equation and term."""
@@ -61,7 +61,16 @@ def extended_system(
         values |= _parameters(amendment, base)
     learned = {name: _equation(name, each, base, data, probabilities) for name, each in amendments.items()}
     simulation = base.with_values({name: value.mean for name, value in values.items()}).simulator(data, lacking=True)
-    return LearnedSystem("study", simulation, data, learned, RULE, parameters_of(base.parameters, values))
+    rules = [CORRECTED] if any(map(_corrects, amendments.values())) else []
+    rules += [UNNAMED] if any(each.discrepancy and each.discrepancy.left for each in learned.values()) else []
+    return LearnedSystem("study", simulation, data, learned, " ".join(rules), parameters_of(base.parameters, values))
+
+
+def _corrects(amendment: Amendment) -> bool:
+    """Return whether the commonest pattern corrects a coefficient of the simulation."""
+    indices = amendment.after.indices[: amendment.after.n_own]
+    kinds = [amendment.statistics.columns[index].kind for index in indices]
+    return any(there and kind == CORRECTION for kind, there in zip(kinds, _pattern(amendment)[0], strict=True))
 
 
 def _pattern(amendment: Amendment) -> tuple[Bool[np.ndarray, " n_own"], Int[np.ndarray, " n"], float]:

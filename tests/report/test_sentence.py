@@ -108,7 +108,7 @@ def said(
         instrument=instrument(*measured) if table is None else table, reasons=tuple(against),
         against=tuple(reason.text for reason in against), maps=dict.fromkeys(equations), verdicts={},
         hypotheses=likeliest(**equations), lacking_roles=dict(lacking), memory=remembers(**(memory or {})),
-        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}, "catalogue": catalogue},
+        train=TRAIN, test=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}, "catalogue": catalogue},
     )  # fmt: skip
     if rest is not None:
         study.settings["rest beside the answer"] = {"x": rest}
@@ -395,7 +395,7 @@ def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
 
 
 def test_one_of_is_no_surer_that_something_is_missing_than_it_is(monkeypatch):
-    monkeypatch.setattr("bayes_greybox.report.words.sentence.probability_missing", lambda study: 0.51)
+    monkeypatch.setattr("bayes_greybox.report.words.missing.probability_missing", lambda *_: 0.51)
     text = said("one of", [("Cubic spring", 0.16, ("sine",)), ("Pendulum", 0.14, (), "one of")])
     assert text.startswith("Most likely something is missing (probability 0.510): cubic spring in d(x)/dt")
 

@@ -23,6 +23,9 @@ from .interval import INTERVAL_ENDS
 RATE_DRAWS = 200
 """Posterior draws behind the intervals of rates."""
 
+SHARE, NMSES = "unexplained share", ("derivative NMSE", "output NMSE", "sample NMSE")
+"""Metrics: share of the measurement that neither model nor noise explains, and mean square error over its variance."""
+
 NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
 
@@ -69,6 +72,23 @@ def gap_rows(
     return table.set_index(["data", "metric", "variable"]), paths
 
 
+def within_noise(gap: pd.DataFrame, part: str, equation: str, n_row: int | None) -> bool:
+    """Return whether the gap of an equation was within the noise before: then there was none to close.
+
+    The mean square of n normal errors of variance σ² has the standard deviation σ² (2/n)^½, so that an excess of up to
+    two of these is no gap. The share of the noise is what the error before has beyond the unexplained share. Samples
+    have a misfit instead, which is 1 of noise alone.
+    """
+    rows = gap["before"].to_dict()
+    misfit, before = rows.get((part, MISFIT, equation)), rows.get((part, SHARE, equation), float("nan"))
+    if misfit is not None:
+        return bool(misfit <= 1.0)
+    errors = [rows[part, metric, equation] for metric in NMSES if (part, metric, equation) in rows]
+    if not errors or not n_row:
+        return False
+    return bool(before <= 2.0 * max(errors[0] - before, 0.0) * np.sqrt(2.0 / n_row))
+
+
 def _figures(
     model: Program, amendment: Amendment, data: Trajectories, equation: str, names_matter: bool, criteria: Criteria
 ) -> dict[str, tuple[float, ...]]:
@@ -82,7 +102,7 @@ def _figures(
     added = _on_rows(raw, amendment, lambda at: amendment.rates_before(at)[:, None], 1)[:, 0]
     before, draws = _squares(raw, added), _draws(rows, amendment)
     sizes = _Sizes.of(rows, amendment, data, draws, criteria)
-    metrics: Metrics = {f"{rows.measurement} NMSE": sizes.nmse, "unexplained share": sizes.share}
+    metrics: Metrics = {f"{rows.measurement} NMSE": sizes.nmse, SHARE: sizes.share}
     if data.samples is not None and len(data.samples.state_names) == 1:
         metrics |= {MISFIT: sizes.misfit}
 
