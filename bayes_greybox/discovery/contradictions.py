@@ -67,7 +67,7 @@ def findings(study: StudyResult) -> Iterator[Finding]:
         yield Finding("not weighed", None, values={"role": role, "count": count})
     for tie in study.ties:
         yield Finding("tie", True, values={"slugs": tie["slugs"]})
-    if not study.ties and added(study).size:
+    if not study.ties and added(study).size and study.verdict != "one of":
         yield Finding("no tie", False)
     left = left_over(study.gap, study.criteria)
     for name, misfit in misfits(study.gap, "test").items():

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -43,6 +44,25 @@ def studied_system(study: StudyResult) -> LearnedSystem:
     probabilities = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
     probabilities |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
     return extended_system(study.base, study.train, study.amendments, probabilities)
+
+
+def shown_effects(study: StudyResult) -> pd.DataFrame:
+    """Return the table of effects with the coefficients that the equations have: those of the likeliest pattern.
+
+    In the study's own table they are averaged over all patterns, which no one model has.
+    """
+    table = study.effects.copy()
+    if not len(table) or not study.amendments:
+        return table
+    terms = {name: list(each.terms) for name, each in studied_system(study).learned.items()}
+    for place in table.index[table["status"] == "added"]:
+        alike = [term for term in terms.get(table.at[place, "equation"], ()) if term.name == table.at[place, "slug"]]
+        if alike:
+            value = alike[0].value
+            table.loc[place, ["mean", "sd", "lower", "upper"]] = value.mean, value.sd, value.lower, value.upper
+            # The same effect on other columns has a term of its own.
+            terms[table.at[place, "equation"]].remove(alike[0])
+    return table
 
 
 def extended_system(

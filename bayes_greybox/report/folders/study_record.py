@@ -25,9 +25,9 @@ def study_record(study: StudyResult, sampling: Mapping[str, Any]) -> dict[str, A
             "verdict": study.verdict,
             "sentence": sentence(study),
             "headline": headline(study),
-            "asked": [asdict(each) for each in asked(study, STUDY_FILE)],
             "equations": equations_record(studied_system(study)),
             **study.record(),
+            "asked": [asdict(each) for each in asked(study, STUDY_FILE)],
             "doubts": [asdict(each) for each in doubts(study)],
             "convergence": None if fit is None else verdict_record(convergence(fit)),
             "data": {

@@ -8,7 +8,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.contradictions import notable
-from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.learned import shown_effects, studied_system
 from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import added, changed, shown_part, unclear_sign
@@ -106,7 +106,7 @@ def what(study: StudyResult) -> Section:
     ]
     if len(study.effects):
         likely = (study.effects["status"] != "") | (study.effects["probability"] >= notable(study))
-        effects: Any = study.effects
+        effects: Any = shown_effects(study)
         shown, rest = effects[likely], effects[~likely]
         text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))

@@ -10,7 +10,7 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.contradictions import notable
 from bayes_greybox.discovery.fleet.shared import Fleet
-from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.learned import shown_effects, studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import shown_part
 from bayes_greybox.report.equations.text import equations_text
@@ -119,7 +119,7 @@ def _effects(study: StudyResult) -> Group:
     }
     several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
     title = f"Effects, best first (+ added to the model{several})"
-    return _table(study, records_of(study.effects.head(MOST_EFFECTS)), columns, title)
+    return _table(study, records_of(shown_effects(study).head(MOST_EFFECTS)), columns, title)
 
 
 def _gap(study: StudyResult) -> Group:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_greybox.discovery.contradictions import MOST_DELAYED_SAMPLES, Finding, findings, notable
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import left_in_words, worse_in_words
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import free_run_errors
@@ -148,9 +149,9 @@ def _runner_up(name: str, p: str, values: Mapping[str, Any]) -> str:
             f"; but it leaves {share_text(values['share'])} of the gap to something else" if "share" in values else ""
         )
         return f"{name} with probability {p}, the answer {answer}{share}"
-    if values["probability"] > values["answer"]:
-        return f"{name} by itself, {p}, the answer's set by itself {answer}; effect by effect the answer is likelier"
-    return f"{name} by itself, {p}; the answer's set by itself, {answer}"
+    rival = f"{name}, {p}" if values["name"] in STOPS else f"{name} by itself, {p}"
+    likelier = "; effect by effect the answer is likelier" if values["probability"] > values["answer"] else ""
+    return f"{rival}; the answer's set by itself, {answer}{likelier}"
 
 
 def _free_run(study: StudyResult, change: str, part: str = "", states: Iterable[str] = (), sooner: Any = None) -> str:

@@ -199,7 +199,7 @@ def _one_of(study: StudyResult, rows: Sequence[Row], closed: Closed) -> list[str
     if sure and unsure:
         return [_besides(study, sure, unsure, faults), closed.alone(adding)]
     candidates, equations = _candidates(study, rows), list(dict.fromkeys(row["equation"] for row in rows))
-    if len(candidates) < 2:
+    if len(candidates) < 2 and not sure:
         own = {row["slug"] for row in rows}
         others = [(name, p) for name, p in rivals(study, equations[0]) if not own & set(name.split(" + "))]
         candidates += [_hypothesis(study, name, p) for name, p in others]
