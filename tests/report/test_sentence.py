@@ -318,24 +318,25 @@ def test_the_rounding_of_the_file_is_no_remark_on_a_sensor():
     assert "noise" not in text(0.29) and text(0.6).endswith("Of the measurement: samples have noise.")
 
 
-def noisy_gap(before, after, error, metric="derivative NMSE"):
-    """A gap with the mean square error beside it, which tells the noise."""
+def noisy_gap(before, after, noise, metric="derivative NMSE"):
+    """A gap with the mean square error beside it, whose unit is another one: twice the variance."""
     gap = gap_table(test=(before, after))
-    gap.loc[("test", metric, "x"), :] = error
+    gap.loc[("test", metric, "x"), :] = (2 * before + noise, 2 * after + noise, 2 * after + noise)
     return gap
 
 
 def test_nothing_is_closed_where_the_misfit_was_within_the_noise_before():
-    # Three rows of noise 0.2: their mean square is known to 0.2 (2/3)^½ = 0.16.
+    # The mean square of three rows of noise 0.4 is known to 0.4 (2/3)^½ = 0.33: up to 0.65 in excess is no gap.
     assert "closes no gap on held-out data, which show none" in said(
-        "named", [("Drag", 0.97, ())], noisy_gap(0.3, 0.1, 0.5)
+        "named", [("Drag", 0.97, ())], noisy_gap(0.32, 0.08, 0.4)
     )
-    assert "closes 75.0 % of the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.4, 0.1, 0.5))
+    assert "closes 75.0 % of the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.36, 0.09, 0.4))
+    gap = gap_table(test=(0.4, 0.1))
     for misfit, words in ((0.98, "closes no gap"), (1.2, "closes 75.0 %")):
-        gap = noisy_gap(0.4, 0.1, misfit, "misfit of samples")
+        gap.loc[("test", "misfit of samples", "x"), :] = misfit
         assert words in said("named", [("Drag", 0.97, ())], gap)
     # What grows is said to.
-    assert "widens the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.1, 0.3, 0.5))
+    assert "widens the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.1, 0.3, 0.4))
 
 
 def test_what_has_a_name_closes_what_it_closes_without_f():

@@ -126,7 +126,7 @@ def test_figures_have_texts_for_those_who_cannot_see_them(html):
 def test_every_rung_of_the_ladder_shows_its_numbers(study, html):
     text = Outline(html).text
     share, error = (study.gap.loc[("test", metric, "ydot")] for metric in ("unexplained share", "derivative NMSE"))
-    added, second = study.effects.iloc[0], study.effects.iloc[1]
+    added, second = shown_effects(study).iloc[0], study.effects.iloc[1]
     right = as_simulation(studied_system(study))
     assert right.startswith('y = "ydot"\nydot = "F - y - 0.1*ydot - 0.8') and right.endswith('*y**3"')
     for words in (

@@ -1,6 +1,6 @@
 """The gap table: errors of the simulation, and of the extended model, against the measurements."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -75,18 +75,28 @@ def gap_rows(
 def within_noise(gap: pd.DataFrame, part: str, equation: str, n_row: int | None) -> bool:
     """Return whether the gap of an equation was within the noise before: then there was none to close.
 
-    The mean square of n normal errors of variance σ² has the standard deviation σ² (2/n)^½, so that an excess of up to
-    two of these is no gap. The share of the noise is what the error before has beyond the unexplained share. Samples
-    have a misfit instead, which is 1 of noise alone.
+    The mean square of n normal errors of variance σ² has the standard deviation σ² (2/n)^½: an excess of up to two of
+    these is no gap. The excess before is what the mean square error loses per unexplained share, times that share; the
+    rest of the error is noise. Samples have a misfit instead, which is 1 of noise alone.
     """
-    rows = gap["before"].to_dict()
-    misfit, before = rows.get((part, MISFIT, equation)), rows.get((part, SHARE, equation), float("nan"))
-    if misfit is not None:
-        return bool(misfit <= 1.0)
-    errors = [rows[part, metric, equation] for metric in NMSES if (part, metric, equation) in rows]
-    if not errors or not n_row:
+    rows = {key[1]: (row["before"], row["after"]) for key, row in _of(gap, part, equation)}
+    if MISFIT in rows:
+        return bool(rows[MISFIT][0] <= 1.0)
+    error = next((rows[name] for name in NMSES if name in rows), None)
+    if error is None or SHARE not in rows or not n_row:
         return False
-    return bool(before <= 2.0 * max(errors[0] - before, 0.0) * np.sqrt(2.0 / n_row))
+    (before, after), (error_before, error_after) = rows[SHARE], error
+    if not (before > after and error_before > error_after):
+        return False
+    excess = before * (error_before - error_after) / (before - after)
+    return bool(excess <= 2.0 * (error_before - excess) * np.sqrt(2.0 / n_row))
+
+
+def _of(gap: pd.DataFrame, part: str, equation: str) -> Iterator[tuple[Any, dict[Any, Any]]]:
+    """Yield the rows of one equation on one part of the data, by their keys."""
+    for key, row in zip(gap.index, gap.to_dict("records"), strict=True):
+        if (key[0], key[2]) == (part, equation):
+            yield key, row
 
 
 def _figures(
