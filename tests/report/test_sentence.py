@@ -275,6 +275,18 @@ def test_one_of_never_has_one_item(monkeypatch):
     )
 
 
+def test_effects_that_are_found_together_are_no_alternatives():
+    two = [("Cubic spring", 0.8, ()), ("Pendulum", 0.7, ("sine",))]
+    assert first("one of", two) == (
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.800) and pendulum in d(x)/dt (probability 0.700, "
+        "not to be told from sine), but that is not sure."
+    )
+    parts = [("Coulomb friction", 0.8, ()), ("Viscous damping", 0.6, ())]
+    assert first("one of", parts, law=0.995).endswith(
+        "(probability 0.995); its parts are open: Coulomb friction 0.800, viscous damping 0.600."
+    )
+
+
 def test_one_of_whose_record_disagrees_says_so(monkeypatch):
     rows = effects(("Cubic spring", 0.98, ())).assign(agreement=0.62)
     monkeypatch.setitem(globals(), "effects", lambda *given, **kw: rows)

@@ -151,7 +151,7 @@ def _without_name(study: StudyResult) -> str:
     others = rivals(study, names[0]) if p < study.criteria.missing and len(names) == 1 else []
     if others:
         # A name may be as likely as that there is none.
-        candidates = [_hypothesis(study, name, q) for name, q in [(UNKNOWN_KIND, p), *others]]
+        candidates = [_hypothesis(study, names[0], name, q) for name, q in [(UNKNOWN_KIND, p), *others]]
         return f"{_something(study, names)}; which effect is open: {_list(candidates)}; {shape}"
     return f"{likely(study, what, p)}; {shape}"
 
@@ -174,9 +174,9 @@ class Candidate(NamedTuple):
         return self.text if math.isnan(self.probability) else f"{self.text} {probability_text(self.probability)}"
 
 
-def _list(candidates: Sequence[Candidate]) -> str:
+def _list(candidates: Sequence[Candidate], joint: str = ", ") -> str:
     """Return candidates with their probabilities, likeliest first."""
-    return ", ".join(map(str, sorted(candidates, key=lambda each: -np.nan_to_num(each.probability))))
+    return joint.join(map(str, sorted(candidates, key=lambda each: -np.nan_to_num(each.probability))))
 
 
 def _something(study: StudyResult, equations: Sequence[str]) -> str:
@@ -202,19 +202,20 @@ def _one_of(study: StudyResult, rows: Sequence[Row], closed: Closed) -> list[str
     if len(candidates) < 2 and not sure:
         own = {row["slug"] for row in rows}
         others = [(name, p) for name, p in rivals(study, equations[0]) if not own & set(name.split(" + "))]
-        candidates += [_hypothesis(study, name, p) for name, p in others]
-    if len(candidates) < 2:
+        candidates += [_hypothesis(study, equations[0], name, p) for name, p in others]
+    law = law_behind(study, equations, [each.quantity for each in candidates]) if len(candidates) > 1 else None
+    if law is not None:
+        what = f"A law of {columns_text(law[0])} is missing in {study.train.target_label(equations[0])}"
+        is_open = "which one is open" if len(rows) == 1 else "its parts are open"
+        p = probability_text(law[1])
+        return [f"{what} (probability {p}); {is_open}: {_list(candidates)}.", closed.alone(adding)]
+    if len(candidates) < 2 or len(rows) > 1:
+        # Effects that are found together are no alternatives.
         agreement = min(float(row.get("agreement", math.nan)) for row in rows)
         shares = f" (agreement {probability_text(agreement)})" if agreement < study.criteria.named else ""
         doubt = f"but parts of the record disagree{shares}" if sure else "but that is not sure"
         return [f"{_lacks(study, _added(study, rows))}, {doubt}.", closed.alone(adding)]
-    law = law_behind(study, equations, [each.quantity for each in candidates])
-    if law is None:
-        return [f"{_something(study, equations)}; which effect is open: {_list(candidates)}.", closed.alone(adding)]
-    of, p = law
-    what = f"A law of {columns_text(of)} is missing in {study.train.target_label(equations[0])}"
-    open_between = f"which one is open: {_list(candidates)}"
-    return [f"{what} (probability {probability_text(p)}); {open_between}.", closed.alone(adding)]
+    return [f"{_something(study, equations)}; which effect is open: {_list(candidates)}.", closed.alone(adding)]
 
 
 def _besides(study: StudyResult, sure: Sequence[Row], unsure: Sequence[Row], faults: Sequence[str]) -> str:
@@ -225,19 +226,22 @@ def _besides(study: StudyResult, sure: Sequence[Row], unsure: Sequence[Row], fau
     lacks = _lacks(study, _added(study, sure))
     if any_of_them >= study.criteria.named and len(candidates) > 1 and not faults:
         return f"{lacks}; something else is missing besides, and which effect is open: {_list(candidates)}."
-    return f"{lacks}, and perhaps {_list(candidates).replace(', ', ' or ')}."
+    return f"{lacks}, and perhaps {_list(candidates, ' or ')}."
 
 
 def _candidates(study: StudyResult, rows: Sequence[Row]) -> list[Candidate]:
     """Return effects and what is tied with them, each once."""
     equations = {row["equation"] for row in rows}
     instead = study.effects.query("status == 'one of'").to_dict("records")
-    found = [_effect(study, row) for row in [*rows, *(each for each in instead if each["equation"] in equations)]]
-    for row in rows:
-        for name in row["tied_with"]:
-            text = f"an error of the sensor ({name})" if fault_kind(name) else within(name_of(study, name))
-            if not any(each.text.startswith(text) for each in found):
-                found.append(Candidate(text, fault_probability(study, name)))
+    every = [*rows, *(row for row in instead if row["equation"] in equations)]
+    found = [_effect(study, row) for row in every]
+    named = {within(name) for row in every for name in (row["name"], named_in(study, row))}
+    for name in dict.fromkeys(name for row in rows for name in row["tied_with"]):
+        if fault_kind(name):
+            found.append(Candidate(f"an error of the sensor ({name})", fault_probability(study, name)))
+        elif within(name_of(study, name)) not in named:
+            # Older files may have no row of it.
+            found.append(Candidate(within(name_of(study, name)), math.nan))
     return found
 
 
@@ -248,9 +252,9 @@ def _effect(study: StudyResult, row: Row) -> Candidate:
     return Candidate(text, float(row["probability"]), row.get("quantity"))
 
 
-def _hypothesis(study: StudyResult, name: str, p: float) -> Candidate:
+def _hypothesis(study: StudyResult, equation: str, name: str, p: float) -> Candidate:
     """Return a hypothesis as a candidate; an effect by itself has its own probability and not that of the set alone."""
     if name in STOPS:
         return Candidate(OPEN_TEXTS[name], p)
-    own = study.effects[study.effects["slug"] == name]
+    own = study.effects[(study.effects["slug"] == name) & (study.effects["equation"] == equation)]
     return _effect(study, own.iloc[0].to_dict()) if len(own) else Candidate(within(name_of(study, name)), p)
