@@ -1,6 +1,7 @@
 """What a headline lists beside an answer: its rivals, the law behind them, and what was found of the sensors."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,8 +17,8 @@ MOST_RIVALS = 3
 
 def rivals(study: StudyResult, equation: str) -> list[tuple[str, float]]:
     """Return the likeliest explanations of an equation other than its answer that are listed, with probabilities."""
-    table, own = rows_of(study.hypotheses, equation), answer(study, equation)
-    likely = sorted_by_probability(table[table["probability"] >= LISTED])
+    table: Any = rows_of(study.hypotheses, equation)
+    likely, own = sorted_by_probability(table[table["probability"] >= LISTED]), answer(study, equation)
     found = zip(map(str, likely.index), map(float, likely["probability"]), strict=True)
     return [(name, p) for name, p in found if name != own][:MOST_RIVALS]
 
@@ -43,7 +44,7 @@ def fault_probability(study: StudyResult, name: str) -> float:
 
 def found_of_sensors(study: StudyResult) -> pd.DataFrame:
     """Return the sensor errors that belong to the answer, without noise that is only the rounding of the file."""
-    table = study.instrument
+    table: Any = study.instrument
     if not len(table):
         return table
     rounded = [

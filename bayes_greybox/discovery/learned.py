@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -51,7 +52,7 @@ def shown_effects(study: StudyResult) -> pd.DataFrame:
 
     In the study's own table they are averaged over all patterns, which no one model has.
     """
-    table = study.effects.copy()
+    table: Any = study.effects.copy()
     if not len(table) or not study.amendments:
         return table
     terms = {name: list(each.terms) for name, each in studied_system(study).learned.items()}
