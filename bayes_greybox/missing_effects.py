@@ -4,7 +4,7 @@ import json
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import sympy
@@ -35,6 +35,7 @@ from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
+from bayes_greybox.report.words.asked import asked
 from bayes_greybox.report.words.sentence import measurement_in_words, sentence
 from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.errors import InputError
@@ -61,8 +62,9 @@ class Study(StudyResult):
         return sentence(self)
 
     def record(self) -> dict[str, Any]:
-        """Return verdict, sentence, tables and settings as plain values, ready for JSON."""
-        return {"verdict": self.verdict, "sentence": self.sentence, **super().record()}
+        """Return verdict, sentence, what it asks of you, tables and settings as plain values, ready for JSON."""
+        to_do = [asdict(each) for each in asked(self)]
+        return {"verdict": self.verdict, "sentence": self.sentence, "asked": to_do, **super().record()}
 
     def free_run(self, data: Trajectories, interpolation: str | Sequence[str] | None = None) -> dict[str, FreePath]:
         """Return free runs, before and after, over other data, by state.

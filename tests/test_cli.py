@@ -189,6 +189,15 @@ def test_every_command_has_a_short_way_to_its_help(command, capsys):
         assert all(option in short for option in ("-q, --quiet", "-v, --verbose"))
 
 
+@pytest.mark.parametrize("command", [*COMMANDS, "init", "schema"])
+def test_the_help_of_every_command_ends_with_an_example_and_the_next_command(command, capsys):
+    assert cli.main([command, "--help"]) == 0
+    *_, example, _, after = capsys.readouterr().out.rstrip().splitlines()
+    assert example.strip().startswith(f"Example: bayes-greybox {command}") and len(example) < 80
+    assert after.strip().startswith("Then: bayes-greybox ") and len(after) < 80
+    assert after.split()[2] in [*COMMANDS, "init", "schema"]
+
+
 def test_the_whole_has_a_short_way_to_its_help_and_lists_every_command(capsys):
     assert cli.main(["-h"]) == 0
     out = capsys.readouterr().out

@@ -81,7 +81,11 @@ def test_the_folder_has_the_report_the_record_the_study_the_figures_and_the_conf
     assert {"gap_map.png", "ranking.png", "free_run_y.png"} <= set(os.listdir("out/figures"))
     out = capsys.readouterr().out
     assert out.startswith("NAMED: ") and "cubic stiffness" in out and "out/gap.html" in out
-    assert "What speaks against it" in out and "Residuals are white" in out
+    assert "What was checked" in out and "Residuals are white" in out
+    assert "What to do now\nAdd what was found" in out and "  bayes-greybox export out/study.nc amended.c\n" in out
+    page = Path("out/gap.html").read_text(encoding="utf-8")
+    assert "<title>case: missing-effect study: named</title>" in page
+    assert "<code>bayes-greybox export study.nc amended.c</code>" in page
 
 
 def test_the_verdict_is_told_once(here, study, monkeypatch, capsys):

@@ -27,6 +27,7 @@ from bayes_greybox.running.collecting import leave_collected
 from bayes_greybox.running.errors import InputError
 
 from .ending import DONE, exit_code, log_to_stderr, run_app, show
+from .examples import ending
 from .exporting import export
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def _whole(
     """Find, name and add the physics a simulation is missing, with honest uncertainty."""
 
 
-@app.command()
+@app.command(epilog=ending("fit"))
 def fit(
     config: ConfigFile, output: Output = None,
     seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
@@ -95,7 +96,7 @@ def fit(
     return fit_configured(settings, Run(output, progress, quiet, resume))
 
 
-@app.command()
+@app.command(epilog=ending("discover"))
 def discover(
     config: Annotated[Path | None, typer.Argument(help="Configuration file (TOML).")] = None,
     fleet: Annotated[
@@ -147,7 +148,7 @@ def discover(
     return study_configured(settings, Run(output, progress, quiet, resume))
 
 
-@app.command()
+@app.command(epilog=ending("compare"))
 def compare(
     files: Annotated[
         list[Path],
@@ -186,7 +187,7 @@ def compare(
     return compare_configured(settings, run)
 
 
-@app.command()
+@app.command(epilog=ending("report"))
 def report(
     files: Annotated[
         list[Path],
@@ -229,7 +230,7 @@ def report(
     return exit_code(fits)
 
 
-@app.command(name="next")
+@app.command(name="next", epilog=ending("next"))
 def next_(
     file: Annotated[Path, typer.Argument(help="Configuration file (TOML), or a saved study (.nc).")],
     signal: Annotated[list[str] | None, typer.Option(help="Family of signals; all by default.")] = None,
@@ -259,7 +260,7 @@ def next_(
     return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
 
 
-app.command()(export)
+app.command(epilog=ending("export"))(export)
 
 
 @app.command(context_settings={"ignore_unknown_options": True}, hidden=True)
@@ -269,7 +270,7 @@ def benchmark(words: Annotated[list[str] | None, typer.Argument(help="Arguments 
     raise InputError(f"The benchmarks are run from a checkout of the repository: python -m benchmarks {asked}")
 
 
-@app.command()
+@app.command(epilog=ending("init"))
 def init(
     data: Annotated[Path, typer.Argument(help="A table: text, Excel, Parquet, netCDF, MATLAB or LabVIEW.")],
     output: Annotated[
@@ -310,7 +311,7 @@ def init(
     return DONE
 
 
-@app.command()
+@app.command(epilog=ending("schema"))
 def schema() -> int:
     """Print the JSON schema of configuration files, for editors that complete and check keys."""
     import json
@@ -321,7 +322,7 @@ def schema() -> int:
     return DONE
 
 
-@app.command()
+@app.command(epilog=ending("datasets"))
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table

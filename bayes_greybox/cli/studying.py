@@ -15,6 +15,7 @@ from bayes_greybox.missing_effects import Study, find_missing_effects, load
 from bayes_greybox.report.folders.holding import free_folder, require_own
 from bayes_greybox.report.terminal.study import fleet_tables, study_tables
 from bayes_greybox.report.terminal.tables import frame_table
+from bayes_greybox.report.words.asked import STUDY_FILE
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import write_text
 
@@ -24,7 +25,7 @@ def study_configured(settings: Config, run: Run) -> int:
     folder = place_of(settings, "discover", run.output)
     study = study_into(
         settings, folder, progress=run.progress,
-        on_study=lambda study: None if run.quiet else show(*study_tables(study)),
+        on_study=lambda study: None if run.quiet else show(*study_tables(study, str(folder / STUDY_FILE))),
         checkpoint_for=lambda folder: resumable(folder, settings, run.resume),
     )  # fmt: skip
     show(folder if run.quiet else f"\nThe report is {folder / STUDY_PAGE}.")

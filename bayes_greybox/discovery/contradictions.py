@@ -67,7 +67,7 @@ def findings(study: StudyResult) -> Iterator[Finding]:
         yield Finding("not weighed", None, values={"role": role, "count": count})
     for tie in study.ties:
         yield Finding("tie", True, values={"slugs": tie["slugs"]})
-    if not study.ties and added(study).size:
+    if not study.ties and added(study).size and study.verdict != "one of":
         yield Finding("no tie", False)
     left = left_over(study.gap, study.criteria)
     for name, misfit in misfits(study.gap, "test").items():
@@ -97,13 +97,30 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Finding]:
         else:
             against = p >= least or share >= study.criteria.remainder
             yield Finding("remains", against, equation, {"probability": p, "share": share})
-    other = next((str(name) for name in records if name != own), None)
-    if other is not None:
-        p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, other))
-        values: dict[str, Any] = {"name": other, "probability": q, "answer": p}
-        if q > p and own in STOPS and other not in STOPS:
+    # Beside effects the unknown is what remains, and no rival of one set among many.
+    others = [str(name) for name in records if name != own and (own in STOPS or name != UNKNOWN_KIND)]
+    if others:
+        against, values = _runner_up(study, own, others[0], records)
+        yield Finding("runner-up", against, equation, values)
+
+
+def _runner_up(
+    study: StudyResult, own: str, other: str, records: Mapping[Any, Mapping[Any, Any]]
+) -> tuple[bool, dict[str, Any]]:
+    """Return whether the likeliest other explanation contradicts an answer, and the two probabilities.
+
+    A set of effects is compared with a set; against any effect stands that none is missing, for whatever reason.
+    """
+    p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, other))
+    values: dict[str, Any] = {"name": other, "probability": q, "answer": p, "of": "set"}
+    if own in STOPS:
+        values["of"] = "answer"
+        if own != UNKNOWN_KIND and other not in STOPS:
+            nothing = [each for each in STOPS if each != UNKNOWN_KIND and each in records]
+            values |= {"of": "nothing", "answer": sum(float(records[each]["probability"]) for each in nothing)}
+        elif q > p and other not in STOPS:
             values["share"] = records[other]["share_left"]
-        yield Finding("runner-up", q >= least, equation, values)
+    return q >= notable(study), values
 
 
 def _measurement(study: StudyResult, equation: str) -> Iterator[Finding]:

@@ -2,8 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Bool, Float, Int
 
 from bayes_greybox.data.trajectories import Trajectories
@@ -27,11 +29,11 @@ from .answer.equation_study import unit_if_known
 from .regressors.regressors import CORRECTION, FREE
 from .study import StudyResult
 
-RULE = (
-    "Terms: effects that were found, corrections of the likeliest pattern, with the coefficients that they have in it "
-    "(tables average over all patterns); f where what is left has no name."
-)
-"""Rule for the terms of an extended equation, and for its f."""
+CORRECTED = "Corrections are those of the likeliest pattern (tables average over all)."
+"""Rule for the simulation's own coefficients in an extended equation."""
+
+UNNAMED = "f is what is left without a name."
+"""Rule for its f."""
 
 ByTerm = Mapping[tuple[str, str], float]
 """Probabilities by equation and term."""
@@ -43,6 +45,25 @@ def studied_system(study: StudyResult) -> LearnedSystem:
     probabilities = {(row["equation"], row["slug"]): row["probability"] for row in rows if row["status"] == "added"}
     probabilities |= dict(zip(study.corrections.index, study.corrections["probability"], strict=True))
     return extended_system(study.base, study.train, study.amendments, probabilities)
+
+
+def shown_effects(study: StudyResult) -> pd.DataFrame:
+    """Return the table of effects with the coefficients that the equations have: those of the likeliest pattern.
+
+    In the study's own table they are averaged over all patterns, which no one model has.
+    """
+    table: Any = study.effects.copy()
+    if not len(table) or not study.amendments:
+        return table
+    terms = {name: list(each.terms) for name, each in studied_system(study).learned.items()}
+    for place in table.index[table["status"] == "added"]:
+        alike = [term for term in terms.get(table.at[place, "equation"], ()) if term.name == table.at[place, "slug"]]
+        if alike:
+            value = alike[0].value
+            table.loc[place, ["mean", "sd", "lower", "upper"]] = value.mean, value.sd, value.lower, value.upper
+            # The same effect on other columns has a term of its own.
+            terms[table.at[place, "equation"]].remove(alike[0])
+    return table
 
 
 def extended_system(
@@ -62,7 +83,16 @@ def extended_system(
         values |= _parameters(amendment, base)
     learned = {name: _equation(name, each, base, data, probabilities) for name, each in amendments.items()}
     simulation = base.with_values({name: value.mean for name, value in values.items()}).simulator(data, lacking=True)
-    return LearnedSystem("study", simulation, data, learned, RULE, parameters_of(base.parameters, values))
+    rules = [CORRECTED] if any(map(_corrects, amendments.values())) else []
+    rules += [UNNAMED] if any(each.discrepancy and each.discrepancy.left for each in learned.values()) else []
+    return LearnedSystem("study", simulation, data, learned, " ".join(rules), parameters_of(base.parameters, values))
+
+
+def _corrects(amendment: Amendment) -> bool:
+    """Return whether the commonest pattern corrects a coefficient of the simulation."""
+    indices = amendment.after.indices[: amendment.after.n_own]
+    kinds = [amendment.statistics.columns[index].kind for index in indices]
+    return any(there and kind == CORRECTION for kind, there in zip(kinds, _pattern(amendment)[0], strict=True))
 
 
 def _pattern(amendment: Amendment) -> tuple[Bool[np.ndarray, " n_own"], Int[np.ndarray, " n"], float]:

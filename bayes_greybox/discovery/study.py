@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from datetime import date
 from typing import Any
 
 import pandas as pd
@@ -267,6 +268,7 @@ def _recorded(findings: Findings, settings: StudySettings, with_catalogue: bool)
             for name, own in ((name, study.regressors) for name, study in findings.items())
         },
         "versions": versions(),
+        "date": date.today().isoformat(),
     }
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.criticism import discrepancy
 
+from .answer.gap import SHARE, within_noise
 from .answer.instrument import IN_MODEL
 from .answer.interval import INTERVAL_REACH
 from .answer.where import GapMap, GapTrace
@@ -106,10 +107,13 @@ def probability_of_answer(study: StudyResult) -> float:
     return total
 
 
-def probability_missing(study: StudyResult) -> float:
-    """Return the probability that something is missing in some equation: no gap, recalibration and instrument left."""
+def probability_missing(study: StudyResult, equations: Iterable[str] | None = None) -> float:
+    """Return the probability that something is missing in some equation, of all or of these.
+
+    What is left are no gap, recalibration and instrument.
+    """
     nothing = 1.0
-    for name in study.hypotheses.index.unique(0):
+    for name in study.hypotheses.index.unique(0) if equations is None else equations:
         known = rows_of(study.hypotheses, name)["probability"].to_dict()
         nothing *= sum(known.get(each, 0.0) for each in STOPS if each != UNKNOWN_KIND)
     return 1.0 - nothing
@@ -166,9 +170,17 @@ class GapChange:
     idle: tuple[str, ...]
 
 
-def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
-    """Return the change of the gap, on held-out data where the rates were measured there."""
-    shares = gap.xs("unexplained share", level="metric")[["before", "after"]]
+def rows_by_part(study: StudyResult) -> dict[str, int]:
+    """Return the number of rows of training and held-out data."""
+    return {"train": study.train.n_obs, **({} if study.test is None else {"test": study.test.n_obs})}
+
+
+def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA, n_rows: Mapping[str, int] | None = None) -> GapChange:
+    """Return the change of the gap, on held-out data where the rates were measured there.
+
+    `n_rows` are the numbers of rows by part, without which a gap of rates is not compared with their noise.
+    """
+    shares = gap.xs(SHARE, level="metric")[["before", "after"]]
     # f, which takes up anything, has no name and was not added.
     if NAMES_ALONE in gap.index.get_level_values("metric"):
         alone = gap.xs(NAMES_ALONE, level="metric")[["before", "after"]]
@@ -178,7 +190,9 @@ def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
     parts = shares.index.get_level_values("data")
     part = "test" if "test" in parts else "train"
     before, after = (float(value) for value in shares[parts == part].sum())
-    if before <= after < LEAST_CLOSED:
+    names = shares[parts == part].index.get_level_values("variable").unique()
+    noise = len(names) > 0 and all(within_noise(gap, part, name, (n_rows or {}).get(part)) for name in names)
+    if before <= after < LEAST_CLOSED or (noise and 0 < after <= before):
         code = "none shown"
     elif not before > 0:
         code = "none before"
@@ -191,7 +205,7 @@ def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> GapChange:
 
 def is_denied(study: StudyResult) -> bool:
     """Return whether a smaller gap closes nothing: what fills it has no name, or a free run is no better for it."""
-    if study.verdict == "unknown":
+    if study.verdict in (UNKNOWN_KIND, NO_GAP):
         return True
     runs = worsened(study.gap, study.criteria), not_helped(study.gap, study.criteria)
     return bool(added(study).size and any(runs))

@@ -77,11 +77,11 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
                 for term, value in stated.fixed
             ),
         )
-    terms = "Terms: those of the likeliest pattern, with their coefficients in it (tables average over all patterns)"
+    terms = "Terms: those of the likeliest pattern (tables average over all)"
     leaves = "over 1\u00a0% (RMS) of what the simulation leaves"
     if not patterned:
         terms = f"Terms: those likely to move the rate by {leaves}"
-    f = f"; f where the data tell it from zero and it moves the rate by {leaves}"
+    f = "; f where it matters as much"
     rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
     model = posterior.model.with_values({name: value.mean for name, value in values.items()})
     simulation, parameters = model.simulator(posterior.data, lacking=True), parameters_of(model.parameters, values)

@@ -13,12 +13,13 @@ from bayes_greybox.missing_effects import Study
 from bayes_greybox.report.folders.holding import CONFIG, RECORD_FILE, command_of
 from bayes_greybox.report.folders.record import write_json
 from bayes_greybox.report.folders.writing import staged
+from bayes_greybox.report.words.asked import STUDY_FILE
 from bayes_greybox.report.words.fleet import fleet_sentence
 from bayes_greybox.running.plain_values import plain_rows, plain_values
 from bayes_greybox.running.stages import announce, stage
 from bayes_greybox.running.tasks import run_tasks
 
-STUDY, STUDY_PAGE = "study.nc", "gap.html"
+STUDY, STUDY_PAGE = STUDY_FILE, "gap.html"
 """Names of a study's file and of its page."""
 
 MARK = "asset.json"

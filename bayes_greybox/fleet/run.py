@@ -131,7 +131,10 @@ def study_into(
                 train, test = settings.read_data()
                 checkpoint = None if checkpoint_for is None else work.enter_context(checkpoint_for(folder))
             study = find_missing_effects(model, train, test, **arguments, progress=progress, checkpoint=checkpoint)
-            study = replace(study, config=settings.text)
+            # An asset's folder has its name; a configuration may be that of many.
+            name = place.name if place.parent.name == ASSETS else settings.origin.stem
+            named = {**study.settings, "name": name, "configuration": settings.file}
+            study = replace(study, config=settings.text, settings=named)
             with stage("Saving the study"), staged(folder) as part:
                 # First, by itself: no later failure may cost the draws.
                 study.save(part / STUDY)

@@ -44,7 +44,7 @@ def test_findings_are_coded_by_the_criteria_of_the_study(study):
     assert codes["check"] is False and codes["runner-up"] is False and codes["sampler"] is False
     table = study.hypotheses.assign(probability=0.0)
     table.loc[("ydot", "cubic-stiffness"), "probability"] = 0.8
-    table.loc[("ydot", "unknown"), "probability"] = 0.2
+    table.loc[("ydot", "power-law-stiffness"), "probability"] = 0.2
     doubted = replace(study, hypotheses=table)
     assert {each.code: each.against for each in findings(doubted)}["runner-up"] is True
     lax = replace(doubted, settings={**study.settings, "thresholds": {"named": 0.7}})

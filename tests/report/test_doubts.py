@@ -18,7 +18,7 @@ from bayes_greybox.report.pages.study_page import study_page
 from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.report.words.doubts import doubts, p_text
 from bayes_greybox.report.words.formatting import percent_text, probability_text
-from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.sentence import sentence, statements
 from bayes_greybox.report.words.study import suspect_size, suspects_weighed
 
 PLAIN = {"maps": {}, "traces": {}, "paths": {}}
@@ -126,7 +126,18 @@ def test_another_explanation_speaks_against_the_answer_where_it_is_likely(study)
     changed = replace(study, hypotheses=table)
     (remains,), (second,) = by_topic(changed, "What remains"), by_topic(changed, "Runner-up")
     assert remains.against and "missing is 0.250" in remains.text and "2.0 % of the gap" in spaced(remains.text)
-    assert second.against and second.text == "Unknown with probability 0.250, the answer 0.550"
+    # A set is compared with a set, and what remains is no rival of one set.
+    assert second.against and second.text == "No gap, 0.200; the answer's set by itself, 0.550"
+    table.loc[("ydot", "power-law-stiffness"), "probability"] = 0.6
+    second = by_topic(replace(study, hypotheses=table), "Runner-up")[0]
+    assert second.text.startswith("Power-law stiffness by itself, 0.600; the answer's set by itself, 0.550; effect by")
+    table.loc[("ydot", "power-law-stiffness"), "probability"] = 0.0
+    # Against any effect stands that none is missing.
+    nothing = {"verdict": "no gap", "effects": study.effects.assign(status="")}
+    table.loc[("ydot", "recalibrate"), "probability"] = 0.15
+    second = by_topic(replace(study, hypotheses=table, **nothing), "Runner-up")[0]
+    assert second.text == "Cubic stiffness with probability 0.550; that no effect is missing has 0.350"
+    table.loc[("ydot", "recalibrate"), "probability"] = 0.0
     # What is likelier than the answer, and yet is not it, is said with the reason.
     empty = {"verdict": "unknown", "effects": study.effects.assign(status="")}
     second = by_topic(replace(changed, **empty), "Runner-up")[0]
@@ -218,10 +229,13 @@ def test_sentence_tables_page_terminal_and_record_say_the_same(study, kind):
             varied(study, verdict="instrument", effects=study.effects.assign(status=""), instrument={}), hypotheses=sure
         ),
     }[kind]
-    said = spaced(sentence(one))
+    said, (first, *others) = spaced(sentence(one)), map(spaced, statements(one))
     page = spaced(unescape(render(study_page(replace(one, **PLAIN)))))
     shown, record = terminal(one), study_record(one, {})
-    assert said in page and said in shown and said == spaced(record["sentence"])
+    assert f">{first}</h1>" in page and " ".join(others) in page
+    assert said in shown and said == spaced(record["sentence"]) and record["headline"] in record["sentence"]
+    for each in record["asked"]:
+        assert spaced(each["text"]) in page and spaced(each["text"]) in shown
     for row in record["effects"]:
         if row["status"]:
             p = spaced(probability_text(row["probability"]))

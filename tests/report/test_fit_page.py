@@ -1,6 +1,7 @@
 import json
 import re
 from html import escape, unescape
+from types import SimpleNamespace
 
 import numpy as np
 import page_rules
@@ -8,6 +9,8 @@ import pytest
 from fabricated import shown
 
 import bayes_greybox as bg
+from bayes_greybox.criticism.discrepancy import discrepancy_table
+from bayes_greybox.report.pages import fit_page as fit_page_module
 from bayes_greybox.report.pages.fit_page import fit_html
 from bayes_greybox.report.words.formatting import probability_text
 from bayes_greybox.running.errors import InputError
@@ -79,6 +82,16 @@ def test_what_a_figure_shows_can_be_read_off_it(html):
     shown = [one["map"] for one in json.loads(unescape(maps[1]))]
     assert [one["name"] for one in shown] == ["mean of f [m/s²]", "sd of f [m/s²]"]
     assert all(len(one["values"]) == 2 * one["across"] ** 2 for one in shown)
+
+
+def test_maps_of_an_f_that_is_nothing_are_folded(fit, monkeypatch):
+    def maps_in(left):
+        learned = {"ydot": SimpleNamespace(discrepancy=SimpleNamespace(left=left))}
+        monkeypatch.setattr(fit_page_module, "fitted_system", lambda _: SimpleNamespace(learned=learned))
+        section = fit_page_module._discrepancy(fit, discrepancy_table(fit))
+        return [block.kind for block in section.blocks][:2]
+
+    assert maps_in(True)[0] == "pictures" and maps_in(False) == ["words", "details"]
 
 
 def test_the_checks_are_on_the_page(fit, html):

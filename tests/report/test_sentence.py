@@ -14,7 +14,7 @@ from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.discovery.study_file import with_kinds
 from bayes_greybox.discovery.summary import probability_missing
-from bayes_greybox.report.words.sentence import sentence
+from bayes_greybox.report.words.sentence import headline, sentence
 
 INDEX = ["data", "metric", "variable"]
 
@@ -76,6 +76,7 @@ def corrections(**given):
     """(nominal, probability, mean change) by term, known to a tenth of a unit."""
     table = pd.DataFrame.from_dict(given, orient="index", columns=["nominal", "probability", "mean"])
     table["lower"], table["upper"] = table["mean"] - 0.09, table["mean"] + 0.09
+    table["sd"], table["unit"] = 0.05, "1/s"
     table.index = pd.MultiIndex.from_product([["x"], table.index], names=["equation", "term"])
     return table
 
@@ -97,7 +98,7 @@ TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, o
 """Data with a state and an output."""
 
 
-def said(
+def made(
     verdict, added=(), gap=CLOSED, measured=(), against=(), where="x", equations=None, lacking=(), memory=None,
     law=None, same=None, rest=None, reverse=None, catalogue="mechanical", table=None, **off
 ):  # fmt: skip
@@ -108,7 +109,8 @@ def said(
         instrument=instrument(*measured) if table is None else table, reasons=tuple(against),
         against=tuple(reason.text for reason in against), maps=dict.fromkeys(equations), verdicts={},
         hypotheses=likeliest(**equations), lacking_roles=dict(lacking), memory=remembers(**(memory or {})),
-        train=TRAIN, quantities=pd.DataFrame(), settings={"same as": {"x": same or {}}, "catalogue": catalogue},
+        settings={"same as": {"x": same or {}}, "catalogue": catalogue}, train=TRAIN, test=TRAIN,
+        quantities=pd.DataFrame(),
     )  # fmt: skip
     if rest is not None:
         study.settings["rest beside the answer"] = {"x": rest}
@@ -118,7 +120,17 @@ def said(
         index = pd.MultiIndex.from_tuples([("x", "v")], names=["equation", "quantity"])
         study.__dict__["quantities"] = pd.DataFrame({"probability": [law]}, index=index)
         study.effects["quantity"] = "v"
-    return sentence(study).replace("\u00a0", " ")
+    return study
+
+
+def said(verdict, *given, **changes):
+    """The sentence, with spaces that break."""
+    return sentence(made(verdict, *given, **changes)).replace("\u00a0", " ")
+
+
+def first(verdict, *given, **changes):
+    """The headline."""
+    return headline(made(verdict, *given, **changes)).replace("\u00a0", " ")
 
 
 def test_no_gap_says_that_nothing_is_missing():
@@ -219,17 +231,124 @@ def test_a_probability_is_never_rounded_to_certainty(p, words):
     assert f"(probability {words})" in said("named", [("Cubic spring", p, ())])
 
 
-def test_effects_that_cannot_be_told_apart_are_said():
+def test_effects_that_cannot_be_told_apart_are_listed_with_those_that_have_no_row():
     text = said("one of", [("Cubic spring", 0.6, ("pendulum", "dead-zone")), ("Dead zone", 0.3, (), "one of")])
-    assert "not to be told from pendulum or dead zone" in text
+    assert "which effect is open: cubic spring 0.600, dead zone 0.300, pendulum. Adding cubic spring closes" in text
 
 
 def test_one_of_says_the_columns_where_they_alone_are_open(monkeypatch):
     rows = effects(("Cube", 0.6, ("cube(r=u)",)), ("Cube", 0.39, (), "one of")).assign(quantity=["x", "u", "x"])
     monkeypatch.setitem(globals(), "effects", lambda *given, **kw: rows)
     text = said("one of")
-    assert "most likely cube of x in d(x)/dt (probability 0.600, not to be told from cube of u)" in text
-    assert "or in its place cube of u (0.390); adding the likeliest" in text
+    assert "which effect is open: cube of x 0.600, cube of u 0.390. Adding cube of x closes" in text
+
+
+OPEN = [("Smooth friction", 0.51, ("quadratic-drag",)), ("Quadratic drag", 0.30, (), "one of")]
+
+
+def test_a_law_that_is_sure_is_the_finding_and_its_names_are_open():
+    assert first("one of", OPEN, law=0.9997) == (
+        "A law of v is missing in d(x)/dt (probability > 0.999); which one is open: smooth friction 0.510, quadratic "
+        "drag 0.300."
+    )
+    # A law that is not sure is none; nor is one where a sensor may be at fault instead.
+    assert first("one of", OPEN, law=0.6).startswith("Something is missing in d(x)/dt (probability > 0.999); which")
+    fault = [("Smooth friction", 0.51, ("offset of v",)), ("Quadratic drag", 0.30, (), "one of")]
+    assert "law" not in first("one of", fault, law=0.9997)
+
+
+def test_one_of_never_has_one_item(monkeypatch):
+    index = pd.MultiIndex.from_tuples(
+        [("x", "cubic-spring"), ("x", "cubic-spring + drag"), ("x", "unknown"), ("x", "no gap"), ("x", "diode")],
+        names=["equation", "hypothesis"],
+    )
+    table = pd.DataFrame({"probability": [0.45, 0.1, 0.25, 0.19, 0.01]}, index=index)
+    monkeypatch.setitem(globals(), "likeliest", lambda **_: table)
+    text = first("one of", [("Cubic spring", 0.55, ())])
+    assert text == (
+        "Most likely something is missing in d(x)/dt (probability 0.810); which effect is open: cubic spring 0.550, "
+        "one without a name 0.250, none 0.190."
+    )
+    monkeypatch.setitem(globals(), "likeliest", lambda **_: table.iloc[:1])
+    assert first("one of", [("Cubic spring", 0.85, ())]) == (
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.850), but that is not sure."
+    )
+
+
+def test_effects_that_are_found_together_are_no_alternatives():
+    two = [("Cubic spring", 0.8, ()), ("Pendulum", 0.7, ("sine",))]
+    assert first("one of", two) == (
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.800) and pendulum in d(x)/dt (probability 0.700, "
+        "not to be told from sine), but that is not sure."
+    )
+    parts = [("Coulomb friction", 0.8, ()), ("Viscous damping", 0.6, ())]
+    assert first("one of", parts, law=0.995).endswith(
+        "(probability 0.995); its parts are open: Coulomb friction 0.800, viscous damping 0.600."
+    )
+
+
+def test_one_of_whose_record_disagrees_says_so(monkeypatch):
+    rows = effects(("Cubic spring", 0.98, ())).assign(agreement=0.62)
+    monkeypatch.setitem(globals(), "effects", lambda *given, **kw: rows)
+    assert first("one of") == (
+        "The simulation lacks cubic spring in d(x)/dt (probability 0.980), but parts of the record disagree "
+        "(agreement 0.620)."
+    )
+
+
+@pytest.mark.parametrize("verdict", ["partly named", "unknown"])
+def test_what_is_rather_not_there_is_not_said_to_be_lacking(verdict):
+    text = said(verdict, [("Drag", 0.30, ())])
+    assert "may lack drag in d(x)/dt (probability 0.300)" in text and "lacks drag" not in text
+    both = said("unknown", [("Drag", 0.30, ()), ("Cubic spring", 0.8, ())])
+    assert "The simulation lacks cubic spring in d(x)/dt (probability 0.800), and may lack drag" in both
+
+
+def test_a_name_that_is_likelier_than_none_stands_before_it(monkeypatch):
+    index = pd.MultiIndex.from_tuples([("x", "cubic"), ("x", "unknown"), ("x", "no gap")])
+    table = pd.DataFrame({"probability": [0.45, 0.35, 0.005]}, index=index.set_names(["equation", "hypothesis"]))
+    monkeypatch.setitem(globals(), "likeliest", lambda **_: table)
+    assert first("unknown").startswith(
+        "Something is missing in d(x)/dt (probability 0.995); which effect is open: cubic 0.450, one without a name "
+        "0.350; the maps"
+    )
+
+
+def test_what_the_headline_finds_is_not_mixed_with_what_denies_it():
+    headlines = first("partly named", [("Cubic spring", 0.97, ())], gap_table((0.2, 0.5, 0.1), test=(0.4, 0.1)))
+    assert "free run" not in headlines and headlines.count(" but ") <= 1
+    for measured in (["a is 9 ms late"], []):
+        assert "late" not in first("named", [("Cubic spring", 0.97, ())], measured=measured)
+
+
+def test_the_rounding_of_the_file_is_no_remark_on_a_sensor():
+    def text(sd):
+        noisy = {"suspect": "noisy state", "channel": "x", "mean": sd, "status": IN_MODEL, "text": "samples have noise"}
+        return said("named", [("Drag", 0.97, ())], table=pd.DataFrame([noisy]))
+
+    # The samples of x are whole numbers.
+    assert "noise" not in text(0.29) and text(0.6).endswith("Of the measurement: samples have noise.")
+
+
+def noisy_gap(before, after, noise, metric="derivative NMSE"):
+    """A gap with the mean square error beside it, whose unit is another one: twice the variance."""
+    gap = gap_table(test=(before, after))
+    gap.loc[("test", metric, "x"), :] = (2 * before + noise, 2 * after + noise, 2 * after + noise)
+    return gap
+
+
+def test_nothing_is_closed_where_the_misfit_was_within_the_noise_before():
+    # The mean square of three rows of noise 0.4 is known to 0.4 (2/3)^½ = 0.33: up to 0.65 in excess is no gap.
+    assert "closes no gap on held-out data, which show none" in said(
+        "named", [("Drag", 0.97, ())], noisy_gap(0.32, 0.08, 0.4)
+    )
+    assert "closes 75.0 % of the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.36, 0.09, 0.4))
+    gap = gap_table(test=(0.4, 0.1))
+    for misfit, words in ((0.98, "closes no gap"), (1.2, "closes 75.0 %")):
+        gap.loc[("test", "misfit of samples", "x"), :] = misfit
+        assert words in said("named", [("Drag", 0.97, ())], gap)
+    # What grows is said to.
+    assert "widens the gap" in said("named", [("Drag", 0.97, ())], noisy_gap(0.1, 0.3, 0.4))
 
 
 def test_what_has_a_name_closes_what_it_closes_without_f():
@@ -387,17 +506,10 @@ def test_partly_named_with_failed_checks_says_what_failed():
     assert text.endswith("Against it: residuals hang together over 0.4 s.")
 
 
-def test_one_of_lists_what_could_stand_in_the_place_of_the_likeliest():
-    rows = [("Cubic spring", 0.6, ("sine",)), ("Pendulum", 0.3, (), "one of"), ("Dead zone", 0.08, (), "one of")]
-    text = said("one of", rows)
-    assert text.startswith("Something is missing, most likely cubic spring in d(x)/dt (probability 0.600")
-    assert "or in its place pendulum (0.300) or dead zone (0.080); adding the likeliest closes 75.0 %" in text
-
-
 def test_one_of_is_no_surer_that_something_is_missing_than_it_is(monkeypatch):
-    monkeypatch.setattr("bayes_greybox.report.words.sentence.probability_missing", lambda study: 0.51)
+    monkeypatch.setattr("bayes_greybox.report.words.missing.probability_missing", lambda *_: 0.51)
     text = said("one of", [("Cubic spring", 0.16, ("sine",)), ("Pendulum", 0.14, (), "one of")])
-    assert text.startswith("Most likely something is missing (probability 0.510): cubic spring in d(x)/dt")
+    assert text.startswith("Most likely something is missing in d(x)/dt (probability 0.510); which effect is open: cub")
 
 
 def test_that_nothing_is_missing_is_what_the_answers_without_an_effect_say(monkeypatch):
@@ -415,11 +527,11 @@ def test_what_is_sure_is_no_part_of_what_is_one_of_several():
     assert text.startswith(
         "The simulation lacks cubic spring in d(x)/dt (probability 0.999), and perhaps constant force"
     )
-    assert "or in its place an error of the sensor (offset of y); adding them closes" in text
+    assert "constant force 0.590 or an error of the sensor (offset of y). Adding cubic spring and constant" in text
     text = said("one of", [sure, ("Pendulum", 0.6, ("sine",)), ("Dead zone", 0.39, (), "one of")])
-    assert "0.999); something else is missing besides, most likely pendulum" in text
+    assert "0.999); something else is missing besides, and which effect is open: pendulum 0.600, dead" in text
     # Else there is nothing besides.
-    assert "0.999), and perhaps pendulum" in said("one of", [sure, ("Pendulum", 0.55, ())])
+    assert "0.999), and perhaps pendulum 0.550." in said("one of", [sure, ("Pendulum", 0.55, ())])
 
 
 def test_the_instrument_is_said_alone_or_beside_what_is_missing():
@@ -470,13 +582,3 @@ def test_of_two_equations_a_coefficient_that_is_off_is_said_beside_an_effect(ver
     # Beside something unknown, too.
     text = said("unknown", equations={"x": "unknown", "z": "no gap"}, y=(1.0, 0.97, 0.25))
     assert text.endswith("A coefficient of the simulation is off besides: y in d(x)/dt should have 1.25, not 1.")
-
-
-def test_effects_that_were_not_weighed_for_want_of_a_role_are_said_where_none_was_found():
-    keys = [("x", "cubic"), ("z", "cubic"), ("x", "sine")]
-    lacking = {**dict.fromkeys(keys, "position"), ("x", "gravity"): "other_position"}
-    assert said("unknown", lacking=lacking).endswith(
-        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}, in a file "
-        "[study.roles] position."
-    )
-    assert "not weighed" not in said("named", [("Drag", 0.97, ())], lacking=lacking)

@@ -12,7 +12,7 @@ from tiny_study import judged
 
 from bayes_greybox.cli.ending import exit_code
 from bayes_greybox.discovery.decision.decide import VERDICTS
-from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.learned import shown_effects, studied_system
 from bayes_greybox.equations.learned import Value
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.report.equations.markup import equation_mathml, equations_latex
@@ -21,7 +21,7 @@ from bayes_greybox.report.folders.study_record import study_record
 from bayes_greybox.report.pages.page import Page, Section, Table, render, write_page
 from bayes_greybox.report.pages.shared import settings_rows
 from bayes_greybox.report.pages.study_page import BADGES, study_html, study_page
-from bayes_greybox.report.plots import study_figures
+from bayes_greybox.report.plots import ranking, study_figures
 from bayes_greybox.report.terminal.study import study_tables
 from bayes_greybox.report.words.formatting import (
     estimate,
@@ -85,18 +85,23 @@ def test_the_verdict_comes_first_then_the_numbers_then_the_evidence(study, html)
     order = [
         "Named",
         " ".join(study.sentence.split()),
-        "What speaks against it",
+        "What to do now",
+        "Does the simulation now follow",
         "The gap before and after, on held-out data",
         "Where simulation and measurement",
+        "What could be missing",
+        "What speaks against it",
     ]
     places = [page.text.index(words) for words in order]
     assert places == sorted(places)
     anchors = [attributes["id"] for attributes in page.of("section")]
     assert anchors == [
-        "against", "numbers", "where", "what", "measurement", "how-much", "free-run", "gap", "sets", "convergence",
-        "corrections", "ties", "settings",
+        "to-do", "free-run", "numbers", "where", "what", "against", "measurement", "corrections", "how-much", "gap",
+        "convergence", "settings",
     ]  # fmt: skip
-    assert [a["href"] for a in page.of("a")] == [f"#{anchor}" for anchor in anchors[2:]]
+    assert [a["href"] for a in page.of("a")] == [f"#{anchor}" for anchor in anchors[3:]]
+    folded = [attributes["id"] for attributes in page.of("section") if attributes.get("class") == "folded"]
+    assert folded == ["measurement", "corrections", "how-much", "gap", "convergence"]
 
 
 def test_the_page_keeps_to_the_rules_for_pages(html):
@@ -113,7 +118,7 @@ def test_no_script_runs_but_the_one_that_reads_values_off_the_figures(html):
 def test_figures_have_texts_for_those_who_cannot_see_them(html):
     page = Outline(html)
     # Figures along time are drawn once more for a phone.
-    assert len(page.of("figure")) == 8 and len(page.of("svg")) == 11
+    assert len(page.of("figure")) == 7 and len(page.of("svg")) == 10
     assert all(len(image["aria-label"]) > 20 for image in page.of("svg"))
     assert page.of("html")[0]["lang"] == "en"
 
@@ -121,7 +126,7 @@ def test_figures_have_texts_for_those_who_cannot_see_them(html):
 def test_every_rung_of_the_ladder_shows_its_numbers(study, html):
     text = Outline(html).text
     share, error = (study.gap.loc[("test", metric, "ydot")] for metric in ("unexplained share", "derivative NMSE"))
-    added, second = study.effects.iloc[0], study.effects.iloc[1]
+    added, second = shown_effects(study).iloc[0], study.effects.iloc[1]
     right = as_simulation(studied_system(study))
     assert right.startswith('y = "ydot"\nydot = "F - y - 0.1*ydot - 0.8') and right.endswith('*y**3"')
     for words in (
@@ -197,10 +202,10 @@ def test_what_a_study_lacks_is_left_out_without_a_gap(study):
     page = outline(study, verdict="no gap", **nothing)
     anchors = [attributes["id"] for attributes in page.of("section")]
     assert anchors == [
-        "against", "numbers", "where", "what", "measurement", "how-much", "gap", "convergence", "settings",
+        "to-do", "numbers", "where", "what", "against", "measurement", "gap", "convergence", "settings",
     ]  # fmt: skip
     assert "found unlikely: each has a probability below 1.0 %" in page.text
-    assert "No effect was added" in page.text and "No region and no stretch" in page.text
+    assert "No region and no stretch" in page.text
     assert "[simulation]" not in page.text
     assert "nan" not in page.text.lower().split()
 
@@ -245,9 +250,10 @@ def test_what_grew_many_times_is_said_as_a_multiple_on_page_and_terminal(study):
     runs = table.index.get_level_values("metric") == "free-run NRMSE"
     table.loc[runs, "after"], table.loc[runs, "closed"] = 23202.76 * table.loc[runs, "before"], -23201.76
     page = outline(study, gap=table, **PLAIN)
-    assert "grew to 23000 times" in page.text and "the gap grew to 23000 times what it was" in page.text
+    assert "the gap grew to 23000 times what it was" in page.text
     text = printed(replace(study, gap=table))
-    assert "grew to 23000 times" in text and "…" not in text
+    # The numbers stand beside it: a column has no shares of it and multiples.
+    assert re.search(r"free-run NRMSE +y +47.9 % +1.11·10⁶ % +grew\n", text) and "…" not in text
     assert not re.search(r"\d{6} %", page.text + text)
 
 
@@ -352,7 +358,8 @@ def printed(study) -> str:
 def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
     text = printed(replace(study, fit=judged(study.fit, False)))
     assert text.startswith("NAMED: The simulation lacks cubic stiffness")
-    assert text.index("What speaks against it") < text.index("Where the gap is") and "✗  Sampler" in text
+    assert text.index("What to do now") < text.index("What speaks against it") < text.index("Where the gap is")
+    assert "✗  Sampler" in text and "What was checked" in printed(study) and text.count("1.23(4) is 1.23") == 1
     closed = percent_text(study.gap.loc[("test", "free-run NRMSE", "y"), "closed"]).replace("\u00a0", " ")
     assert "Not converged" in text and "+  Cubic stiffness" in text and closed in text and "train" not in text
     assert "…" not in text
@@ -397,7 +404,7 @@ def test_the_terminal_has_the_sentence_first_and_fits_80_columns(study):
         (share_interval(0.0, 0.002), "0 to 0.20\u00a0%"),
         (share_interval(0.1, 0.2), "10.0 to 20.0\u00a0%"),
         (share_text(23201.76), "2.32·10⁶\u00a0%"),
-        (closed_share(-0.3), "−30.0\u00a0%"),
+        (closed_share(-0.3), "grew"),
         (closed_share(0.0), "unchanged"),
         (closed_share(1.0), ">\u00a099.9\u00a0%"),
     ],
@@ -451,15 +458,43 @@ def test_what_is_folded_or_scrolled_is_printed():
     assert "section" not in printed
 
 
-def test_a_hypothesis_has_one_probability_on_a_page(study):
+def test_the_probability_of_a_set_is_not_that_of_an_effect(study):
     table = study.hypotheses.copy()
-    (equation, size), row = next(iter(study.rounds.iterrows()))
-    table.loc[(equation, row["verdict"]), "probability"] = 0.123
+    table.loc[("ydot", "cubic-stiffness"), "probability"] = 0.123
     page = outline(study, hypotheses=table, **PLAIN)
-    sets = page.text.split("The likeliest set of each size, and the runner-up")[1]
-    assert "0.123" in sets.split("Can the sampler be trusted?")[0]
-    # Two measures, two names.
-    assert "left by its columns" in sets and "gap left" not in sets
+    every = page.text.split("Every hypothesis, best first")[1]
+    assert "P by itself" in every and "0.123" in every and "0.123" not in page.text.split("What could be missing")[0]
+    assert ranking(study, "ydot").axes[0].get_xlabel() == "probability of each by itself"
+
+
+def test_a_coefficient_has_one_estimate_on_a_page(study):
+    details = outline(study, **PLAIN).text.split("Every quantity with R̂ and effective sample sizes")[1]
+    assert "How well each quantity was sampled" in details and "sd lower upper" not in details
+    assert "y³ 1.00" in details
+
+
+def test_an_effect_has_the_coefficient_that_the_equation_has(study):
+    averaged = replace(study, effects=study.effects.assign(mean=9.99, lower=9.5, upper=10.5))
+    shown = shown_effects(averaged)
+    term = studied_system(study).learned["ydot"].terms[-1].value
+    assert tuple(shown.loc[0, ["mean", "sd", "lower", "upper"]]) == (term.mean, term.sd, term.lower, term.upper)
+    # Others have the coefficients that each would have alone.
+    assert shown.loc[1, "mean"] == 9.99 and averaged.effects.loc[0, "mean"] == 9.99
+    text, page = printed(averaged), outline(averaged, **PLAIN).text
+    assert estimate(term.mean, term.sd) in text and interval(term.lower, term.upper) in page
+
+
+def test_the_head_of_a_page_has_name_and_date(study):
+    settings = {**study.settings, "name": "trolley", "date": "2026-11-28"}
+    page = render_of(study, settings=settings, **PLAIN)
+    assert "<title>trolley: missing-effect study: named</title>" in page
+    assert "bayes_greybox · missing-effect study · trolley · 2026-11-28" in page
+    assert "date" in study.settings and "<title>missing-effect study: named</title>" in render_of(study, **PLAIN)
+
+
+def test_nothing_is_closed_where_nothing_was_added(study):
+    page = outline(study, verdict="no gap", effects=study.effects.assign(status=""), **PLAIN)
+    assert "of the gap closed" not in page.text and "lower by" in page.text
 
 
 def test_f_of_any_shape_closes_nothing(study):

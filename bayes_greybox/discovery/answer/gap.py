@@ -1,6 +1,6 @@
 """The gap table: errors of the simulation, and of the extended model, against the measurements."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,9 @@ from .interval import INTERVAL_ENDS
 
 RATE_DRAWS = 200
 """Posterior draws behind the intervals of rates."""
+
+SHARE, NMSES = "unexplained share", ("derivative NMSE", "output NMSE", "sample NMSE")
+"""Metrics: share of the measurement that neither model nor noise explains, and mean square error over its variance."""
 
 NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
@@ -69,6 +72,33 @@ def gap_rows(
     return table.set_index(["data", "metric", "variable"]), paths
 
 
+def within_noise(gap: pd.DataFrame, part: str, equation: str, n_row: int | None) -> bool:
+    """Return whether the gap of an equation was within the noise before: then there was none to close.
+
+    The mean square of n normal errors of variance σ² has the standard deviation σ² (2/n)^½: an excess of up to two of
+    these is no gap. The excess before is what the mean square error loses per unexplained share, times that share; the
+    rest of the error is noise. Samples have a misfit instead, which is 1 of noise alone.
+    """
+    rows = {key[1]: (row["before"], row["after"]) for key, row in _of(gap, part, equation)}
+    if MISFIT in rows:
+        return bool(rows[MISFIT][0] <= 1.0)
+    error = next((rows[name] for name in NMSES if name in rows), None)
+    if error is None or SHARE not in rows or not n_row:
+        return False
+    (before, after), (error_before, error_after) = rows[SHARE], error
+    if not (before > after and error_before > error_after):
+        return False
+    excess = before * (error_before - error_after) / (before - after)
+    return bool(excess <= 2.0 * (error_before - excess) * np.sqrt(2.0 / n_row))
+
+
+def _of(gap: pd.DataFrame, part: str, equation: str) -> Iterator[tuple[Any, dict[Any, Any]]]:
+    """Yield the rows of one equation on one part of the data, by their keys."""
+    for key, row in zip(gap.index, gap.to_dict("records"), strict=True):
+        if (key[0], key[2]) == (part, equation):
+            yield key, row
+
+
 def _figures(
     model: Program, amendment: Amendment, data: Trajectories, equation: str, names_matter: bool, criteria: Criteria
 ) -> dict[str, tuple[float, ...]]:
@@ -82,7 +112,7 @@ def _figures(
     added = _on_rows(raw, amendment, lambda at: amendment.rates_before(at)[:, None], 1)[:, 0]
     before, draws = _squares(raw, added), _draws(rows, amendment)
     sizes = _Sizes.of(rows, amendment, data, draws, criteria)
-    metrics: Metrics = {f"{rows.measurement} NMSE": sizes.nmse, "unexplained share": sizes.share}
+    metrics: Metrics = {f"{rows.measurement} NMSE": sizes.nmse, SHARE: sizes.share}
     if data.samples is not None and len(data.samples.state_names) == 1:
         metrics |= {MISFIT: sizes.misfit}
 

@@ -168,6 +168,8 @@ def rank(
         raise InputError("Ranking needs at least one candidate: give some, or a start.")
     for each in candidates:
         _check_candidate(each, simulation)
+    units = {name: study.train.unit(name) for name in ("t", *study.train.columns)}
+    candidates = [each.named_in(units) for each in candidates]
     predictor = Predictor(predicting, simulation, study.train, not study.base.rows.follows_path, outcomes, seed)
     responses = predictor.predict(candidates)
     finer = replace(predictor, outcomes=MORE_OUTCOMES * outcomes, seed=seed + 1)

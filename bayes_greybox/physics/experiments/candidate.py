@@ -1,11 +1,12 @@
 """Candidates for the next experiment: input signals, start, duration and what is measured."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.writing import unit_text
 from bayes_greybox.running.errors import InputError
 
 from .signals import Signal
@@ -43,9 +44,20 @@ class Candidate:
         if not self.sensors:
             raise InputError("An experiment without sensors tells nothing: name at least one channel with its noise.")
         if not self.name:
-            start = "start at " + ", ".join(f"{name} = {value:.3g}" for name, value in self.start.items())
-            parts = [f"{name}: {signal.text}" for name, signal in self.inputs.items()]
-            object.__setattr__(self, "name", "; ".join([*parts, start]))
+            object.__setattr__(self, "name", self.in_units({}))
+
+    def in_units(self, units: Mapping[str, str | None]) -> str:
+        """Return the name that is made of the rest, with the units of columns and of time, "t"."""
+        starts = [f"{name} = {value:.3g} {unit_text(units.get(name))}".rstrip() for name, value in self.start.items()]
+        parts = []
+        for name, signal in self.inputs.items():
+            worded = getattr(signal, "in_units", None)
+            parts.append(f"{name}: {worded(units.get(name), units.get('t')) if worded else signal.text}")
+        return "; ".join([*parts, f"start at {', '.join(starts)}"])
+
+    def named_in(self, units: Mapping[str, str | None]) -> "Candidate":
+        """Return the same experiment, with units in a name that was not given."""
+        return replace(self, name=self.in_units(units)) if self.name == self.in_units({}) else self
 
     @property
     def times(self) -> Float[np.ndarray, " n_row"]:

@@ -11,6 +11,8 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from bayes_greybox.data.writing import unit_text
+
 Time = Float[np.ndarray, "*n"]
 
 
@@ -47,6 +49,10 @@ class Usual:
     duration: float
 
 
+OF_TIME, OF_FREQUENCY, PLAIN = ("at",), ("frequency", "low", "high"), ("tones", "seed")
+"""Fields of signals that are no values of the input: times, frequencies and numbers without a unit."""
+
+
 class _Family:
     """Signal whose words are a template with the names of its fields."""
 
@@ -54,9 +60,19 @@ class _Family:
 
     @property
     def text(self) -> str:
-        """The signal in a few words."""
-        offset = getattr(self, "offset", 0.0)
-        return self.words.format(**vars(self)) + (f" about {offset:.3g}" if offset else "")
+        """The signal in a few words, without units."""
+        return self.in_units()
+
+    def in_units(self, unit: str | None = None, time: str | None = None) -> str:
+        """Return the signal in a few words, with the units of the input and of time."""
+        frequency = "Hz" if time == "s" else f"1/{time}" if time else None
+        units = {**dict.fromkeys(OF_TIME, time), **dict.fromkeys(OF_FREQUENCY, frequency)}
+        fields = {
+            name: str(value) if name in PLAIN else f"{value:.3g} {unit_text(units.get(name, unit))}".rstrip()
+            for name, value in vars(self).items()
+        }
+        offset = fields.get("offset", "") if getattr(self, "offset", 0.0) else ""
+        return self.words.format(**fields) + (f" about {offset}" if offset else "")
 
 
 @dataclass(frozen=True)
@@ -64,7 +80,7 @@ class Hold(_Family):
     """A constant level."""
 
     level: float
-    words: ClassVar[str] = "held at {level:.3g}"
+    words: ClassVar[str] = "held at {level}"
 
     def value(self, t: Time) -> Time:
         """Return the level."""
@@ -78,7 +94,7 @@ class Step(_Family):
     before: float
     after: float
     at: float
-    words: ClassVar[str] = "step from {before:.3g} to {after:.3g} at {at:.3g}"
+    words: ClassVar[str] = "step from {before} to {after} at {at}"
 
     def value(self, t: Time) -> Time:
         """Return one level, then the other."""
@@ -92,7 +108,7 @@ class Sine(_Family):
     amplitude: float
     frequency: float
     offset: float = 0.0
-    words: ClassVar[str] = "sine of amplitude {amplitude:.3g} at {frequency:.3g}"
+    words: ClassVar[str] = "sine of amplitude {amplitude} at {frequency}"
 
     def value(self, t: Time) -> Time:
         """Return o + a sin 2πft."""
@@ -108,7 +124,7 @@ class Sweep(_Family):
     high: float
     duration: float
     offset: float = 0.0
-    words: ClassVar[str] = "sweep of amplitude {amplitude:.3g} from {low:.3g} to {high:.3g}"
+    words: ClassVar[str] = "sweep of amplitude {amplitude} from {low} to {high}"
 
     def value(self, t: Time) -> Time:
         """Return o + a sin 2π(f₀ t + (f₁ − f₀) t²/2T)."""
@@ -127,9 +143,7 @@ class Multisine(_Family):
     tones: int = 6
     seed: int = 0
     offset: float = 0.0
-    words: ClassVar[str] = (
-        "multisine of {tones} tones from {low:.3g} to {high:.3g}, seed {seed}, amplitude {amplitude:.3g}"
-    )
+    words: ClassVar[str] = "multisine of {tones} tones from {low} to {high}, seed {seed}, amplitude {amplitude}"
 
     def value(self, t: Time) -> Time:
         """Return o + a Σ sin(2πf_k t + φ_k) over its largest value."""
@@ -146,7 +160,7 @@ class Noise(_Family):
     high: float
     seed: int = 0
     offset: float = 0.0
-    words: ClassVar[str] = "noise up to {high:.3g}, seed {seed}, amplitude {amplitude:.3g}"
+    words: ClassVar[str] = "noise up to {high}, seed {seed}, amplitude {amplitude}"
 
     def value(self, t: Time) -> Time:
         """Return its values."""

@@ -189,9 +189,16 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
 def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     blocks: list[Any] = []
     draws = {"over the states": figures.discrepancy_over_states, "along time": figures.discrepancy_over_time}
+    learned = fitted_system(fit).learned
     for name in fit.model.equations:
-        alt = f"Discrepancy in {row_label(fit, name)}"
-        blocks.append(Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()]))
+        label, f = row_label(fit, name), learned[name].discrepancy
+        alt = f"Discrepancy in {label}"
+        shown = Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()])
+        if f is not None and f.left:
+            blocks.append(shown)
+        else:
+            # A map of nothing shows patterns all the same.
+            blocks += [Words(f"The data do not tell f of {label} from zero."), Details(f"f of {label} anyway", [shown])]
     columns = {
         "equation": lambda row: row_label(fit, row["equation"]),
         "#share": lambda row: share_text(row["discrepancy"]),

@@ -129,18 +129,38 @@ class Details:
 
 
 @dataclass(frozen=True)
+class Cards:
+    """Numbers that matter, side by side where there is room."""
+
+    cards: Sequence[Card]
+    kind: str = "cards"
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Findings about a verdict."""
+
+    findings: Sequence[Finding]
+    kind: str = "findings"
+
+
+@dataclass(frozen=True)
 class Section:
-    """A section of the page; `lead` says how to read it."""
+    """A section of the page, open or folded; `lead` says how to read it."""
 
     anchor: str
     title: str
     lead: str = ""
     blocks: Sequence[Any] = ()
+    folded: bool = False
 
 
 @dataclass(frozen=True)
 class Page:
-    """A report: the verdict in a sentence and in badges, alerts before all else, then the evidence."""
+    """A report: the verdict in a sentence and in badges, alerts before all else, then the evidence.
+
+    `remarks` follow the headline; the sections in `opening` stand before the list of contents.
+    """
 
     title: str
     kind: str
@@ -153,8 +173,10 @@ class Page:
     findings_title: str = ""
     cards: Sequence[Card] = ()
     cards_title: str = ""
+    opening: Sequence[Section] = ()
     sections: Sequence[Section] = field(default_factory=tuple)
     footer: str = ""
+    remarks: str = ""
 
 
 def render(page: Page) -> str:

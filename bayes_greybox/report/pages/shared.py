@@ -79,9 +79,11 @@ def folded(
     return blocks
 
 
-def summary_table(fit: Posterior) -> Table:
-    """Return every quantity of a fit with R̂ and effective sample sizes."""
+def summary_table(fit: Posterior, estimates: bool = True) -> Table:
+    """Return every quantity of a fit with R̂ and effective sample sizes, and with its estimate if that is wanted."""
     table = summary(fit)
+    if not estimates:
+        table = table[list(_HEADS)]
 
     def cell(column: Any) -> Callable[[Any], str]:
         return lambda row: _cell(column, row[column])
@@ -91,14 +93,16 @@ def summary_table(fit: Posterior) -> Table:
         "equation": lambda row: row_label(fit, row["equation"]),
         **{name if name == "unit" else f"#{_HEADS.get(name, name)}": cell(name) for name in table.columns},
     }
-    caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
+    caption = "How well each quantity was sampled"
+    if estimates:
+        caption = "Posterior mean, standard deviation and 90\u00a0% interval, and how well each was sampled"
     return table_of(records_of(table), columns, caption, equations=list(table.index.unique(0)))
 
 
-def verdict_blocks(fit: Posterior) -> list[Any]:
+def verdict_blocks(fit: Posterior, estimates: bool = True) -> list[Any]:
     """Return the result of the convergence checks of a fit, with the numbers behind it folded."""
     verdict = convergence(fit)
-    details = Details("Every quantity with R̂ and effective sample sizes", [summary_table(fit)])
+    details = Details("Every quantity with R̂ and effective sample sizes", [summary_table(fit, estimates)])
     if verdict.ok:
         return [Words("Every convergence check passed."), details]
     words = Words(SHORT_VERDICT) if verdict.mixed else Words("The sampler did not converge; what to try:", "alert")

@@ -9,14 +9,14 @@ from bayes_greybox.discovery.answer.gap import NO_SHARES
 from bayes_greybox.discovery.learned import studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import is_denied, shown_part
-from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.doubts import doubts, doubts_title
 from bayes_greybox.report.words.fit import data_remarks, rows_text
 from bayes_greybox.report.words.formatting import unbroken
-from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import METRICS, closed_text, metric_value, metric_words
+from bayes_greybox.report.words.sentence import statements
+from bayes_greybox.report.words.study import METRICS, closed_text, in_noise, metric_value, metric_words
 
 from . import study_sections as rungs
-from .page import Badge, Card, Finding, Page, Section, Words, write_page
+from .page import Badge, Card, Cards, Finding, Findings, Page, Section, Words, write_page
 from .shared import equations_block, footer, made_section, verdict_blocks
 
 BADGES = {
@@ -29,6 +29,8 @@ BADGES = {
     "unknown": Badge("Unknown", "bad", "?"),
 }
 MOST_CARDS = 6
+ABOUT = ("name", "date")
+"""Settings that the head of a page shows."""
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
@@ -42,26 +44,27 @@ def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | N
 
 def study_page(study: StudyResult, config: str | None = None) -> Page:
     """Return the report of a study; see `study_html`."""
-    sections = [
-        *(rung(study) for rung in (rungs.where, rungs.what, rungs.measurement, rungs.how_much, rungs.free_runs)),
-        *(rung(study) for rung in (rungs.gap_numbers, rungs.sets, _convergence, rungs.corrections, rungs.ties)),
-        made_section("Settings, seed, versions and times", study.settings, config or study.config),
-    ]
-    measured_on = "held-out data" if shown_part(study) == "test" else "the training data (none were held out)"
+    first, *others = statements(study)
+    settings = study.settings
+    opening = [rungs.to_do(study), rungs.free_runs(study), _numbers(study)]
+    ladder = [rungs.where(study), rungs.what(study), _checks(study)]
+    rest = (rungs.measurement, rungs.corrections, rungs.how_much, rungs.gap_numbers, _convergence)
+    made = made_section("Settings, seed, versions and times", settings, config or study.config)
+    sections = [*ladder, *(rung(study) for rung in rest), made]
+    about = ["bayes_greybox", "missing-effect study", *(str(settings[key]) for key in ABOUT if key in settings)]
+    name = f"{settings['name']}: " if "name" in settings else ""
     return Page(
-        title=f"Missing-effect study: {study.verdict}",
-        kind="bayes_greybox · missing-effect study",
-        headline=unbroken(sentence(study)),
+        title=f"{name}missing-effect study: {study.verdict}",
+        kind=" · ".join(about),
+        headline=unbroken(first),
+        remarks=unbroken(" ".join(others)),
         badges=_badges(study),
         facts=_facts(study),
         alerts=_alerts(study),
         equations=equations_block(studied_system(study)),
-        findings=_findings(study),
-        findings_title="What speaks against it",
-        cards=_cards(study),
-        cards_title=f"The gap before and after, on {measured_on}",
+        opening=[section for section in opening if section is not None],
         sections=[section for section in sections if section is not None],
-        footer=footer(study.settings.get("versions", {}).get("bayes-greybox")),
+        footer=footer(settings.get("versions", {}).get("bayes-greybox")),
     )
 
 
@@ -76,11 +79,12 @@ def _badges(study: StudyResult) -> list[Badge]:
     return badges
 
 
-def _findings(study: StudyResult) -> list[Finding]:
-    """Return the findings, those first that speak against the verdict."""
-    tones = {True: "bad", None: "quiet", False: "good"}
-    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in doubts(study)]
-    return sorted(findings, key=lambda finding: finding.tone != "bad")
+def _checks(study: StudyResult) -> Section:
+    """Return the section of findings, those first that speak against the verdict."""
+    tones, found = {True: "bad", None: "quiet", False: "good"}, doubts(study)
+    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in found]
+    ordered = sorted(findings, key=lambda finding: finding.tone != "bad")
+    return Section("against", doubts_title(found), "", [Findings(ordered)])
 
 
 def _facts(study: StudyResult) -> list[str]:
@@ -100,8 +104,10 @@ def _alerts(study: StudyResult) -> list[str]:
     return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
 
 
-def _cards(study: StudyResult) -> list[Card]:
-    table = study.gap.xs(shown_part(study), level=0)
+def _numbers(study: StudyResult) -> Section | None:
+    """Return the section of the measures of the gap, before and after."""
+    part = shown_part(study)
+    table = study.gap.xs(part, level=0)
     denied = is_denied(study)
     cards = []
     for metric in METRICS:
@@ -113,9 +119,12 @@ def _cards(study: StudyResult) -> list[Card]:
             title, about = metric_words(study, metric, str(variable))
             left = after / before if metric not in NO_SHARES and before > 0 and np.isfinite(after) else None
             ends = {"before": metric_value(study, metric, before), "after": metric_value(study, metric, after)}
-            note = closed_text(float(row["closed"]), denied)
+            noise = in_noise(study, part, {"metric": metric, "variable": variable})
+            note = "within the noise before" if noise else closed_text(float(row["closed"]), denied)
             cards.append(Card(title, about, **ends, note=note, left=None if left is None else min(left, 1.0)))
-    return cards[:MOST_CARDS]
+    measured_on = "held-out data" if part == "test" else "the training data (none were held out)"
+    title = f"The gap before and after, on {measured_on}"
+    return Section("numbers", title, "", [Cards(cards[:MOST_CARDS])]) if cards else None
 
 
 def _convergence(study: StudyResult) -> Section:
@@ -123,9 +132,8 @@ def _convergence(study: StudyResult) -> Section:
     title = "Can the sampler be trusted?"
     if study.fit is None:
         text = "The extended model was not sampled: its numbers are those of the Laplace approximation."
-        return Section("convergence", title, "", [Words(text)])
-    lead = (
-        "The extended model is sampled to check the numbers above, which are those of the closed form: what the draws "
-        "say may differ in the last digit."
-    )
-    return Section("convergence", title, lead, verdict_blocks(study.fit))
+        return Section("convergence", title, "", [Words(text)], folded=True)
+    lead = "The extended model is sampled to check the numbers above, which are those of the closed form."
+    # One estimate of a coefficient on a page: that of its tables, which the findings compare with the sampler's.
+    blocks = verdict_blocks(study.fit, estimates=False)
+    return Section("convergence", title, lead, blocks, folded=convergence(study.fit).mixed)

@@ -8,7 +8,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.contradictions import notable
-from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.learned import shown_effects, studied_system
 from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import added, changed, shown_part, unclear_sign
@@ -20,6 +20,7 @@ from bayes_greybox.report.pages.shared import free_run_section
 from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.words.asked import STUDY_FILE, asked
 from bayes_greybox.report.words.formatting import (
     counted,
     estimate,
@@ -35,26 +36,49 @@ from bayes_greybox.report.words.formatting import (
     unbroken,
 )
 from bayes_greybox.report.words.study import (
-    closed_share,
+    closed_cell,
+    closed_heading,
     concentration,
     metric_interval,
     metric_value,
     metric_words,
     name_of,
     reversed_text,
-    set_label,
     suspect_size,
     suspects_weighed,
     whole_term,
 )
 
-from .page import Code, Details, Items, Picture, Pictures, Section, Words, picture, time_picture
+from .page import Code, Details, Picture, Pictures, Section, Words, picture, time_picture
 
 MOST_TIED = 3
 """Effects that another is tied with, as the table names them."""
 
 STATUS = {"added": "in the model", "one of": "could stand in its place", "": "–"}
 """Words for the status of an effect."""
+
+
+def to_do(study: StudyResult) -> Section:
+    """Return the section of what the verdict asks of the reader, with commands and the simulation to copy."""
+    # A page of the command line lies beside the study's file.
+    blocks: list[Any] = []
+    for each in asked(study, STUDY_FILE if "configuration" in study.settings else ""):
+        blocks += [Words(unbroken(each.text)), *([Code(each.command)] if each.command else [])]
+    return Section("to-do", "What to do now", "", [*blocks, *(_simulation(study) if adopted(study) else [])])
+
+
+def adopted(study: StudyResult) -> bool:
+    """Return whether the verdict asks to take over what was found."""
+    return study.verdict in ("named", "recalibrate")
+
+
+def _simulation(study: StudyResult) -> list[Code]:
+    """Return the extended simulation to copy; nothing where it has code, or nothing was found."""
+    system = studied_system(study)
+    text = as_simulation(system)
+    if not text or not any(each.terms for each in system.learned.values()):
+        return []
+    return [Code(text, "The simulation with what was found, as at the top, for [simulation] of a configuration:")]
 
 
 def where(study: StudyResult) -> Section:
@@ -82,7 +106,7 @@ def what(study: StudyResult) -> Section:
     ]
     if len(study.effects):
         likely = (study.effects["status"] != "") | (study.effects["probability"] >= notable(study))
-        effects: Any = study.effects
+        effects: Any = shown_effects(study)
         shown, rest = effects[likely], effects[~likely]
         text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))
@@ -109,18 +133,15 @@ def what(study: StudyResult) -> Section:
     return Section("what", "What could be missing", lead, blocks)
 
 
-def how_much(study: StudyResult) -> Section:
+def how_much(study: StudyResult) -> Section | None:
     """Return the section of the coefficients of the added effects, and of the extended simulation to copy."""
-    blocks: list[Any] = [Words("No effect was added to the model.")]
+    blocks: list[Any] = []
     if added(study).size:
         alt = "Posterior distribution of the coefficient of each added effect"
         blocks = [Pictures([picture(figures.added_coefficients(study), alt)])]
-    system = studied_system(study)
-    text = as_simulation(system)
-    if text and any(each.terms for each in system.learned.values()):
-        caption = "The simulation with what was found, as at the top, for [simulation] of a configuration:"
-        blocks.append(Code(text, caption))
-    return Section("how-much", "How much of it", "", blocks)
+    if not adopted(study):
+        blocks += _simulation(study)
+    return Section("how-much", "How much of it", "", blocks, folded=True) if blocks else None
 
 
 def free_runs(study: StudyResult) -> Section | None:
@@ -147,37 +168,7 @@ def gap_numbers(study: StudyResult) -> Section:
         lead += " Errors of single draws cancel in the mean of a free run, whose own may thus lie below its interval."
     if not added(study).size and study.verdict == "unknown":
         lead += " Nothing was named: what is lower after is taken up by f, which may have any shape."
-    return Section("gap", "The gap in numbers", lead, blocks)
-
-
-def sets(study: StudyResult) -> Section | None:
-    """Return the section of the likeliest set of each size, as bars and as a table."""
-    if not len(study.rounds):
-        return None
-    alt = "Share of the gap that the likeliest set of each size leaves"
-    shown = [picture(figures.rounds(study, name), f"{alt}, {_rate(study, name)}") for name in _equations(study.rounds)]
-    probabilities = study.hypotheses["probability"].to_dict()
-
-    def probability(row: Any, name: str, alone: str) -> str:
-        # What is unknown has more than the sets without an effect: all that others may imitate.
-        return probability_text(probabilities.get((row["equation"], row[name]), row[alone]))
-
-    columns = {
-        "equation": lambda row: _rate(study, row["equation"]),
-        "#effects": lambda row: row["round"] - 1,
-        "likeliest": lambda row: set_label(study, row["verdict"]),
-        "#probability": lambda row: probability(row, "verdict", "probability"),
-        "#left by its columns": lambda row: share_text(row["share_left"]),
-        "runner-up": lambda row: name_of(study, row["runner_up"]) or "–",
-        "#its probability": lambda row: probability(row, "runner_up", "runner_up_probability"),
-    }
-    lead = (
-        "Effects are weighed as sets: the likeliest one with no effect, with one, with two, and what the columns of "
-        "each leave of the gap where they take all that they can. Beside a rest of any shape they may take less, which "
-        "the “gap left” above counts. Effects that show only together are found together."
-    )
-    table = _table(study, study.rounds, columns, "The likeliest set of each size, and the runner-up")
-    return Section("sets", "The likeliest sets of effects", lead, [Pictures(shown), table])
+    return Section("gap", "The gap in numbers", lead, blocks, folded=True)
 
 
 def measurement(study: StudyResult) -> Section:
@@ -210,7 +201,8 @@ def measurement(study: StudyResult) -> Section:
         "Sensors and noise are suspects like effects: channels that are late, scaled, offset or bent, and noise that "
         "is correlated, varies with the state or has outliers. What is in the model is taken for true beside effects."
     )
-    return Section("measurement", "The measurement", lead, blocks)
+    taken = IN_MODEL in set(study.instrument["status"])
+    return Section("measurement", "The measurement", lead, blocks, folded=not taken)
 
 
 def corrections(study: StudyResult) -> Section | None:
@@ -237,20 +229,7 @@ def corrections(study: StudyResult) -> Section | None:
         folded = _table(study, right, columns, "Coefficients that are likely right")
         blocks.append(Details(f"{counted(len(right), 'coefficient')} likely right", [folded]))
     lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
-    return Section("corrections", "The simulation's own coefficients", lead, blocks)
-
-
-def ties(study: StudyResult) -> Section | None:
-    """Return the section of effects that these data cannot tell apart, and of experiments that could."""
-    if not study.ties:
-        return None
-    lead = "These data do not tell the following effects apart; the next experiment could."
-    items = []
-    for tie in study.ties:
-        names = listing((name_of(study, slug) for slug in tie["slugs"]), " or ")
-        where = "" if len(study.maps) == 1 else f", in {_rate(study, tie['equation'])}"
-        items.append((f"{names}{where}", str(tie["advice"])))
-    return Section("ties", "What would tell the candidates apart", lead, [Items(items)])
+    return Section("corrections", "The simulation's own coefficients", lead, blocks, folded=not likely.any())
 
 
 def _maps(study: StudyResult, equation: str) -> list[Picture]:
@@ -324,7 +303,7 @@ def _hypotheses(study: StudyResult) -> Table:
     columns = {
         "hypothesis": lambda row: name_of(study, row["hypothesis"]),
         "equation": lambda row: _rate(study, row["equation"]),
-        "#probability": lambda row: probability_text(row["probability"]),
+        "#P by itself": lambda row: probability_text(row["probability"]),
         "#log evidence [nat]": lambda row: nats(row["log_evidence"], 2),
         "#gap left": lambda row: share_text(row["share_left"]),
     }
@@ -336,7 +315,7 @@ def _gap(study: StudyResult, part: str, caption: str) -> Table:
         "measure": lambda row: metric_words(study, row["metric"], str(row["variable"]))[0],
         "#before": lambda row: metric_value(study, row["metric"], row["before"]),
         "#after": lambda row: metric_value(study, row["metric"], row["after"]),
-        "#closed": lambda row: closed_share(row["closed"]),
+        f"#{closed_heading(study)}": lambda row: closed_cell(study, part, row),
         "#90 % interval of after": lambda row: metric_interval(study, row["metric"], row["lower"], row["upper"]),
     }
     return _table(study, study.gap.xs(part, level=0), columns, caption)

@@ -12,6 +12,7 @@ from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.fleet.pooling import Pooled
+from bayes_greybox.discovery.learned import shown_effects
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import (
@@ -143,7 +144,7 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 
 def added_coefficients(study: StudyResult) -> Figure:
     """Draw the posterior of the coefficient of each effect that was added."""
-    chosen = study.effects.loc[added(study)]
+    chosen = shown_effects(study).loc[added(study)]
     coefficients = []
     for place, row in enumerate(chosen.to_dict("records")):
         numbers: dict[str, Any] = {name: float(row[name]) for name in ("mean", "sd", "lower", "upper")}

@@ -10,18 +10,18 @@ from bayes_greybox.criticism.convergence import convergence
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.contradictions import notable
 from bayes_greybox.discovery.fleet.shared import Fleet
-from bayes_greybox.discovery.learned import studied_system
+from bayes_greybox.discovery.learned import shown_effects, studied_system
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import shown_part
-from bayes_greybox.physics.catalogue.names import within
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
 from bayes_greybox.report.terminal.tables import drawn
-from bayes_greybox.report.words.doubts import doubts
+from bayes_greybox.report.words.asked import asked
+from bayes_greybox.report.words.doubts import doubts, doubts_title
 from bayes_greybox.report.words.fit import data_remarks
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, not_pooled
-from bayes_greybox.report.words.sentence import sentence
-from bayes_greybox.report.words.study import closed_share, metric_value, name_of, reversed_text, suspect_size
+from bayes_greybox.report.words.sentence import statements
+from bayes_greybox.report.words.study import closed_cell, closed_heading, metric_value, reversed_text, suspect_size
 
 from ..words.formatting import estimate, formula, known_share, numbers_in, probability_text, share_text
 
@@ -37,9 +37,16 @@ FINDING_MARKS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–
 """Marks and styles of findings by whether they speak against the verdict; None where that was not looked at."""
 
 
-def study_tables(study: StudyResult) -> Iterator[RenderableType]:
-    """Yield verdict, equations, findings, measurement, regions, effects, and the gap before and after, to print."""
-    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {sentence(study)}")
+def study_tables(study: StudyResult, file: str = "") -> Iterator[RenderableType]:
+    """Yield verdict, what it asks, equations, findings, measurement, regions, effects, and the gap, to print.
+
+    `file` is where the study is saved, for the commands that it asks for; "" for calls in Python.
+    """
+    first, *others = statements(study)
+    yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {first}")
+    if others:
+        yield Text(" ".join(others))
+    yield _asked(study, file)
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")
     rows = f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}"
@@ -54,9 +61,14 @@ def study_tables(study: StudyResult) -> Iterator[RenderableType]:
     if len(study.effects):
         yield _effects(study)
     yield _gap(study)
-    for tie in study.ties:
-        names = " or ".join(within(name_of(study, slug)) for slug in tie["slugs"])
-        yield Text(f"\nNot told apart by these data: {names}. {tie['advice']}")
+
+
+def _asked(study: StudyResult, file: str) -> Text:
+    """Return what the study asks of its reader, a line each, with commands to copy below."""
+    lines = [("\nWhat to do now", "bold")]
+    for each in asked(study, file):
+        lines += [(f"\n{each.text}", ""), *([(f"\n  {each.command}", "cyan")] if each.command else [])]
+    return Text.assemble(*lines, ("\n", ""))
 
 
 def _findings(study: StudyResult) -> Group:
@@ -67,7 +79,7 @@ def _findings(study: StudyResult) -> Group:
         "text": lambda each: each.text,
     }
     styles = [FINDING_MARKS[each.against][1] for each in rows]
-    return drawn(table_of(rows, columns, "What speaks against it"), styles=styles, header=False)
+    return drawn(table_of(rows, columns, doubts_title(rows)), styles=styles, header=False)
 
 
 def _measurement(study: StudyResult) -> Group:
@@ -107,7 +119,7 @@ def _effects(study: StudyResult) -> Group:
     }
     several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
     title = f"Effects, best first (+ added to the model{several})"
-    return _table(study, records_of(study.effects.head(MOST_EFFECTS)), columns, title)
+    return _table(study, records_of(shown_effects(study).head(MOST_EFFECTS)), columns, title)
 
 
 def _gap(study: StudyResult) -> Group:
@@ -117,7 +129,7 @@ def _gap(study: StudyResult) -> Group:
         "variable": lambda row: row["variable"],
         "#before": lambda row: metric_value(study, row["metric"], row["before"]),
         "#after": lambda row: metric_value(study, row["metric"], row["after"]),
-        "#closed": lambda row: closed_share(row["closed"]),
+        f"#{closed_heading(study)}": lambda row: closed_cell(study, part, row),
     }
     title = f"The gap before and after, on {'held-out' if part == 'test' else 'training'} data"
     return _table(study, records_of(study.gap.xs(part, level=0)), columns, title)

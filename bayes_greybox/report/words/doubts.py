@@ -1,11 +1,12 @@
 """Words for the findings about a study's verdict: the same for pages, terminal and record."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bayes_greybox.discovery.contradictions import MOST_DELAYED_SAMPLES, Finding, findings, notable
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import left_in_words, worse_in_words
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import free_run_errors
@@ -64,6 +65,11 @@ def doubts(study: StudyResult) -> list[Doubt]:
     return [_in_words(study, each) for each in findings(study)]
 
 
+def doubts_title(found: Sequence[Doubt]) -> str:
+    """Return the title of a list of findings."""
+    return "What speaks against it" if any(each.against for each in found) else "What was checked"
+
+
 def role_text(role: str, count: int) -> str:
     """Return that effects were not weighed because no column plays a role, and how to give it."""
     many = f"{count} effects were" if count > 1 else "1 effect was"
@@ -108,11 +114,7 @@ def _text(study: StudyResult, finding: Finding) -> str:
             left = "" if math.isnan(share) else f"; beside the answer a rest carries {share_text(share)} of the gap"
             return f"the probability that something unknown is missing is {p}{also}{left}"
         case "runner-up":
-            text = f"{name_of(study, values['name'])} with probability {p}"
-            text = f"{text}, the answer {probability_text(values['answer'])}"
-            if "share" not in values:
-                return text
-            return f"{text}; but it leaves {share_text(values['share'])} of the gap to something else"
+            return _runner_up(name_of(study, values["name"]), p, values)
         case "hardly late":
             texts = "; ".join(numbers_in(row["text"]) for row in values["rows"])
             return f"more than {MOST_DELAYED_SAMPLES:g} samples are hardly a delay: {texts}"
@@ -136,6 +138,20 @@ def _text(study: StudyResult, finding: Finding) -> str:
         case "free run":
             return _free_run(study, **values)
     return _sampler(**values)
+
+
+def _runner_up(name: str, p: str, values: Mapping[str, Any]) -> str:
+    answer = probability_text(values["answer"])
+    if values["of"] == "nothing":
+        return f"{name} with probability {p}; that no effect is missing has {answer}"
+    if values["of"] == "answer":
+        share = (
+            f"; but it leaves {share_text(values['share'])} of the gap to something else" if "share" in values else ""
+        )
+        return f"{name} with probability {p}, the answer {answer}{share}"
+    rival = f"{name}, {p}" if values["name"] in STOPS else f"{name} by itself, {p}"
+    likelier = "; effect by effect the answer is likelier" if values["probability"] > values["answer"] else ""
+    return f"{rival}; the answer's set by itself, {answer}{likelier}"
 
 
 def _free_run(study: StudyResult, change: str, part: str = "", states: Iterable[str] = (), sooner: Any = None) -> str:

@@ -5,11 +5,20 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from bayes_greybox.discovery.answer.gap import NMSES, SHARE, within_noise
 from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE
 from bayes_greybox.discovery.sensor_errors import bends, channels
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import LEAST_CLOSED, QUANTITY, channels_weighed, remainders, same_as
+from bayes_greybox.discovery.summary import (
+    LEAST_CLOSED,
+    QUANTITY,
+    channels_weighed,
+    is_denied,
+    remainders,
+    rows_by_part,
+    same_as,
+)
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing, slug_and_columns
 
@@ -155,12 +164,27 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
 
 
 def closed_share(closed: float) -> str:
-    """Return the closed share of the gap, never 100 %; from twice its size on, growth is written as a multiple."""
+    """Return the closed share of the gap, never 100 %; by how much it grew stand before and after beside it."""
     if abs(closed) < LEAST_CLOSED:
         return "unchanged"
-    if math.isfinite(closed) and 1 - closed >= TWICE:
-        return f"grew to {_multiple(1 - closed)}"
-    return percent_text(min(closed, MOST_CLOSED))
+    return "grew" if closed < 0 else percent_text(min(closed, MOST_CLOSED))
+
+
+def closed_heading(study: StudyResult) -> str:
+    """Return the heading of the shares by which errors shrank: nothing is called closed that is denied."""
+    return "lower by" if is_denied(study) else "closed"
+
+
+def closed_cell(study: StudyResult, part: str, row: Mapping[str, Any]) -> str:
+    """Return what became of an error, by its row of the gap table; within the noise there was no gap to close."""
+    return "within the noise" if in_noise(study, part, row) else closed_share(row["closed"])
+
+
+def in_noise(study: StudyResult, part: str, row: Mapping[str, Any]) -> bool:
+    """Return whether a row of the gap table is of a misfit that was within the noise before."""
+    n_row = rows_by_part(study).get(part)
+    of_gap = row["metric"] in (SHARE, NAMES_ALONE, MISFIT, *NMSES)
+    return of_gap and within_noise(study.gap, part, row["variable"], n_row)
 
 
 def risen(ratio: float) -> str:

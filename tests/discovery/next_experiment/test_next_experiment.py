@@ -1,11 +1,13 @@
 """What to measure next for a tie, from the study to the answer and its file."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bayes_greybox.discovery.next_experiment.ranked import Candidate
 from bayes_greybox.missing_effects import load
-from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Usual
+from bayes_greybox.physics.experiments.signals import SIGNALS, USUAL_SIGNALS, Hold, Sine, Step, Sweep, Usual
 from bayes_greybox.running.errors import InputError
 
 
@@ -51,6 +53,21 @@ def test_usual_signals_stay_within_their_amplitude(name):
         value = signal.value(np.linspace(0, 10, 2001))
         assert signal.text
         assert np.max(np.abs(value - 1.0)) <= 2.0 * 1.01
+
+
+def test_what_is_to_be_measured_is_said_in_its_units():
+    units = {"t": "s", "F": "N", "y": "m", "v": "m/s"}
+    run = Candidate({"F": Sweep(1.04, 0.44, 2.39, 20.0, 0.0025)}, {"y": 4.1, "v": -7.54}, 20.0, 41, {"v": 0.3})
+    assert run.name == "F: sweep of amplitude 1.04 from 0.44 to 2.39 about 0.0025; start at y = 4.1, v = -7.54"
+    assert run.named_in(units).name == (
+        "F: sweep of amplitude 1.04 N from 0.44 Hz to 2.39 Hz about 0.0025 N; start at y = 4.1 m, v = -7.54 m/s"
+    )
+    years = replace(run, name="", inputs={"F": Step(0.0, 2.0, 5.0)}).named_in({**units, "t": "yr"})
+    assert years.name.startswith("F: step from 0 N to 2 N at 5 yr; start")
+    assert Sine(2.0, 0.5).in_units("N", "yr") == "sine of amplitude 2 N at 0.5 1/yr" and Sine(2.0, 0.5).text.endswith(
+        "0.5"
+    )
+    assert replace(run, name="mine").named_in(units).name == "mine"
 
 
 def test_what_cannot_be_done_is_refused(study):

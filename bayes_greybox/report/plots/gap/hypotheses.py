@@ -47,7 +47,7 @@ def plot_hypotheses(
         "P": [probability_text(value) for value in probability],
         "gap left": [share_text(value) for value in share_left],
     }
-    return _bars(labels, probability, colours, columns, title, "probability", axes)
+    return _bars(labels, probability, colours, columns, title, "probability of each by itself", axes)
 
 
 @mpl.rc_context(style.STYLE)
