@@ -33,7 +33,7 @@ UNITS = {"t": "s", "i": "A", "V": "V"}
 
 def cases(asked: Asked) -> list[Case]:
     """Return cells of every kind."""
-    return replicated("kind", list(KINDS), asked)
+    return replicated("kind", asked.names(KINDS, "kind of cell"), asked)
 
 
 def simulation(each: Cell, known: int) -> dict[str, str]:
@@ -109,7 +109,7 @@ TITLE = "The relaxation that a cell's simulation lacks; counts of cells, coverag
 BATTERIES = Benchmark(
     "batteries",
     "hides the relaxations of a cell from the simulation of its voltage under pulses of current.",
-    {"cases": None, "replicates": 40, "workers": 1, "seed": 0},
+    {"cases": None, "only": None, "replicates": 40, "workers": 1, "seed": 0},
     cases,
     study,
     score,

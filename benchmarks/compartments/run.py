@@ -26,7 +26,7 @@ UNITS = {"t": "h", "c": "mg/l", "u": "mg/(l*h)"}
 
 def cases(asked: Asked) -> list[Case]:
     """Return substances of every kind."""
-    return replicated("kind", list(KINDS), asked)
+    return replicated("kind", asked.names(KINDS, "kind of substance"), asked)
 
 
 def study(kind: str, replicate: int, seed: int) -> dict[str, Any]:
@@ -58,7 +58,7 @@ TITLE = "What the simulation of a concentration lacks; counts of substances, cov
 COMPARTMENTS = Benchmark(
     "compartments",
     "hides a second compartment, saturable elimination or a depot from the simulation of a concentration.",
-    {"cases": None, "replicates": 20, "workers": 1, "seed": 0},
+    {"cases": None, "only": None, "replicates": 20, "workers": 1, "seed": 0},
     cases,
     study,
     score,

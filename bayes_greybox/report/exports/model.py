@@ -256,7 +256,8 @@ def _formula(
 ) -> Formula:
     simulation = system.simulation
     # Terms with given coefficients are those of the learned equation.
-    known: Any = simulation.own_formula(name) if name in system.learned else simulation.formula(name)
+    names = [each.name for each in system.parameters]
+    known: Any = simulation.own_formula(name) if name in system.learned else simulation.in_parameters(name, names)
     calls = known.atoms(AppliedUndef)
     if calls and name not in states:
         raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
