@@ -12,9 +12,11 @@ import pytest
 from exported_systems import CASES, CLOSE, MEMORY, TERMS, points, system_of
 from pymoca import parser
 
-from bayes_greybox.equations.learned import Drawn, InnerValue, Value
+import bayes_greybox as bg
+from bayes_greybox.equations.learned import Drawn, InnerValue, LearnedSystem, Value, parameters_of
 from bayes_greybox.equations.rates import learned_rates
 from bayes_greybox.physics.formula.functions import FUNCTIONS
+from bayes_greybox.physics.simulation.reading import simulation_of
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
 from bayes_greybox.running.errors import InputError
@@ -292,3 +294,20 @@ def test_comments_are_short_lines_and_a_correction_without_a_sign_has_no_probabi
         # What is likely there but has no sign is no sure correction; an effect keeps its probability.
         assert "not told from zero; correction, adds to the -0.5 of the simulation" in flat
         assert flat.count("P > 0.999") == 1 and "P 0.700" in flat
+
+
+def test_rates_of_hidden_states_have_parameters_by_name(tmp_path):
+    parameters = {"Q": bg.Parameter(2.0), "R0": bg.Parameter(0.05)}
+    formulas = {"soc": "-i/(3600*Q)", "V": "3.2 + 0.9*soc - R0*i"}
+    simulation = simulation_of(formulas, ("soc",), ("i",), ("V",), None, parameters, {"soc": 1.0})
+    time = np.arange(5.0)
+    data = bg.Trajectories.from_arrays(time, inputs={"i": time}, outputs={"V": time})
+    system = LearnedSystem("study", simulation, data, {}, "Rule.", parameters_of(parameters, {}))
+    export_system(system, tmp_path / "m.py", Notes())
+    text = (tmp_path / "m.py").read_text()
+    assert "Q = 2.0" in text
+    scope = {}
+    exec(text, scope)
+    before = scope["rhs"](0.0, np.array([1.0]), np.array([7.2]))
+    scope["Q"] = 4.0
+    np.testing.assert_allclose(before / scope["rhs"](0.0, np.array([1.0]), np.array([7.2])), 2.0)
