@@ -1,12 +1,12 @@
 """The loop that weighs hypotheses on rows near the likeliest one, until it stays."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
-from bayes_greybox.discovery.grid.sets import Reach
+from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
@@ -22,16 +22,27 @@ from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, best_of, table_of
 def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Visit:
     """Return the hypotheses on rows near the likeliest that was visited; the seed is that of the bagged records.
 
-    Where parameters that hidden states follow have moved, effects were tried beside other hidden states, some at values
-    that made up for these: they are tried again beside those that were found.
+    Effects are tried beside the hidden states that parameters of the start give, and some at values that make up for
+    these. So all are tried again beside those of the parameters that were found; where none has moved, beside those of
+    the corrections that close the gap best without an effect.
     """
     found = _settled(source, start, odds, reach, seed, report)
-    point = found.near.point_of(found.near.likeliest)
-    moved = {name: point.parameters[name] for name in source.model.named.moved_through(point.parameters)}
+    near, through = found.near, source.model.named.through
+    if not through or near.names(near.likeliest) == near.names(near.weighed.before):
+        return found
+    moved = _through(near, through)
+    if not moved:
+        window = Window(frozenset(), near.weighed.prior, (), complete=True)
+        moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
     if moved.keys() <= start.parameters.keys():
         return found
     again = _settled(source, replace(start, parameters=moved), odds, reach, seed, report)
     return max(found, again, key=lambda visit: visit.near.log_evidence)
+
+
+def _through(near: Near, through: Collection[str]) -> dict[str, float]:
+    """Return the values that the likeliest hypothesis gives to parameters which hidden states follow."""
+    return {name: value for name, value in near.point_of(near.likeliest).parameters.items() if name in through}
 
 
 def _settled(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, report: Callable[[str], None]) -> Visit:
