@@ -3,6 +3,7 @@
 import time
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
 from bayes_greybox.running.errors import InputError
@@ -81,24 +82,24 @@ def answer(name: str) -> Record:
     return {**about, **found, "seconds": round(time.perf_counter() - started, 1)}
 
 
+def counted(table: pd.DataFrame) -> Record:
+    """Return the counts of some judgements."""
+    wrong = {column: int(np.sum(table[column] != "")) for column in (WRONG, WRONG_ERRORS)}
+    return {"records": len(table), "acceptable": int(np.sum(table["acceptable"])), **wrong}
+
+
 def score(records: list[Record]) -> Tables:
     """Return the judgements, and the counts of each field and of all."""
-    table = pd.DataFrame(records, columns=["record", *COLUMNS]).set_index("record").fillna(dict.fromkeys(WORDS, ""))
-    groups = {**{str(kind): group for kind, group in table.groupby("kind", sort=False)}, "all": table}
-    counts = {
-        kind: {
-            "records": len(group),
-            "acceptable": int(group["acceptable"].sum()),
-            **{column: int((group[column] != "").sum()) for column in (WRONG, WRONG_ERRORS)},
-        }
-        for kind, group in groups.items()
-    }
+    table = pd.DataFrame(records, columns=pd.Index(["record", *COLUMNS])).set_index("record")
+    table = table.fillna(dict.fromkeys(WORDS, ""))
+    counts = {str(kind): counted(group) for kind, group in table.groupby("kind", sort=False)}
+    counts["all"] = counted(table)
     return {"records": table, "counts": pd.DataFrame.from_dict(counts, orient="index").rename_axis("kind")}
 
 
 def show(tables: Tables) -> Tables:
     """Return the judgements, then counts."""
-    shown = tables["records"][["verdict", "acceptable", "names above 0.5", WRONG_ERRORS, "seconds"]]
+    shown = tables["records"].loc[:, ["verdict", "acceptable", "names above 0.5", WRONG_ERRORS, "seconds"]]
     return {"Records of four fields": shown, "Verdicts": tables["counts"]}
 
 
