@@ -10,6 +10,7 @@ from .blind_records.run import BLIND_RECORDS
 from .calibration import CALIBRATION
 from .compartments.run import COMPARTMENTS
 from .confounding.run import CONFOUNDING
+from .field_records.run import FIELD_RECORDS
 from .hidden_effects.run import HIDDEN_EFFECTS
 from .hudson_bay.run import HUDSON_BAY
 from .measured_records.run import MEASURED_RECORDS
@@ -36,7 +37,8 @@ BENCHMARKS: dict[str, Benchmark] = {
         HIDDEN_EFFECTS, CALIBRATION, CONFOUNDING, SAMPLED_SYSTEMS, SAMPLED_TRAPS, SAMPLED_COVERAGE, PUBLISHED_ODES,
         STATIC_MAPS, MEMORY_EFFECTS, NAMED_PARAMETERS, TWO_MASS_HOUSES, BATTERIES, COMPARTMENTS, VEHICLES,
         SPRING_PENDULUM, NEXT_EXPERIMENT,
-        WEAK_ODES, WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS, MANY_RUNS, STOPWATCH,
+        WEAK_ODES, WEAK_COVERAGE, HUDSON_BAY, BLIND_RECORDS, FIELD_RECORDS, MEASURED_RECORDS, SPEED, MANY_ROWS,
+        MANY_RUNS, STOPWATCH,
     )
 }  # fmt: skip
 """Benchmarks by name, in the order in which they are listed."""

@@ -1,0 +1,1 @@
+"""Records of batteries, houses, drugs and vehicles that were made to fool a study."""
