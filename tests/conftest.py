@@ -56,9 +56,3 @@ LONGEST = (
 def pytest_collection_modifyitems(items):
     """The longest files first."""
     items.sort(key=lambda item: LONGEST.index(item.path.name) if item.path.name in LONGEST else len(LONGEST))
-
-
-def pytest_collection_finish():
-    """Modules and tests stay to the end."""
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        gc.freeze()

@@ -770,7 +770,7 @@ def test_a_file_has_the_fields_of_the_classes_as_keys():
         "meaning": str, "of": str, "low": float, "high": float, "unit_of": str, "scale": str, "values": int,
     }  # fmt: skip
     assert keys.needed == ("meaning", "of", "low", "high")
-    assert keys_of(HiddenState, "name").types == {"rate": str, "unit_of": str, "meaning": str, "start": str}
+    assert keys_of(HiddenState, "name", "rest").types == {"rate": str, "unit_of": str, "meaning": str, "start": str}
     # Where nothing else is said, the parameter has the unit of what it is a share of.
     assert InnerParameter("onset", "speed", "velocity", 0.1, 1.0).unit_of == "velocity"
 

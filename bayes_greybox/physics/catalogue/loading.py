@@ -104,7 +104,7 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 
 def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
     # The domain is the whole file's, and the name of a nonlinear parameter or a hidden state that of its table.
-    parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name")}
+    parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name", "rest")}
     tables = effect_tables(content, keys_of(Effect, "domain"), parts)
     return tuple(_effect(table, content.get("domain", domain)) for table in tables)
 

@@ -116,5 +116,5 @@ def test_a_run_that_is_nearly_all_clipped_is_refused():
     y = data.states["y"].copy()
     y[data.run == 1] = np.max(y)
     model = bg.GreyBox({"v": ["y"]}, simulation=SIMULATION, rows=bg.TrajectoryRows())
-    with pytest.raises(bg.InputError, match="A run has 0 samples that no sensor clipped"):
+    with pytest.raises(bg.InputError, match="has 0 samples that no sensor clipped"):
         model.complete(replace(data, states={"y": y}))
