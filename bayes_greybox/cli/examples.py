@@ -4,10 +4,7 @@ _EXAMPLES = {
     "init": ("init run.csv", "discover run.toml"),
     "fit": ("fit configs/first.toml", "report runs/first"),
     "discover": ("discover configs/discover_spring.toml", "next runs/discover_spring/study.nc"),
-    "next": (
-        "next runs/discover_spring/study.nc --signal sine",
-        "discover configs/discover_spring.toml",
-    ),
+    "next": ("next runs/discover_spring/study.nc --signal sine", "init new_run.csv"),
     "export": ("export runs/discover_spring/study.nc amended.c", "report runs/discover_spring"),
     "compare": ("compare configs/compare_priors.toml", "report runs/compare_priors"),
     "report": ("report runs/discover_spring", "export runs/discover_spring/study.nc amended.c"),

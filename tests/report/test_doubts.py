@@ -166,8 +166,8 @@ def test_effects_that_were_not_weighed_for_want_of_a_role_are_said(study):
     (only,) = by_topic(changed, "Not weighed")
     assert only.against is None
     said = (
-        "1 effect was not weighed: no column plays the role 'position'; give roles={'position': ...}, in a file "
-        "[study.roles] position"
+        "1 effect was not weighed: no column plays the role 'position'; give roles={'position': \"COLUMN\"}, in a file "
+        'position = "COLUMN" under [study.roles]'
     )
     assert only.text == said and by_topic(study, "Not weighed") == []
 

@@ -54,7 +54,7 @@ def test_the_experiment_that_would_decide_is_said_with_its_figure():
     assert to_do("one of", OPEN, ties=[tie], file="")[0][1] == "study.next_experiment()"
     two = to_do("one of", OPEN, ties=[tie, {**tie, "slugs": ("a", "b"), "advice": "show the sensor a motion"}])
     assert [text for text, _ in two] == [
-        FARTHER.replace("them apart", "smooth friction from quadratic drag"), "Show the sensor a motion.",
+        FARTHER.replace("them apart", "smooth friction from quadratic drag"), "To tell A from B: show the sensor a motion.",
     ]  # fmt: skip
     assert to_do("one of", OPEN)[0][0] == "More data of the same kind, or less noise."
 
@@ -71,22 +71,25 @@ def test_parameters_and_coefficients_are_set_and_the_file_studied_again():
     study.__dict__["corrections"] = study.corrections.assign(parameter=True)
     assert asked(study, "study.nc")[0].text == "Set y to 1.250 ± 0.050 1/s; the simulation has 1."
     study.__dict__["corrections"] = study.corrections.assign(probability=0.3)
-    assert asked(study, "study.nc")[0].text.startswith("Measure one of these parameters by itself")
+    assert asked(study, "study.nc")[0].text.startswith("Measure the parameters that may be off by themselves")
 
 
 @pytest.mark.parametrize(
     ("row", "how"),
     [
-        (sensor("delay", 0.009, "s"), "take 0.009 s off the times of a"),
-        (sensor("delay", -0.009, "s", channel="states"), "add 0.009 s to the times of all states"),
+        (sensor("delay", 0.009, "s"), "move a by 0.009 s to earlier times, against the other columns"),
+        (
+            sensor("delay", -0.009, "s", channel="states"),
+            "move all states by 0.009 s to later times, against the other columns",
+        ),
         (sensor("gain", 0.02), "divide a by 1.02"),
         (sensor("offset", 0.3, "m"), "take 0.3 m off a"),
         (sensor("offset", -0.3, "m"), "add 0.3 m to a"),
         (sensor("cubic error", 0.3), "calibrate the sensor of a"),
     ],
 )
-def test_a_sensor_is_corrected_and_not_the_model(row, how):
-    said = f"Correct the measurement, not the model: {how}."
+def test_a_sensor_is_corrected(row, how):
+    said = f"Correct the measurement: {how}."
     assert to_do("instrument", table=row) == [(said, "bayes-greybox discover trolley.toml")]
     # Beside an effect as well, and never what is not taken for true.
     assert said in [text for text, _ in to_do("named", [("Drag", 0.97, ())], table=row)]
@@ -121,8 +124,8 @@ def test_what_has_no_name_asks_for_effects_and_for_roles():
         and command == '[study] catalogue = ["mechanical", "mine.toml"]'
     )
     assert role == (
-        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': ...}, in a file "
-        "[study.roles] position."
+        "2 effects were not weighed: no column plays the role 'position'; give roles={'position': \"COLUMN\"}, in a "
+        'file position = "COLUMN" under [study.roles].'
     )
     assert to_do("unknown", catalogue=NO_CATALOGUE) == [
         ("Weigh effects of a catalogue.", '[study] catalogue = "mechanical"')

@@ -40,7 +40,7 @@ FEWEST_ROWS_NAMED, FEWEST_ROWS_OF_WORDS = 2, 4
 
 
 def time_column(table: Table, names: Sequence[str], layout: Layout) -> str | None:
-    """Return the column of stamps: by its name, else the first that holds dates, else the first that only increases."""
+    """Return the column of stamps: by its name, else the first that holds dates or only increases."""
     by_name = [name for name in names if TIME_WORDS.match(name)]
     # T may be a temperature.
     capital = [name for name in by_name if re.match(r"T(?![A-Za-z])", name)]

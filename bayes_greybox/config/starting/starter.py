@@ -56,8 +56,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
     parts = [
         f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it\n"
-        f"# and write [simulation], then  bayes-greybox discover {config.name}  finds what it is missing, and\n"
-        f"# bayes-greybox fit {config.name}  learns the terms of [dictionary].",
+        f"# and write [simulation]. Then  bayes-greybox discover {config.name}  finds what it is missing, where the\n"
+        f"# section [dictionary] is taken out, and  bayes-greybox fit {config.name}  learns its terms.",
         _data(path, layout, plan),
         _units(plan),
         _differentiate(plan),
@@ -119,10 +119,10 @@ def _split(plan: Plan) -> list[str]:
     if split.left_out and named:
         lines.append(f"leave_out = {_quoted(split.left_out)}  # runs of too few rows")
     if split.share is None:
-        few = f"a part needs {split.needed} rows of each run, and {FEWEST_TRAINED} are trained on"
+        few = f"each part needs {split.needed} rows of each run, and training {FEWEST_TRAINED} in all"
         return [
             *lines,
-            f"# test_fraction = 0.2 would hold out the end of each run, for which there are too few: {few}.",
+            f"# test_fraction = 0.2 would hold out the end of each run, but rows are too few: {few}.",
         ]
     if split.whole_runs:
         return [*lines, f"test_fraction = {split.share}  # the last runs, held out", 'split_by = "trajectory"']
@@ -189,7 +189,7 @@ def _simulation(plan: Plan) -> str:
         unit, time, also = plan.unit(state), plan.unit(plan.guess.time), " and rates above" if plan.computed else ""
         unit = f", in {unit}/{time}" if unit and time else ""
         lines += [f"# {rate} is the rate of {plan.names[state]}{unit}. Where the equation is of first order,"]
-        lines += [f"# write {_key(plan.names[state])} = {_quoted(PLACE)}, and take out the line of {rate}{also}."]
+        lines += [f"# write {_quoted(PLACE)} for it below, and take out the line of {rate}{also}."]
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
         state = positions.get(name)
@@ -227,10 +227,10 @@ def _dictionary(plan: Plan) -> str:
         return "\n".join(["[dictionary]", *lines, simple, *equations])
     if plan.sampled and len(equations) > 1:
         one = [
-            "# Rows are samples, as times are not even, and discover looks at one equation at a time: the one here.",
+            "# Rows are samples, and discover looks at one equation of these at a time: the one here.",
             f"{_key(plan.equations[0])} = []",
         ]
-        fit = ["# For bayes-greybox fit:", *lines, *(f"# {line}" for line in equations)]
+        fit = ["# For bayes-greybox fit, in the place of that line:", *lines, *(f"# {line}" for line in equations)]
         return "\n".join(["[dictionary]", *one, *fit])
     fit = (
         "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."

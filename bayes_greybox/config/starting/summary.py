@@ -14,6 +14,7 @@ def summary_of(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[st
     width = max(len(name) for name, _ in columns)
     findings = _findings(plan, layout)
     marked = "" if plan.measured else ", once its # are gone"
+    without = ", once [dictionary] is taken out" if plan.measured else ""
     open_ = " and ".join(f'{name} = "..."' for name in plan.equations)
     return (
         f"What the columns of {data.name} were taken for:",
@@ -22,7 +23,7 @@ def summary_of(plan: Plan, layout: Layout, data: Path, config: Path) -> tuple[st
         *(_samples(plan) if plan.sampled else []),
         f"The configuration is {config}: check what was guessed, and write",
         f"  {open_}  in its section [simulation]. Then",
-        f"  bayes-greybox discover {config}  finds what the simulation is missing;",
+        f"  bayes-greybox discover {config}  finds what the simulation is missing{without};",
         f"  bayes-greybox fit {config}  learns the terms of [dictionary]{marked}.",
     )
 

@@ -22,7 +22,7 @@ STUDY_FILE = "study.nc"
 PLAIN_TEXTS = {
     codes.KEEP: "Nothing: go on with the simulation as it is, within the range of these data",
     codes.ADOPT: "Add what was found to the simulation, and use it within the range of these data",
-    codes.CHOOSE: "Measure one of these parameters by itself, and set it",
+    codes.CHOOSE: "Measure the parameters that may be off by themselves, and set the one that is",
     codes.ALLOW: "Leave the simulation as it is, and allow for the noise in whatever is fitted to these data",
     codes.REST: "Do not build on the name alone: look at the shape of what is left, and weigh effects of your own",
     codes.SHAPE: "Look at the shape of the gap, and weigh effects of your own beside the catalogue",
@@ -89,6 +89,7 @@ def _experiment(study: StudyResult, tie: Mapping[str, Any]) -> str:
     if len(study.ties) > 1:
         names = " from ".join(within(name_of(study, slug)) for slug in tie["slugs"])
         advice = advice.replace("To tell them apart", f"To tell {names}")
+        advice = advice if names in advice else f"To tell {names}: {advice[:1].lower()}{advice[1:]}"
     return f"{advice[:1].upper()}{advice[1:].removesuffix('.')}."
 
 
@@ -117,11 +118,11 @@ def _correct(row: Mapping[str, Any]) -> str:
     size = quantity(abs(mean), row["unit"], 3)
     match row["suspect"]:
         case suspect if suspect == DELAY:
-            how = f"take {size} off the times of {channel}" if mean > 0 else f"add {size} to the times of {channel}"
+            how = f"move {channel} by {size} to {'earlier' if mean > 0 else 'later'} times, against the other columns"
         case suspect if suspect == GAIN:
             how = f"divide {channel} by {number(1 + mean, 4)}"
         case suspect if suspect == OFFSET:
             how = f"take {size} off {channel}" if mean > 0 else f"add {size} to {channel}"
         case _:
             how = f"calibrate the sensor of {channel}"
-    return f"Correct the measurement, not the model: {how}."
+    return f"Correct the measurement: {how}."

@@ -73,7 +73,7 @@ def doubts_title(found: Sequence[Doubt]) -> str:
 def role_text(role: str, count: int) -> str:
     """Return that effects were not weighed because no column plays a role, and how to give it."""
     many = f"{count} effects were" if count > 1 else "1 effect was"
-    how = f"give roles={{{role!r}: ...}}, in a file [study.roles] {role}"
+    how = f'give roles={{{role!r}: "COLUMN"}}, in a file {role} = "COLUMN" under [study.roles]'
     return f"{many} not weighed: no column plays the role {role!r}; {how}"
 
 

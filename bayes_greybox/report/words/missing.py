@@ -127,7 +127,7 @@ def _added(study: StudyResult, rows: Sequence[Row]) -> list[Added]:
 
 def columns_text(quantity: str) -> str:
     """Return the columns that a law depends on."""
-    return quantity.replace(", ", " and ") or "nothing, a constant,"
+    return quantity.replace(", ", " and ") or "no column, a constant,"
 
 
 def _without_name(study: StudyResult) -> str:

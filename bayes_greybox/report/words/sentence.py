@@ -121,7 +121,7 @@ def _recalibrate(study: StudyResult, off: Sequence[Mapping[str, Any]], closed: C
         _by_one_factor(study, each) if isinstance(each, CommonFactor) else _should_be(study, each)
         for each in by_common_factor(study, off)
     )
-    one = len(off) == 1
+    one = len(off) <= 1
     word = _number_word(off)
     what = f"a {word} of the simulation is" if one else f"{word}s of the simulation are"
     clause = f"No effect is missing; {what} off"
