@@ -265,6 +265,9 @@ class Program(SamplingProgram):
 
     def states(self, data: Trajectories) -> tuple[str, ...]:
         """Return the measured states, then hidden ones: those with a start, and those that rows allow to be hidden."""
+        twice = next((name for name in self.starts if name in data.columns and name not in data.computed), None)
+        if twice is not None:
+            raise InputError(f"{twice!r} has a start, as a hidden state has, and is measured: leave it out of starts.")
         started = tuple(name for name in self.starts if name not in data.columns)
         if started and not self.rows.linear:
             raise InputError(

@@ -132,3 +132,34 @@ def test_a_correction_beyond_the_bounds_is_none():
     model = bg.GreyBox(simulation={"y": "v", "v": "(F - k*y - c*v)/m"}, parameters=bounded)
     study = bg.find_missing_effects(model, data, **ALONE)
     assert study.corrections.loc["v", "m"]["probability"] < 0.1
+
+
+@pytest.mark.slow
+def test_a_time_that_only_a_hidden_state_feels_is_found_off_and_runs_free_with_it(tmp_path):
+    """x' = u − z − 0.3 x with z' = (x − z)/τ, τ = 1.2 in place of 1; the rate is measured with 0.02 of noise."""
+    t, tau = np.linspace(0, 40, 1201), 1.2
+
+    def force(s):
+        return np.sin(0.5 * s) + np.sin(1.1 * s + 1) + np.sin(1.9 * s + 2)
+
+    def rates(s, x):
+        return [force(s) - x[1] - 0.3 * x[0], (x[0] - x[1]) / tau]
+
+    x, z = solve_ivp(rates, (0, 40), [0.2, 0.0], t_eval=t, rtol=1e-9, atol=1e-10).y
+    rate = force(t) - z - 0.3 * x + 0.02 * np.random.default_rng(2).standard_normal(len(t))
+    data = bg.Trajectories.from_arrays(t, states={"x": x}, derivatives={"x": rate}, inputs={"u": force(t)})
+    model = bg.GreyBox(
+        simulation={"x": "u - z - 0.3*x", "z": "(x - z)/tau"}, parameters={"tau": 1.0}, starts={"z": 0.0},
+        rows=bg.DerivativeRows(),
+    )  # fmt: skip
+    train, test = data.split(0.7)
+    found = bg.find_missing_effects(model, train, test=test, settle=False, progress=False)
+    assert found.verdict == "recalibrate" and "tau should be 1.2" in found.sentence
+    row = found.corrections.loc[("x", "tau")]
+    assert row["probability"] > 0.9 and row["lower"] < tau - 1.0 < row["upper"]
+    run = found.gap.xs("free-run NRMSE", level="metric").loc["test"]
+    assert (run["before"] > 0.05).all() and (run["after"] < 0.01).all()
+    found.save(tmp_path / "study.nc")
+    again = bg.load(tmp_path / "study.nc")
+    at = 0.0, np.array([0.5, 0.2]), np.array([1.0])
+    np.testing.assert_allclose(again.to_callable(draws=1)(*at), found.to_callable(draws=1)(*at))

@@ -61,9 +61,10 @@ def test_what_no_hidden_state_of_an_equation_feels_has_no_slope_there():
     assert through_states("V", "R", formulas, STARTS, GIVEN) is None
 
 
-def test_a_start_that_is_learned_is_refused():
-    with pytest.raises(bg.InputError, match="'q0' is learned, and a hidden state starts at it"):
-        machine(q0=bg.Parameter(0.5, sd=0.1))
+@pytest.mark.parametrize("name", ["Q", "q0"])
+def test_what_hidden_states_depend_on_is_not_learned(name):
+    with pytest.raises(bg.InputError, match=f"'{name}' is learned, and a hidden state with a start depends on it"):
+        machine(**{name: bg.Parameter(PARAMETERS[name], sd=0.1)})
 
 
 def test_hidden_states_follow_no_tangent():

@@ -54,7 +54,8 @@ def test_the_experiment_that_would_decide_is_said_with_its_figure():
     assert to_do("one of", OPEN, ties=[tie], file="")[0][1] == "study.next_experiment()"
     two = to_do("one of", OPEN, ties=[tie, {**tie, "slugs": ("a", "b"), "advice": "show the sensor a motion"}])
     assert [text for text, _ in two] == [
-        FARTHER.replace("them apart", "smooth friction from quadratic drag"), "To tell A from B: show the sensor a motion.",
+        FARTHER.replace("them apart", "smooth friction from quadratic drag"),
+        "To tell A from B: show the sensor a motion.",
     ]  # fmt: skip
     assert to_do("one of", OPEN)[0][0] == "More data of the same kind, or less noise."
 

@@ -56,8 +56,8 @@ def starter(data: Path, config: Path, layout: Layout) -> Start:
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
     parts = [
         f"# A first configuration for {data.name}. What columns are was guessed from names and behaviour: check it\n"
-        f"# and write [simulation]. Then  bayes-greybox discover {config.name}  finds what it is missing, where the\n"
-        f"# section [dictionary] is taken out, and  bayes-greybox fit {config.name}  learns its terms.",
+        f"# and write [simulation]. Then  bayes-greybox discover {config.name}  finds what it is missing, once the\n"
+        f"# section [dictionary] is out, and  bayes-greybox fit {config.name}  learns its terms.",
         _data(path, layout, plan),
         _units(plan),
         _differentiate(plan),

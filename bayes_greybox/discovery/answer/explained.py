@@ -70,8 +70,9 @@ def explained(study: EquationStudy) -> tuple[Explained, ...]:
         if probability < LEAST_EXPLAINED:
             continue
         of_name = [h for h in study.near.weighed.hypotheses if study.called(h) == name]
-        # A discrepancy without a name predicts nothing.
-        able = [h for h in of_name if name != UNKNOWN_KIND and (p.effects(h) or p.kind_of(h) in PREDICTING)]
+        # A discrepancy without a name predicts nothing; nor does a parameter whose hidden states would be others.
+        able = [] if study.amendment.parameters else of_name
+        able = [h for h in able if name != UNKNOWN_KIND and (p.effects(h) or p.kind_of(h) in PREDICTING)]
         effects = [study.near.column(i).effect for h in able[:1] for i in h.members]
         slugs = tuple(effect.slug for effect in effects if effect is not None)
         kept.append(Explained(str(name), float(probability), slugs, *_components(study, able)))

@@ -66,11 +66,11 @@ class FreeRuns:
         every = list(amendments.values())
         self.hidden = {state.name for each in every for state in (*each.hidden, *each.slopes)}
         self.model = self.before = model
-        for amendment in every if self.hidden else ():
+        self.moved = any(each.parameters for each in every)
+        for amendment in every if self.hidden or self.moved else ():
             # The model before has them too, where they drive nothing.
             self.model = amendment.model(self.model)
             self.before = replace(amendment, parameters={}).model(self.before)
-        self.moved = any(each.parameters for each in every)
         self.interpolation = model.rows.interpolation if interpolation is None else interpolation
         self._runners: dict[tuple, tuple[FreeRunner, Mapping[str, Added]]] = {}
 
@@ -78,7 +78,8 @@ class FreeRuns:
         self, data: Trajectories, part: str, starts: Starts | None = None, seed: int = 0
     ) -> tuple[dict[str, FreePath], list[tuple]]:
         """Return paths by state, and rows of the gap table; both empty if a state has no equation to integrate."""
-        amendments, data = self.amendments, self._with_hidden(data)
+        amendments, given = self.amendments, data
+        data = self._with_hidden(given, self.model)
         equations = self.model.simulator(data, lacking=True).equations
         if not amendments or not set(data.state_names) <= {*equations, *amendments}:
             return {}, []
@@ -95,15 +96,17 @@ class FreeRuns:
         if sensors or self.moved:
             # Before, nothing was known of the sensors; after, right inputs drive the path from where it was. Hidden
             # states of the two follow other values of parameters.
-            earlier = self._runner(data, n_before, n_draw, self.before)[0] if self.moved else runner
-            begin = (
-                first
-                if starts is not None or not sensors
-                else estimate_starts(right).draws(n_draw, np.random.default_rng(seed))
-            )
+            def begun(measured: Trajectories) -> np.ndarray:
+                own = estimate_starts(measured) if starts is None else start
+                return own.draws(n_draw, np.random.default_rng(seed))
+
+            seen, earlier = data, runner
+            if self.moved:
+                seen = self._with_hidden(given, self.before)
+                earlier = self._runner(seen, n_before, n_draw, self.before)[0]
             both = [
-                earlier(data, jax.tree.map(lambda x: x[:n_before], parameters), first[:n_before]),
-                runner(right, jax.tree.map(lambda x: x[n_before:], parameters), begin),
+                earlier(seen, jax.tree.map(lambda x: x[:n_before], parameters), begun(seen)[:n_before]),
+                runner(right, jax.tree.map(lambda x: x[n_before:], parameters), begun(right)),
             ]
             states, failed_at = np.concatenate([x for x, _ in both]), np.concatenate([t for _, t in both], axis=1)
             for i, name in enumerate(data.state_names):
@@ -126,12 +129,12 @@ class FreeRuns:
         shown = {name: path for name, path in paths.items() if name not in self.hidden}
         return shown, [row for row in rows if row[2] not in self.hidden]
 
-    def _with_hidden(self, data: Trajectories) -> Trajectories:
-        """Return data with the hidden states of added effects, started as on the path through the samples."""
-        if self.hidden <= {*data.state_names}:
+    def _with_hidden(self, data: Trajectories, model: Program) -> Trajectories:
+        """Return data with the hidden states of a model, started as on the path through the samples."""
+        if self.hidden <= {*data.state_names} and not self.moved:
             return data
         samples = data.samples or data
-        return self.model.rows.complete_all(samples, tuple(self.amendments), self.model.simulator(samples))
+        return model.rows.complete_all(samples, tuple(self.amendments), model.simulator(samples))
 
     def _sensors(self, data: Trajectories) -> tuple[Sizes, Trajectories]:
         """Return sensor errors of states and inputs, and the data of their clock; none if two equations disagree."""

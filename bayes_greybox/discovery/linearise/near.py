@@ -230,7 +230,8 @@ class Near:
         sensors = {c.suspect: size for c, size in columns if c.suspect is not None}
         given, parameters = self.rows.model.parameters, {}
         for name, size in moved.items():
-            spread = given[name].sd or abs(CORRECTION_SCALE * given[name].value)
+            # Of a parameter that is zero nothing says how far is far.
+            spread = given[name].sd or abs(CORRECTION_SCALE * given[name].value) or math.inf
             parameters[name] = step_to(given[name].value + size, given[name].here, spread)
         return replace(self.rows.point, added=added, sensors=sensors, parameters=parameters)
 

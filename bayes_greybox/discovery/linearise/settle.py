@@ -1,6 +1,7 @@
 """The loop that weighs hypotheses on rows near the likeliest one, until it stays."""
 
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -30,14 +31,18 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
     near, through = found.near, source.model.named.through
     if not through or near.names(near.likeliest) == near.names(near.weighed.before):
         return found
-    moved = _through(near, through)
-    if not moved:
-        window = Window(frozenset(), near.weighed.prior, (), complete=True)
-        moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
-    if moved.keys() <= start.parameters.keys():
-        return found
-    again = _settled(source, replace(start, parameters=moved), odds, reach, seed, report)
-    return max(found, again, key=lambda visit: visit.near.log_evidence)
+    # Along some hidden states a formula has no value.
+    with suppress(InputError, np.linalg.LinAlgError):
+        moved = _through(near, through)
+        if not moved:
+            window = Window(frozenset(), near.weighed.prior, (), complete=True)
+            moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
+        if not moved.keys() <= start.parameters.keys():
+            again = _settled(source, replace(start, parameters=moved), odds, reach, seed, report)
+            # Evidences of different numbers of rows do not compare.
+            if again.near.regressors.rows.n_row == near.regressors.rows.n_row:
+                return max(found, again, key=lambda visit: visit.near.log_evidence)
+    return found
 
 
 def _through(near: Near, through: Collection[str]) -> dict[str, float]:

@@ -22,7 +22,7 @@ from .kinds import require_kinds
 KIND = "~"
 """Key of a tagged value; names of columns, states and settings begin with a letter."""
 
-TERM = ("name", "unit", "states", "sign", "prior", "fixed", "bounds")
+TERM = ("name", "unit", "states", "sign", "prior", "fixed", "bounds", "parameter")
 """Attributes of a term that are stored beside its formula."""
 
 MOST_INLINE_NUMBERS = 8

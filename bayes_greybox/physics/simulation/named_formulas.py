@@ -54,10 +54,10 @@ class NamedFormulas:
                 raise InputError(
                     f"The parameter {name!r} is in no formula of the simulation: write it there, or leave it out."
                 )
-            if each.learned and name in starts.values():
+            if each.learned and name in found.through:
                 raise InputError(
-                    f"The parameter {name!r} is learned, and a hidden state starts at it, which follows nothing that "
-                    "is learned: give it as a number; a study may find it off."
+                    f"The parameter {name!r} is learned, and a hidden state with a start depends on it, which follows "
+                    "nothing that is learned: give it as a number; a study may find it off."
                 )
             if each.learned and len(places) > 1:
                 raise InputError(

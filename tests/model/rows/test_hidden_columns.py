@@ -110,7 +110,7 @@ def test_coefficients_beside_a_hidden_state_are_learned_saved_and_predicted(tmp_
         ({"dictionary": {"q": ["i"]}}, "follows from its start: nothing in its equation can be learned"),
         (
             {"simulation": {"q": "-i/c", "V": "2*q"}, "parameters": {"c": bg.Parameter(50.0, sd=1.0)}},
-            "follows from its start: nothing in its equation can be learned",
+            "a hidden state with a start depends on it, which follows nothing that is learned",
         ),
         ({"rows": bg.TrajectoryRows()}, "is for rows of rates and outputs"),
     ],
@@ -132,3 +132,12 @@ def test_a_stream_of_rows_has_no_hidden_states():
 def test_starts_are_numbers_or_columns(starts):
     with pytest.raises(bg.InputError, match="starts="):
         model(starts=starts)
+
+
+def test_what_is_measured_has_no_start():
+    data, charge = cell()
+    measured = bg.Trajectories.from_arrays(
+        T, states={"q": charge}, inputs=dict(data.inputs), outputs={"V": data.rate("V")}
+    )
+    with pytest.raises(bg.InputError, match="'q' has a start, as a hidden state has, and is measured"):
+        model().states(measured)
