@@ -190,7 +190,8 @@ def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA, n_rows: Mapping
     parts = shares.index.get_level_values("data")
     part = "test" if "test" in parts else "train"
     before, after = (float(value) for value in shares[parts == part].sum())
-    names = shares.index[parts == part].get_level_values("variable").unique()
+    variables = shares.index.get_level_values("variable")
+    names = {name for name, where in zip(variables, parts, strict=True) if where == part}
     noise = len(names) > 0 and all(within_noise(gap, part, name, (n_rows or {}).get(part)) for name in names)
     if before <= after < LEAST_CLOSED or (noise and 0 < after <= before):
         code = "none shown"
