@@ -1,4 +1,4 @@
-"""What a headline lists beside an answer: its rivals, the law behind them, and what was found of the sensors."""
+"""Lists beside an answer, for a headline: its rivals, the law behind them, and the errors of sensors."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from .summary import answer, rows_of
 from .ties import sorted_by_probability
 
 MOST_RIVALS = 3
-"""Explanations beside an answer that a headline lists."""
+"""Number of explanations beside an answer that a headline has room for; it decides nothing."""
 
 
 def rivals(study: StudyResult, equation: str) -> list[tuple[str, float]]:

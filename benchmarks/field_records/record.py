@@ -14,7 +14,7 @@ Column = np.ndarray | Sequence[np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What was measured, and the simulation of it.
+    """Measurements, and the simulation of them.
 
     Attributes:
         time: Sampling times.

@@ -1,4 +1,4 @@
-"""What a study asks of its reader, from tables that are written down by hand."""
+"""Requests of a study to its reader, from tables that are written down by hand."""
 
 import numpy as np
 import pandas as pd

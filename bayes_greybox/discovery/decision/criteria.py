@@ -3,7 +3,10 @@
 from dataclasses import dataclass
 
 FEWEST_ROWS = 8
-"""Fewest rows of a study: one for each block of the record, two for the start and the noise of all hypotheses."""
+"""Fewest rows of a study: one for each of the six blocks that agreement is taken over, two for the start and the noise.
+
+Of forty studies of eleven rows none names a wrong effect above 0.9 (docs/results/fields.md).
+"""
 
 
 @dataclass(frozen=True)

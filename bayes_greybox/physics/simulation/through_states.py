@@ -16,7 +16,7 @@ Formulas = Mapping[str, sympy.Expr]
 
 
 class Through(NamedTuple):
-    """What a parameter changes in an equation by way of hidden states.
+    """Slope of an equation by a parameter, by way of hidden states.
 
     Attributes:
         slope: Σ_i ∂g/∂z_i s_i, with s_i = dz_i/dp.
@@ -52,9 +52,8 @@ def through_states(
         parts = [slope_by(formula, z, 1.0) * symbol(called[z]) for z in moved if z in symbol_names(formula)]
         return sympy.Add(*parts)
 
-    states = []
+    states, here = [], parameters[parameter].here
     for state in moved:
-        here = parameters[parameter].here
         rate: Any = slope_by(formulas[state], parameter, here) + along(formulas[state])
         rest = 1.0 if starts[state] == parameter else 0.0
         states.append(HiddenState(called[state], to_text(at_here(rate, parameters)), state, rest=rest))

@@ -1,4 +1,4 @@
-"""What is missing in the words of a headline: effects by their names, candidates of which one is open, or no name."""
+"""Words of a headline for what is missing: effects by their names, candidates of which one is it, or no name."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ OPEN_TEXTS = {
 
 
 class Closed(NamedTuple):
-    """What adding the answer does to the gap, in words; `denied` where a free run contradicts it."""
+    """Words for the change of the gap by the answer; `denied` where a free run contradicts it."""
 
     text: str
     denied: bool = False
