@@ -126,9 +126,9 @@ def what(study: StudyResult) -> Section:
         blocks.append(Details(f"{counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
-        "effect is the sum over all sets that hold it; beside a rest that carries the share s of the gap a set counts "
-        "with 1 − √s, as it may imitate what is unknown, and √s counts for “unknown”. “Gap left” is the share that no "
-        "named physics explains under the hypothesis."
+        "effect is the sum over all sets that hold it. Beside a discrepancy without a name a set counts with the share "
+        "of the gap that it closes, as it may imitate what is unknown; the other share counts for “unknown”. “Gap left” "
+        "is the share that no named physics explains under the hypothesis."
     )
     return Section("what", "What could be missing", lead, blocks)
 
