@@ -127,8 +127,8 @@ def what(study: StudyResult) -> Section:
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it. Beside a discrepancy without a name a set counts with the share "
-        "of the gap that it closes, as it may imitate what is unknown; the other share counts for “unknown”. “Gap left” "
-        "is the share that no named physics explains under the hypothesis."
+        "of the gap that it closes, as it may imitate what is unknown; the other share counts for “unknown”. “Gap "
+        "left” is the share that no named physics explains under the hypothesis."
     )
     return Section("what", "What could be missing", lead, blocks)
 
