@@ -21,7 +21,6 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     Sizes,
     as_shown,
     calibrated,
-    driven_later,
     late_by,
     shifted,
 )
@@ -155,9 +154,7 @@ class FreeRuns:
         if not sensors:
             return data
         right = calibrated(data.samples or data, "", sensors, clock)
-        late = late_by(right, sensors)
-        right = driven_later(right, {name: by for name, by in late.items() if name in data.input_names})
-        right = shifted(right, {name: by for name, by in late.items() if name in right.states})
+        right = shifted(right, late_by(right, sensors))
         if data.samples is None:
             return right
         return self.model.rows.complete_all(right, tuple(self.amendments), self.model.simulator(right))

@@ -23,7 +23,6 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     Sizes,
     calibrated,
     delays_of,
-    driven_later,
     measured_at,
     shifted,
     slope_along,
@@ -57,7 +56,7 @@ def freed(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajector
     if not np.all(seen := seen_samples(samples)):
         # Put right, a sensor at its end does not stay at one value.
         right = replace(right, unseen=~seen)
-    moved = driven_later(right, late.inputs) if any(late.inputs.values()) else right
+    moved = shifted(right, late.inputs) if any(late.inputs.values()) else right
     return replace(moved, time=moved.time - late.clock) if late.clock else moved
 
 

@@ -10,13 +10,14 @@ from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, Sizes
 from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
 from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, noise_shapes
 from .refine import Ground, refined
 from .source import Source
-from .standing import LIKELIER, standing_visit
+from .standing import LIKELIER, followed_alone, standing_visit
 from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, best_of, table_of, weighed_on
 
 
@@ -25,24 +26,47 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
 
     Effects are tried beside the hidden states that parameters of the start give, and some at values that make up for
     these. So all are tried again beside those of the parameters that were found; where none has moved, beside those of
-    the corrections that close the gap best without an effect.
+    the corrections that close the gap best without an effect. And an effect that remembers is exact where it is tried,
+    a late channel only near its delay: all are tried again beside the delays that close the gap best without an effect.
     """
     found = _settled(source, start, odds, reach, seed, report)
-    near, through = found.near, source.model.named.through
-    if not through or near.names(near.likeliest) == near.names(near.weighed.before):
+    near = found.near
+    if near.names(near.likeliest) == near.names(near.weighed.before):
         return found
+
+    def again(point: Point) -> Visit:
+        other = _settled(source, point, odds, reach, seed, report)
+        # Evidences of different numbers of rows do not compare.
+        alike = other.near.regressors.rows.n_row == near.regressors.rows.n_row
+        return max(found, other, key=lambda visit: visit.near.log_evidence) if alike else found
+
     # Along some hidden states a formula has no value.
-    with suppress(InputError, np.linalg.LinAlgError):
-        moved = _through(near, through)
-        if not moved:
-            window = Window(frozenset(), near.weighed.prior, (), complete=True)
-            moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
-        if not moved.keys() <= start.parameters.keys():
-            again = _settled(source, replace(start, parameters=moved), odds, reach, seed, report)
-            # Evidences of different numbers of rows do not compare.
-            if again.near.regressors.rows.n_row == near.regressors.rows.n_row:
-                return max(found, again, key=lambda visit: visit.near.log_evidence)
+    if through := source.model.named.through:
+        with suppress(InputError, np.linalg.LinAlgError):
+            moved = _through(near, through)
+            if not moved:
+                window = Window(frozenset(), near.weighed.prior, (), complete=True)
+                moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
+            if not moved.keys() <= start.parameters.keys():
+                found = again(replace(start, parameters=moved))
+    if late := _late_alone(found.near, source, odds, reach, seed):
+        with suppress(InputError, np.linalg.LinAlgError):
+            found = again(replace(start, sensors={**start.sensors, **late}))
     return found
+
+
+def _late_alone(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Sizes:
+    """Return the delays that may close a gap as well as the likeliest hypothesis, if an effect remembers there."""
+    columns, point = near.regressors.columns, near.rows.point
+    if not any(effect.effect.hidden for i in near.likeliest.members if (effect := columns[i].effect) is not None):
+        return {}
+    delays = {c.suspect: 0.0 for c in columns if c.suspect is not None and c.suspect.kind == DELAY}
+    rival, start = near.log_evidence, replace(point, added=(), sensors=delays)
+    alone = followed_alone(start, source, odds, reach, seed, near.weighed.prior, rival) if delays else None
+    if alone is None or alone.log_weight < rival - reach.window:
+        return {}
+    sensors = alone.near.point_of(alone.near.likeliest).sensors
+    return {error: size for error, size in sensors.items() if error not in point.sensors}
 
 
 def _through(near: Near, through: Collection[str]) -> dict[str, float]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.sets import Reach, Window
+from bayes_greybox.discovery.grid.sets import Reach, SetPrior, Window
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
 from bayes_greybox.running.errors import InputError
@@ -72,6 +72,14 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
             return best
     gains += [each.gain for each in alone]
     return search.followed(near if best is None else best.near, gains)
+
+
+def followed_alone(
+    point: Point, source: Source, odds: Odds, reach: Reach, seed: int, prior: SetPrior, rival: float
+) -> Visit | None:
+    """Return rows near the likeliest hypothesis with a point's errors alone; see `_Standing.by_itself`."""
+    search = _Standing(source, odds, reach, seed, Window(frozenset(), prior, (), complete=True))
+    return search.by_itself(point, NO_EFFECT, rival)
 
 
 def _stands(visit: Visit) -> bool:

@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integration.adaptive_steps import between_samples
+from bayes_greybox.physics.integration.adaptive_steps import between_samples, between_samples_of_runs
 
 from .bends import BEND_ERRORS, BEND_POWERS, Curve
 
@@ -101,11 +101,22 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     label, shift = data.target_label(equation), step / 4
     states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
     apart = tuple(name for name in states if name not in same_sensor)
+    # What leaps goes in lines from sample to sample, which bend at each: where it is late they go on to one side only.
+    kinds = between_samples_of_runs([(data.time[r], data.matrix(inputs)[r]) for r in run_slices(data.run)])
+    rough = {name for name, kind in zip(inputs, kinds, strict=True) if kind != "cubic"}
 
-    def along(names: tuple[str, ...], clock: bool = False) -> np.ndarray:
-        """Return dG/dd for channels taken d later, and the clock with them where time itself is in G."""
-        ahead, behind = (rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0)) for by in (shift, -shift))
-        return (ahead - behind) / (2 * shift)
+    def taken(names: tuple[str, ...], by: float, clock: bool) -> np.ndarray:
+        return rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0))
+
+    def later(names: tuple[str, ...]) -> np.ndarray:
+        """Return dG/dd for channels taken d later, as late ones have to be."""
+        ahead = taken(names, shift, False)
+        return (ahead - G) / shift if rough & {*names} else (ahead - taken(names, -shift, False)) / (2 * shift)
+
+    def earlier(names: tuple[str, ...]) -> np.ndarray:
+        """Return −dG/dd for channels taken d earlier to a late rate, and the clock with them, which may be in G."""
+        behind = taken(names, -shift, True)
+        return (behind - G) / shift if rough & {*names} else (behind - taken(names, shift, True)) / (2 * shift)
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
@@ -116,17 +127,17 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     G, ones = rate(data), np.ones(data.n_obs)
     if same_sensor:
         sensor = same_sensor[0]
-        columns = [(delay_error(u, step), along((u,))) for u in inputs]
-        columns.append((delay_error(STATES, step), -along(inputs, clock=True)))
+        columns = [(delay_error(u, step), later((u,))) for u in inputs]
+        columns.append((delay_error(STATES, step), earlier(inputs)))
         if apart:
-            columns.append((delay_error(sensor, step), -along((*apart, *inputs), clock=True)))
+            columns.append((delay_error(sensor, step), earlier((*apart, *inputs))))
         gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
         columns += [(gain_error(sensor), gained), zero(sensor)]
     else:
-        columns = [(delay_error(label, step), -along((*states, *inputs), clock=True))]
+        columns = [(delay_error(label, step), earlier((*states, *inputs)))]
         if inputs:
-            columns.append((delay_error(STATES, step), along(states)))
-            columns += [(delay_error(u, step), along((u,))) for u in inputs]
+            columns.append((delay_error(STATES, step), later(states)))
+            columns += [(delay_error(u, step), later((u,))) for u in inputs]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
         offset = ChannelSuspect(OFFSET, label, OFFSET_SD * size)
         columns += [(gain_error(label), G), (offset, ones)]
@@ -136,7 +147,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         columns += [(gain_error(name), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
         # Last: of errors with one and the same column the first stands, and this is the oddest one.
-        columns += [(delay_error(x, step), along((x,))) for x in apart]
+        columns += [(delay_error(x, step), later((x,))) for x in apart]
     return with_column(columns)
 
 
@@ -269,27 +280,19 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
-    """Return states and inputs at later times, by cubic splines through the samples of each run."""
+    """Return states and inputs at later times.
+
+    States go on cubic splines through the samples of each run, inputs as a path takes them between their samples; these
+    hold before and after a run.
+    """
+    runs = run_slices(data.run)
     columns = {
-        name: np.concatenate([_later(data.time[rows], data.column(name)[rows], by) for rows in run_slices(data.run)])
+        name: np.concatenate([at_later(data.time[rows], data.column(name)[rows], by) for rows in runs])
         for name, by in later.items()
         if by != 0.0
+        for at_later in [_driven_later if name in data.inputs else _later]
     }
     return replace(with_columns(data, columns), time=data.time + clock)
-
-
-def driven_later(data: Trajectories, later: Mapping[str, float]) -> Trajectories:
-    """Return inputs so much later, between their samples as a path takes them; before and after a run they hold."""
-    inputs = dict(data.inputs)
-    for name, by in later.items():
-        moved = inputs[name].copy()
-        for rows in run_slices(data.run):
-            t, u = data.time[rows], inputs[name][rows]
-            at = np.clip(t + by, t[0], t[-1])
-            (kind,) = between_samples(t, u[:, None])
-            moved[rows] = CubicSpline(t, u)(at) if kind == "cubic" else np.interp(at, t, u)
-        inputs[name] = moved
-    return replace(data, inputs=inputs)
 
 
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
@@ -311,6 +314,12 @@ def _one_sensor(data: Trajectories, equation: str) -> tuple[str, ...]:
 def _sensor(data: Trajectories, state: str) -> str:
     """Return the state from whose samples a state or an input was computed."""
     return data.filter.source(state) if data.filter is not None else state
+
+
+def _driven_later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
+    at = np.clip(time + by, time[0], time[-1])
+    (kind,) = between_samples(time, values[:, None])
+    return CubicSpline(time, values)(at) if kind == "cubic" else np.interp(at, time, values)
 
 
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:

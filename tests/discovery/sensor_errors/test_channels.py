@@ -16,7 +16,6 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     ChannelSuspect,
     as_shown,
     calibrated,
-    driven_later,
     shifted,
     suspect_columns,
     undone,
@@ -243,12 +242,30 @@ def test_inputs_taken_later_hold_their_ends_and_keep_their_steps():
     t = 0.1 * np.arange(60)
     smooth, step = np.sin(t), np.where(np.sin(3 * t) > 0, 1.0, 0.0)
     data = Trajectories.from_arrays(t, states={"x": smooth}, inputs={"u": smooth, "s": step})
-    later = driven_later(data, {"u": 0.07, "s": 0.07})
+    later = shifted(data, {"u": 0.07, "s": 0.07})
     inside = t + 0.07 <= t[-1]
     np.testing.assert_allclose(later.inputs["u"][inside], np.sin(t + 0.07)[inside], atol=1e-4)
     assert later.inputs["u"][-1] == pytest.approx(smooth[-1])
     assert later.inputs["s"].min() >= 0 and later.inputs["s"].max() <= 1
-    np.testing.assert_allclose(driven_later(data, {"u": -9.0}).inputs["u"], smooth[0], atol=1e-12)
+    np.testing.assert_allclose(shifted(data, {"u": -9.0}).inputs["u"], smooth[0], atol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [0.3, 1.0])
+def test_behind_a_leap_a_late_channel_is_no_straight_line_but_its_column_is_exact(samples):
+    """An output that follows a switched current, late by less than a sample or by a whole one; and a late current."""
+    t, d = STEP * np.arange(200), samples * STEP
+    current = np.repeat(np.random.default_rng(0).integers(-2, 4, 20), 10) * 1.0
+    data = Trajectories.from_arrays(t, states={}, inputs={"i": current}, outputs={"V": -0.05 * current})
+
+    def voltage(data):
+        return -0.05 * data.inputs["i"]
+
+    columns = {(s.kind, s.channel): column for s, column in suspect_columns(data, "V", voltage)}
+    before, after = np.append(current[:1], current[:-1]), np.append(current[1:], current[-1:])
+    for channel, other in (("V", before), ("i", after)):
+        mixed = (1 - samples) * current + samples * other
+        np.testing.assert_allclose(-0.05 * current + d * columns[DELAY, channel], -0.05 * mixed, atol=1e-12)
+    np.testing.assert_allclose(undone(data, "V", {"V": STEP}).inputs["i"], before, atol=1e-12)
 
 
 # Rates that a filter computed
