@@ -20,7 +20,8 @@ from .decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
 from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
 from .linearise.near import LARGEST_ERROR
 from .sensor_errors import bends
-from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, OFFSET, STATES
+from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
+from .sensor_errors.noisy_inputs import quiet_inputs
 from .study import StudyResult
 
 LEAST_CLOSED, SAME_MAP = 1e-4, 0.01
@@ -342,6 +343,8 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
         DELAY: [*rates, *([STATES] if inputs else []), *(states if len(states) > 1 else ()), *inputs],
         **dict.fromkeys((GAIN, OFFSET), [*rates, *states, *inputs]),
         DRIFT: rates,
+        # Noise of an input is weighed where nothing follows a path, which smooths it.
+        NOISE: list(quiet_inputs(data)) if data.samples is None else [],
         **dict.fromkeys(bends.BEND_ERRORS, bending),
         LAG: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG),
     }

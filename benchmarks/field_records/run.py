@@ -16,7 +16,7 @@ from .records import RECORDS
 if TYPE_CHECKING:
     from bayes_greybox.missing_effects import Study
 
-KINDS_OF_NOISE = ("correlated noise", "state-dependent noise", "heavy tails", "noisy state")
+KINDS_OF_NOISE = ("correlated noise", "state-dependent noise", "heavy tails", "noisy state", "noise")
 """Suspects that say how a sensor scatters, and not that it misreads: none of them is counted as wrong."""
 
 WRONG, WRONG_ERRORS = "wrong above 0.9", "wrong errors above 0.9"

@@ -118,3 +118,25 @@ def test_a_simulation_that_gives_nothing_has_no_errors_that_are_shares_of_it():
     model = bg.GreyBox({"V": ["1", "i"]}, simulation={"V": "0*i"})
     found = bg.find_missing_effects(model, data, catalogue=few, settle=False, free_runs=False, progress=False)
     assert found.instrument.empty and found.verdict in ("unknown", "partly named")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("noise", [0.02, 0.06])
+def test_noise_of_an_ammeter_is_no_hysteresis(noise):
+    """V follows the true current: what the noise of the current does looks like a loop that is smaller than a pulse."""
+    rng, t = np.random.default_rng(0), 2.0 * np.arange(500)
+    current = np.repeat(rng.choice([-1.5, 0.0, 0.8, 1.6, 2.5, 4.0], 25), 20)
+    soc = 0.9 - np.concatenate([[0], np.cumsum(2.0 * current[:-1])]) / 9000
+    voltage = 3.2 + 0.9 * soc - 0.05 * current + 0.0007 * rng.standard_normal(500)
+    measured = current + noise * rng.standard_normal(500)
+    data = bg.Trajectories.from_arrays(t, inputs={"i": measured}, outputs={"V": voltage}, units={"i": "A", "V": "V"})
+    model = bg.GreyBox(
+        simulation={"soc": "-i/(3600*Q)", "V": "3.2 + 0.9*soc - R0*i"}, parameters={"Q": 2.5, "R0": 0.05},
+        starts={"soc": 0.9}, rows=bg.DerivativeRows(interpolation="zoh"),
+    )  # fmt: skip
+    study = bg.find_missing_effects(model, data, catalogue="battery", settle=False, progress=False)
+    assert study.verdict in ("instrument", "no gap") and (study.effects["probability"] < 0.5).all()
+    assert study.memory["probability"].loc["V", "something that remembers"] < 0.5
+    noisy = study.instrument.query("suspect == 'noise'")
+    # Where it is too small to tell, nothing is said of it.
+    assert not len(noisy) or noisy["mean"].item() == pytest.approx(noise, rel=0.2)

@@ -24,6 +24,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     late_by,
     shifted,
 )
+from bayes_greybox.discovery.sensor_errors.noisy_inputs import without_noise
 from bayes_greybox.model.program import Program
 
 from .amendment import Added, Amendment
@@ -153,7 +154,7 @@ class FreeRuns:
         """Return the data without sensor errors, with as many rows. Samples have a path of their own."""
         if not sensors:
             return data
-        right = calibrated(data.samples or data, "", sensors, clock)
+        right = calibrated(without_noise(data.samples or data, sensors), "", sensors, clock)
         right = shifted(right, late_by(right, sensors))
         if data.samples is None:
             return right

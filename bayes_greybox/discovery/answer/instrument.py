@@ -15,7 +15,7 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, STATES, ChannelSuspect, delay_error
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, NOISE, STATES, ChannelSuspect, delay_error
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -57,13 +57,16 @@ def instrument_table(
         rows.append(_row(DELAY, name, 1.0 - late.p, True) | error)
     for name, noise in source.sample_noise.items():
         unit = data.unit(name) or ""
-        text = f"samples of {name} have noise of {noise.sd:.2g} {unit_text(unit)}".rstrip()
-        rows.append(_row(NOISY, name, 1.0, True, text) | {"mean": noise.sd, "unit": unit})
+        rows.append(_row(NOISY, name, 1.0, True, _noisy(name, noise.sd, unit)) | {"mean": noise.sd, "unit": unit})
     rows += [_row(CLIPPING, name, 1.0, True, clipped_in_words(name, at)) for name, at in source.clipped.items()]
     misread = {name: f"{name} is misread at {int(np.sum(out))} samples" for name, out in source.misread.items()}
     rows += [_row(MISREAD, name, 1.0, True, f"{text}, which are left out") for name, text in misread.items()]
     equation = {"equation": near.regressors.equation}
     return sorted_by_probability(pd.DataFrame([row | equation for row in rows], columns=list(INSTRUMENT_COLUMNS)), True)
+
+
+def _noisy(name: str, sd: float, unit: str) -> str:
+    return f"samples of {name} have noise of {abs(sd):.2g} {unit_text(unit)}".rstrip()
 
 
 def _row(kind: str, channel: str, probability: float, in_model: bool, text: str = "") -> dict[str, Any]:
@@ -108,6 +111,9 @@ def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Tr
     if suspect.kind in BEND_POWERS:
         samples = near.rows.data.samples or near.rows.data
         return row | _bend(suspect, mean, samples, unit_text(data.unit(suspect.channel)))
+    if suspect.kind == NOISE:
+        unit = data.unit(suspect.channel) or ""
+        return row | {"unit": unit, "text": _noisy(suspect.channel, mean, unit)}
     is_rate = suspect.channel not in data.columns
     unit = target_unit(near.regressors.equation, data) if is_rate else data.unit(suspect.channel)
     article = "an" if suspect.kind[0] in "aeiou" else "a"

@@ -21,7 +21,7 @@ from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import CORRECTION_SCALE, Regressors
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, Rate, Sizes
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, NOISE, Rate, Sizes
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS, heavy, varying
@@ -272,7 +272,8 @@ def as_regressor(column: Column, gap: float) -> Regressor:
     limits = column.limits
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
-        limits = (-limit, limit)
+        # Noise has no sign.
+        limits = (0.0 if column.suspect.kind == NOISE else -limit, limit)
     return Regressor(
         column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=column.log_weight,
         limits=limits,

@@ -33,6 +33,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
 )
 from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
+from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, without_noise
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
@@ -81,7 +82,8 @@ class RateRows(Source):
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, self.equation, effects, point.values, whole=whole, kept=used)
         columns = []
-        for error, column in suspect_columns(whole, self.equation, _driven(model, self.equation, rate)):
+        driven = _driven(model, self.equation, rate)
+        for error, column in (*suspect_columns(whole, self.equation, driven), *noise_columns(whole, driven)):
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -130,7 +132,7 @@ class RateRows(Source):
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
             out = (*_at_end(data, self.equation).values(), *slips.values())
         moved = undone(_earlier(self._smooth(data), self.late), self.equation, delays)
-        right = calibrated(moved, self.equation, sensors, clock)
+        right = calibrated(without_noise(moved, sensors), self.equation, sensors, clock)
         # Hidden states follow the right inputs, also where rows are left out.
         model = self.model.at(point.parameters).remembering(hidden, right)
         right = model.rows.complete(right, self.equation, model.simulator(right))

@@ -32,9 +32,9 @@ from bayes_greybox.physics.integration.adaptive_steps import between_samples, be
 
 from .bends import BEND_ERRORS, BEND_POWERS, Curve
 
-DELAY, GAIN, OFFSET, DRIFT = ("delay", "gain", "offset", "drift")
+DELAY, GAIN, OFFSET, DRIFT, NOISE = ("delay", "gain", "offset", "drift", "noise")
 
-ERRORS = (DELAY, GAIN, OFFSET, DRIFT, *BEND_ERRORS)
+ERRORS = (DELAY, GAIN, OFFSET, DRIFT, NOISE, *BEND_ERRORS)
 """Kinds of errors of a channel."""
 
 LAG = "lag"

@@ -7,6 +7,7 @@ surer. Where the samples show white noise of their own, terms are evaluated at s
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -76,9 +77,9 @@ class Smoother:
             return data, {}
         states, noise = dict(data.states), {}
         for name, s in self._sd.items():
-            parts = [_smooth(data.time[rows], data.states[name][rows], s) for rows in run_slices(data.run)]
-            states[name] = np.concatenate([path for path, _ in parts])
-            noise[name] = SampleNoise(s, s * math.sqrt(float(np.mean([share for _, share in parts]))))
+            parts = [smooth(data.time[rows], data.states[name][rows], s) for rows in run_slices(data.run)]
+            states[name] = np.concatenate([part.path for part in parts])
+            noise[name] = SampleNoise(s, s * math.sqrt(float(np.mean([part.left for part in parts]))))
         return replace(data, states=states), noise
 
 
@@ -162,8 +163,16 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, 
     return believed
 
 
-def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray, float]:
-    """Return smoothed samples, and the share of the noise's variance that is left on them.
+class Smoothed(NamedTuple):
+    """Smoothed samples, the share of the noise's variance that is left on them, and the estimate of their risk."""
+
+    path: Float[np.ndarray, " n"]
+    left: float
+    risk: float
+
+
+def smooth(time: Float[np.ndarray, " n"], samples: Float[np.ndarray, " n"], s: float) -> Smoothed:
+    """Return samples freed of white noise of standard deviation s.
 
     A cubic smoothing spline of penalty λ is the filter g = 1/(1 + (ω/ω₀)⁴), ω₀ = (λh)^(−1/4) with h the step. It is
     applied to its own residuals once more (twicing, Tukey 1977), 1 − (1 − g)²: a spline alone flattens the turns of a
@@ -171,17 +180,17 @@ def _smooth(time: np.ndarray, samples: np.ndarray, s: float) -> tuple[np.ndarray
     RSS/n + 2 s² tr(H)/n.
     """
     n = len(samples)
+    best = Smoothed(samples, 1.0, 2 * s**2)
     if n < FEWEST_SMOOTHED:
-        return samples, 1.0
+        return best
     step = float(np.mean(np.diff(time)))
-    least_risk, best = math.inf, (samples, 1.0)
     for cutoff in np.geomspace(LOWEST_CUTOFF * 2 * math.pi / (n * step), math.pi / step, CUTOFFS):
         penalty = 1.0 / (step * cutoff**4)
         once = make_smoothing_spline(time, samples, lam=penalty)(time)
         path = once + make_smoothing_spline(time, samples - once, lam=penalty)(time)
         risk = float(np.mean((samples - path) ** 2)) + 2 * s**2 * min(SMOOTHER_TRACE * step * cutoff, 1.0)
-        if risk < least_risk:
-            least_risk, best = risk, (path, min(SMOOTHER_SQUARE * step * cutoff, 1.0))
+        if risk < best.risk:
+            best = Smoothed(path, min(SMOOTHER_SQUARE * step * cutoff, 1.0), risk)
     return best
 
 

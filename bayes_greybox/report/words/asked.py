@@ -8,7 +8,7 @@ from typing import Any
 from bayes_greybox.discovery import requests as codes
 from bayes_greybox.discovery.decision import reasons
 from bayes_greybox.discovery.requests import Request, requests
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, OFFSET
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, NOISE, OFFSET
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.physics.catalogue.names import within
 
@@ -123,6 +123,8 @@ def _correct(row: Mapping[str, Any]) -> str:
             how = f"divide {channel} by {number(1 + mean, 4)}"
         case suspect if suspect == OFFSET:
             how = f"take {size} off {channel}" if mean > 0 else f"add {size} to {channel}"
+        case suspect if suspect == NOISE:
+            how = f"smooth {channel}, whose samples have noise of {size}, or filter it before it is sampled"
         case _:
             how = f"calibrate the sensor of {channel}"
     return f"Correct the measurement: {how}."

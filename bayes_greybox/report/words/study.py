@@ -239,6 +239,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         channels.DELAY: f"±\u00a0{channels.DELAY_STEPS:g}\u00a0samples",
         channels.GAIN: f"±\u00a0{percent_text(channels.GAIN_SD, 0)}",
         **dict.fromkeys((channels.OFFSET, channels.DRIFT), of_rms),
+        channels.NOISE: "what smoothing takes off",
         **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"),
     }
     rows = []
