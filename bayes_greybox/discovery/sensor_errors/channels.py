@@ -282,8 +282,8 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
     """Return states and inputs at later times.
 
-    States go on cubic splines through the samples of each run, inputs as a path takes them between their samples; these
-    hold before and after a run.
+    States go on cubic splines through the samples of each run, inputs as a path takes them between their samples. After
+    a run these hold, before it they are at the level that they have most of the time, or hold where there is none.
     """
     runs = run_slices(data.run)
     columns = {
@@ -317,9 +317,15 @@ def _sensor(data: Trajectories, state: str) -> str:
 
 
 def _driven_later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
-    at = np.clip(time + by, time[0], time[-1])
+    at = time + by
     (kind,) = between_samples(time, values[:, None])
-    return CubicSpline(time, values)(at) if kind == "cubic" else np.interp(at, time, values)
+    if kind == "cubic":
+        return CubicSpline(time, values)(np.clip(at, time[0], time[-1]))
+    levels, count = np.unique(values, return_counts=True)
+    # A pump that stands still for most of a run stood still before it, too.
+    rest = levels[np.argmax(count)] if 2 * np.max(count) > len(values) else values[0]
+    before = time[0] - np.median(np.diff(time)) if len(time) > 1 else time[0]
+    return np.interp(at, [before, *time], [rest, *values])
 
 
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:

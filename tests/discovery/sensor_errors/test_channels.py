@@ -268,6 +268,15 @@ def test_behind_a_leap_a_late_channel_is_no_straight_line_but_its_column_is_exac
     np.testing.assert_allclose(undone(data, "V", {"V": STEP}).inputs["i"], before, atol=1e-12)
 
 
+@pytest.mark.parametrize("on, before", [(5, 0.0), (30, 4.0)])
+def test_before_a_run_an_input_is_as_most_of_the_time(on, before):
+    """A dose at the start of a record is the first; a heater that is on at the start of most of it may have been on."""
+    t, late = STEP * np.arange(40), -1.5 * STEP
+    data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, inputs={"u": np.where(np.arange(40) < on, 4.0, 0.0)})
+    moved = shifted(data, {"u": late}).inputs["u"]
+    np.testing.assert_allclose(moved[:3], [before, 0.5 * (before + 4.0), 4.0], atol=1e-12)
+
+
 # Rates that a filter computed
 
 
