@@ -39,10 +39,11 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
     The likeliest that leaves nothing on the first rows is taken if on rows near itself it is the likeliest, leaves
-    nothing, and has lost less than a nat: else the first path flattered it. Then every effect is weighed by
-    itself, those with memory, whose paths take longest, only if no other stands. If something remains along the best of
-    these paths, the likeliest hypotheses there are followed, each on rows near the one before. A wrong one leaves
-    something along its path, and a discrepancy is likelier: then no rows are returned.
+    nothing, and has lost less than a nat: else the first path flattered it. If another one is the likeliest there, that
+    is followed in the same way, and so on. Where none is taken, every effect is weighed by itself, those with memory,
+    whose paths take longest, only if no other stands. If something remains along the best of these paths, the likeliest
+    hypotheses there are followed, each on rows near the one before. A wrong one leaves something along its path, and a
+    discrepancy is likelier: then no rows are returned.
     """
     complete = near.likeliest.complete
     nothing = complete and near.likeliest.members == near.weighed.before.members
@@ -53,11 +54,9 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
     # A large table is weighed whole at the end anyway: on the way there what is likely is enough.
     large = near.weighed.table.columns.size > SMALL_TABLE
     likely = near.window._replace(called=near.window.called | leaving_nothing.window.called) if large else None
-    gains: list[float] = []
-    if (visit := search.step(leaving_nothing, likely)) is not None:
-        gains.append(visit.log_weight - Visit(leaving_nothing, visit.hypothesis).log_weight)
-        if _stands(visit) and gains[0] > -LIKELIER:
-            return visit
+    visit, gains = search.from_one_to_the_next(leaving_nothing, likely)
+    if visit is not None:
+        return visit
     effects = {c.effect.label: c.effect for c in near.regressors.columns if c.effect is not None}
     plain = [label for label, effect in effects.items() if not effect.effect.hidden]
     alone: list[_Alone] = []
@@ -107,6 +106,24 @@ class _Standing:
     reach: Reach
     seed: int
     window: Window
+
+    def from_one_to_the_next(self, near: Near, window: Window | None) -> tuple[Visit | None, list[float]]:
+        """Return rows near the first hypothesis that stands and was not flattered, from the likeliest on some rows on.
+
+        With them come the gains of those that were followed.
+        """
+        gains: list[float] = []
+        followed: set[tuple[str, ...]] = set()
+        while near.likeliest.complete and near.names(near.likeliest) not in followed:
+            followed.add(near.names(near.likeliest))
+            visit = self.step(near, window)
+            if visit is None:
+                break
+            gains.append(visit.log_weight - Visit(near, visit.hypothesis).log_weight)
+            if _stands(visit) and gains[-1] > -LIKELIER:
+                return visit, gains
+            near = visit.near
+        return None, gains
 
     def each_by_itself(self, near: Near, labels: Sequence[str], others: Sequence[_Alone]) -> list[_Alone]:
         """Return rows near the likeliest hypotheses with one effect each; see `by_itself`.

@@ -112,7 +112,11 @@ def table_of(rows: Rows) -> RegressorTable:
     for memory, (at_rows, at_samples) in regressors.memories.items():
         elements = Features(at_rows, at_samples[:n_sample])
         memories[memory.text] = memories[memory.text].beside(elements) if memory.text in memories else elements
-    law = Features(regressors.features(), regressors.evaluate_features(regressors.rows.at_rows())[:n_sample])
+    if (window := rows.point.window) is not None and window.complete:
+        # No f is weighed there, and its features cost as much as the rest.
+        law = Features(np.zeros((regressors.rows.n_row, 0)), np.zeros((n_sample, 0)))
+    else:
+        law = Features(regressors.features(), regressors.evaluate_features(regressors.rows.at_rows())[:n_sample])
     columns = tuple(as_regressor(column, rows.force.gap) for column in regressors.columns)
     return RegressorTable(
         columns, regressors.target, regressors.values, regressors.acting[:n_sample], rows.force,

@@ -78,7 +78,7 @@ def paths(monkeypatch):
     def weighed_on(point, *_):
         near, window = tuple(name for name, _ in point.added), point.window and set(point.window.called)
         visited.append((near, window))
-        own = {(): -90.0, (CUBE,): paths.cube, (DRAG,): -70.0, (LAG,): -40.0}
+        own = {(): -90.0, (CUBE,): paths.cube, (DRAG,): -70.0, (LAG,): paths.lag}
         logs = {n: (own[n] if n == near else FIRST[n] - 50.0) if near else FIRST[n] for n in own}
         kept = {n: w for n, w in logs.items() if window is None or set(n) <= window}
         return Table(kept, point, complete=near in paths.stands)
@@ -86,7 +86,7 @@ def paths(monkeypatch):
     monkeypatch.setattr(standing, "weighed_on", weighed_on)
     monkeypatch.setattr(standing, "refined", lambda *_: ({}, frozenset()))
     monkeypatch.setattr(standing, "Ground", SimpleNamespace(of=lambda weighed: None))
-    paths.cube, paths.stands, paths.visited = -5.0, {(CUBE,)}, visited
+    paths.cube, paths.lag, paths.stands, paths.visited = -5.0, -40.0, {(CUBE,)}, visited
     return paths
 
 
@@ -112,6 +112,19 @@ def test_what_is_as_likely_along_its_own_path_needs_no_search(paths):
     paths.cube, paths.stands = -9.0, {(CUBE,)}
     assert found(paths, logs={(CUBE,): -9.5, (LAG,): -20.0}, complete=True).hypothesis == (CUBE,)
     assert paths.visited == [((CUBE,), None)]
+
+
+def test_another_one_that_is_the_likeliest_along_that_path_is_followed_before_all_are(paths):
+    paths.lag, paths.stands = -90.0, {(CUBE,), (LAG,)}
+    assert found(paths, complete=True).hypothesis == (CUBE,)
+    assert paths.visited == [((LAG,), None), ((CUBE,), None)]
+
+
+def test_two_that_lead_to_each_other_end_there(paths):
+    """Along either's path the other one is likelier: every effect is tried by itself."""
+    paths.lag, paths.cube, paths.stands = -90.0, -90.0, {(CUBE,), (LAG,)}
+    found(paths, complete=True)
+    assert paths.visited[:2] == [((LAG,), None), ((CUBE,), None)] and paths.visited[2][1] is not None
 
 
 def test_on_a_large_table_only_what_is_likely_is_weighed_on_the_way_there(paths):
