@@ -6,7 +6,7 @@
     sampled                                       only samples of states were measured: rows=bg.TrajectoryRows()
     catalogue, roles, interpolation               for bg.find_missing_effects
 `right`: slugs that are right, confusable twins included; `harmless`: not right, not absurd; any other name is wrong.
-`verdicts_ok` has the words of docs/howto/study.md.
+`verdicts` has the words of docs/howto/study.md.
 """
 
 import functools
@@ -37,8 +37,10 @@ class Record:
     study_kwargs: dict
     right: set[str]
     harmless: set[str]
-    verdicts_ok: set[str]
-    trap: str
+    verdicts: set[str]
+    truth: str
+    # Nobody wrote down which errors of sensors are right.
+    errors: None = None
 
 
 _BUILDERS: dict[str, Callable[[], Record]] = {}
@@ -52,10 +54,10 @@ def asked(catalogue, states, inputs, units, **more):
     return _giving(study_kwargs={**columns, "catalogue": catalogue, "units": known, **more})
 
 
-def answers(verdicts_ok, right="", harmless=""):
+def answers(verdicts, right="", harmless=""):
     """Give a record its acceptable verdicts, and right and harmless names; these are sets, or words in a text."""
     right, harmless = (words(each) if isinstance(each, str) else each for each in (right, harmless))
-    return _giving(verdicts_ok=verdicts_ok, right=right, harmless=harmless)
+    return _giving(verdicts=verdicts, right=right, harmless=harmless)
 
 
 def words(text):
@@ -68,8 +70,8 @@ def build(kind, seed, equations):
 
     def register(columns):
         def built():
-            table, trap = pd.DataFrame(columns(np.random.default_rng(seed))), " ".join(columns.__doc__.split())
-            return Record(columns.__name__, kind, table, equations, trap=trap, **columns.given)
+            table, truth = pd.DataFrame(columns(np.random.default_rng(seed))), " ".join(columns.__doc__.split())
+            return Record(columns.__name__, kind, table, equations, truth=truth, **columns.given)
 
         _BUILDERS[columns.__name__] = built
         return columns

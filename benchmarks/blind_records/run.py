@@ -1,13 +1,10 @@
 """Studies of the blind records with default settings, as their owner would ask for them."""
 
-import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import pandas as pd
-
-from bayes_greybox.running.errors import InputError
-from benchmarks import answers
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
+from benchmarks.answers import studied
+from benchmarks.judged import answer, score, show
+from benchmarks.runner import Asked, Benchmark, Case, Record
 
 from . import sampled_records  # noqa: F401 - its records are among those of that name
 from .records import names, record
@@ -20,15 +17,13 @@ if TYPE_CHECKING:
 HELD_OUT_SHARE = 0.3
 """Last part of each table, held out as in the README."""
 
-BLIND_COLUMNS = ["kind", "verdict", "acceptable", "names above 0.5", "wrong above 0.5", "wrong above 0.9", "seconds"]
-
 
 def cases(asked: Asked) -> list[Case]:
     """Return the chosen records."""
     return [Case(name, (name,), {"record": name}) for name in asked.names(names(), "record")]
 
 
-def studied(made: "BlindRecord") -> "Study":
+def study_of(made: "BlindRecord") -> "Study":
     """Return the study of a record; nothing is sampled."""
     import bayes_greybox as bg
 
@@ -40,43 +35,12 @@ def studied(made: "BlindRecord") -> "Study":
     train, test = bg.read(made.table, time="t", **reading).split(1 - HELD_OUT_SHARE)
     asked = {"dictionary": {learned: []} if learned else None, "rows": rows}
     model = bg.GreyBox(simulation=made.equations, **{key: value for key, value in asked.items() if value is not None})
-    return answers.studied(model, train, test=test, **settings)[0]
+    return studied(model, train, test=test, **settings)[0]
 
 
-def judged(name: str) -> dict[str, Any]:
-    """Return the verdict on a record and its names, and whether they are right."""
-    made, started = record(name), time.perf_counter()
-    try:
-        study = studied(made)
-    except InputError as error:
-        return {"kind": made.kind, "verdict": f"refused: {error}", "acceptable": False}
-    likely = study.effects[study.effects["probability"] > 0.5]
-    wrong = likely[~likely["slug"].isin(made.right | made.harmless)]
-    named = [f"{slug}:{p:.3f}" for slug, p in zip(likely["slug"], likely["probability"], strict=True)]
-    return {
-        "kind": made.kind,
-        "verdict": study.verdict,
-        "acceptable": study.verdict in made.verdicts_ok,
-        "names above 0.5": " ".join(named),
-        "wrong above 0.5": " ".join(wrong["slug"]),
-        "wrong above 0.9": " ".join(wrong.loc[wrong["probability"] > answers.SURE, "slug"]),
-        "seconds": round(time.perf_counter() - started, 1),
-    }
-
-
-def score(records: list[Record]) -> Tables:
-    """Return the verdicts, and how many of them are acceptable."""
-    table = pd.DataFrame(records, columns=["record", *BLIND_COLUMNS]).set_index("record")
-    table = table.fillna({name: "" for name in BLIND_COLUMNS if " above " in name})
-    wrong = int((table["wrong above 0.9"] != "").sum())
-    counts = {"records": len(table), "acceptable": int(table["acceptable"].sum()), "wrong above 0.9": wrong}
-    return {"records": table, "counts": pd.DataFrame(counts, index=pd.Index(["all"], name="kind"))}
-
-
-def show(tables: Tables) -> dict[str, pd.DataFrame]:
-    """Return the verdicts, then counts."""
-    shown = tables["records"][["verdict", "acceptable", "names above 0.5", "seconds"]]
-    return {"Blind records": shown, "Verdicts": tables["counts"]}
+def judged(name: str) -> Record:
+    """Return the judgement of the study of a record."""
+    return answer(record(name), study_of)
 
 
 BLIND_RECORDS = Benchmark(

@@ -1,29 +1,16 @@
 """Studies of the records of four fields with default settings, as their owner would ask for them."""
 
-import time
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import pandas as pd
-
-from bayes_greybox.running.errors import InputError
-from benchmarks.answers import SURE, studied
-from benchmarks.runner import Asked, Benchmark, Case, Record, Tables
+from benchmarks.answers import studied
+from benchmarks.judged import answer, score, show
+from benchmarks.runner import Asked, Benchmark, Case, Record
 
 from .record import FieldRecord
 from .records import RECORDS
 
 if TYPE_CHECKING:
     from bayes_greybox.missing_effects import Study
-
-KINDS_OF_NOISE = ("correlated noise", "state-dependent noise", "heavy tails", "noisy state", "noise")
-"""Suspects that say how a sensor scatters, and not that it misreads: none of them is counted as wrong."""
-
-WRONG, WRONG_ERRORS = "wrong above 0.9", "wrong errors above 0.9"
-
-WORDS = ["names above 0.5", "wrong above 0.5", WRONG, WRONG_ERRORS]
-
-COLUMNS = ["kind", "truth", "verdict", "acceptable", *WORDS, "seconds"]
 
 
 def cases(asked: Asked) -> list[Case]:
@@ -53,54 +40,9 @@ def study_of(record: FieldRecord) -> "Study":
     return studied(model, train, test=test, catalogue=record.kind, roles=roles)[0]
 
 
-def judged(record: FieldRecord, study: Any) -> dict[str, Any]:
-    """Return the verdict on a record, its names and errors of the measurement, and whether they are right."""
-    likely = study.effects[study.effects["probability"] > 0.5]
-    wrong = likely[~likely["slug"].isin({*record.right, *record.harmless})]
-    named = [f"{slug}:{p:.3f}" for slug, p in zip(likely["slug"], likely["probability"], strict=True)]
-    suspects = study.instrument[study.instrument["probability"] > SURE]
-    suspects = suspects[~suspects["suspect"].isin(KINDS_OF_NOISE)]
-    errors = [f"{kind} of {channel}" for kind, channel in zip(suspects["suspect"], suspects["channel"], strict=True)]
-    return {
-        "verdict": study.verdict,
-        "acceptable": study.verdict in record.verdicts,
-        "names above 0.5": " ".join(named),
-        "wrong above 0.5": " ".join(wrong["slug"]),
-        WRONG: " ".join(wrong.loc[wrong["probability"] > SURE, "slug"]),
-        WRONG_ERRORS: ", ".join(error for error in errors if error not in record.errors),
-    }
-
-
-def answer(name: str) -> Record:
+def judged(name: str) -> Record:
     """Return the judgement of the study of a record."""
-    record, started = RECORDS[name], time.perf_counter()
-    about = {"kind": record.kind, "truth": record.truth}
-    try:
-        found = judged(record, study_of(record))
-    except InputError as error:
-        return {**about, "verdict": f"refused: {error}", "acceptable": False}
-    return {**about, **found, "seconds": round(time.perf_counter() - started, 1)}
-
-
-def counted(table: pd.DataFrame) -> Record:
-    """Return the counts of some judgements."""
-    wrong = {column: int(np.sum(table[column] != "")) for column in (WRONG, WRONG_ERRORS)}
-    return {"records": len(table), "acceptable": int(np.sum(table["acceptable"])), **wrong}
-
-
-def score(records: list[Record]) -> Tables:
-    """Return the judgements, and the counts of each field and of all."""
-    table = pd.DataFrame(records, columns=pd.Index(["record", *COLUMNS])).set_index("record")
-    table = table.fillna(dict.fromkeys(WORDS, ""))
-    counts = {str(kind): counted(group) for kind, group in table.groupby("kind", sort=False)}
-    counts["all"] = counted(table)
-    return {"records": table, "counts": pd.DataFrame.from_dict(counts, orient="index").rename_axis("kind")}
-
-
-def show(tables: Tables) -> Tables:
-    """Return the judgements, then counts."""
-    shown = tables["records"].loc[:, ["verdict", "acceptable", "names above 0.5", WRONG_ERRORS, "seconds"]]
-    return {"Records of four fields": shown, "Verdicts": tables["counts"]}
+    return answer(RECORDS[name], study_of)
 
 
 FIELD_RECORDS = Benchmark(
@@ -108,7 +50,7 @@ FIELD_RECORDS = Benchmark(
     "studies batteries, houses, drugs and vehicles that were made to fool a study, with what sensors do there.",
     {"cases": None, "only": None, "workers": 1},
     cases,
-    answer,
+    judged,
     score,
     show,
 )

@@ -19,6 +19,7 @@ from benchmarks.field_records.cells import relaxation
 from benchmarks.field_records.record import FieldRecord, Measured
 from benchmarks.field_records.records import RECORDS
 from benchmarks.field_records.signals import held, levels, path, rounded, wandering
+from benchmarks.judged import judged, show
 from benchmarks.runner import Asked, perform
 
 # Clipping and misreadings are removed before hypotheses are weighed.
@@ -124,7 +125,7 @@ def test_names_and_errors_are_judged():
         ("delay", "T", 0.99), ("offset", "T", 0.95), ("delay", "heater", 0.92), ("gain", "T", 0.89),
         (CORRELATED, "T", 1.0), (VARYING, "T", 1.0), (HEAVY, "T", 1.0), (NOISY, "T", 1.0),
     )  # fmt: skip
-    assert run.judged(record, answered("one of", effects, instrument)) == {
+    assert judged(record, answered("one of", effects, instrument)) == {
         "verdict": "one of",
         "acceptable": True,
         "names above 0.5": "heat-loss:0.990 radiation:0.950 second-mass:0.910 constant-heat:0.600",
@@ -132,7 +133,7 @@ def test_names_and_errors_are_judged():
         "wrong above 0.9": "second-mass",
         "wrong errors above 0.9": "offset of T, delay of heater",
     }
-    silent = run.judged(record, answered("no gap", weighed(), suspected()))
+    silent = judged(record, answered("no gap", weighed(), suspected()))
     assert not silent.pop("acceptable") and set(silent.values()) == {"no gap", ""}
 
 
@@ -144,8 +145,8 @@ def test_a_study_is_given_what_the_owner_says(monkeypatch):
         return answered("recalibrate", weighed(input_gain=0.6), suspected())
 
     monkeypatch.setattr("bayes_greybox.missing_effects.find_missing_effects", find)
-    assert run.answer("quiet_cell")["acceptable"] is False
-    row = run.answer("different_people")
+    assert run.judged("quiet_cell")["acceptable"] is False
+    row = run.judged("different_people")
     (cell, train, settings), (drug, people, of_people) = calls
     assert cell.rows.interpolation == "zoh" and settings["catalogue"] == "battery" and not settings["settle"]
     assert len(train.time) == 490 and len(settings["test"].time) == 210 and "free_runs" not in settings
@@ -169,6 +170,6 @@ def test_the_run_counts_fields_and_a_refusal_is_not_acceptable(tmp_path, monkeyp
     }
     assert tables["records"].loc["heavy_car", "verdict"] == "refused: No path."
     assert json.loads((tmp_path / "summary.json").read_text())["cases"] == 2
-    assert list(run.show(tables)["Verdicts"].index) == ["thermal", "vehicle", "all"]
+    assert list(show(tables)["Verdicts"].index) == ["thermal", "vehicle", "all"]
     with pytest.raises(InputError, match="There is no record 'mouse'"):
         run.cases(Asked(tmp_path, only=["mouse"]))
