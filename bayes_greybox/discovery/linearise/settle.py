@@ -34,8 +34,8 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
     if near.names(near.likeliest) == near.names(near.weighed.before):
         return found
 
-    def again(point: Point) -> Visit:
-        other = _settled(source, point, odds, reach, seed, report)
+    def again(point: Point, beside: str) -> Visit:
+        other = _settled(source, point, odds, reach, seed, lambda text: report(f"{text}, beside {beside}"))
         # Evidences of different numbers of rows do not compare.
         alike = other.near.regressors.rows.n_row == near.regressors.rows.n_row
         return max(found, other, key=lambda visit: visit.near.log_evidence) if alike else found
@@ -48,10 +48,10 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
                 window = Window(frozenset(), near.weighed.prior, (), complete=True)
                 moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
             if not moved.keys() <= start.parameters.keys():
-                found = again(replace(start, parameters=moved))
+                found = again(replace(start, parameters=moved), "other parameters")
     if late := _late_alone(found.near, source, odds, reach, seed):
         with suppress(InputError, np.linalg.LinAlgError):
-            found = again(replace(start, sensors={**start.sensors, **late}))
+            found = again(replace(start, sensors={**start.sensors, **late}), "late channels")
     return found
 
 
