@@ -65,6 +65,9 @@ def _late_alone(near: Near, source: Source, odds: Odds, reach: Reach, seed: int)
     alone = followed_alone(start, source, odds, reach, seed, near.weighed.prior, rival) if delays else None
     if alone is None or alone.log_weight < rival - reach.window:
         return {}
+    # Evidences of different numbers of rows do not compare.
+    if alone.near.regressors.rows.n_row != near.regressors.rows.n_row:
+        return {}
     sensors = alone.near.point_of(alone.near.likeliest).sensors
     return {error: size for error, size in sensors.items() if error not in point.sensors}
 
