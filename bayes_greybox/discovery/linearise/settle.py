@@ -51,7 +51,10 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
                 found = again(replace(start, parameters=moved), "other parameters")
     if late := _late_alone(found.near, source, odds, reach, seed):
         with suppress(InputError, np.linalg.LinAlgError):
-            found = again(replace(start, sensors={**start.sensors, **late}), "late channels")
+            other = again(replace(start, sensors={**start.sensors, **late}), "late channels")
+            # What is likelier there without a delay is another linearisation of what was weighed before.
+            if {error.key for error in late}.intersection(other.near.names(other.near.likeliest)):
+                return other
     return found
 
 
