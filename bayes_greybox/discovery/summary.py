@@ -343,7 +343,7 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
         DELAY: [*rates, *([STATES] if inputs else []), *(states if len(states) > 1 else ()), *inputs],
         **dict.fromkeys((GAIN, OFFSET), [*rates, *states, *inputs]),
         DRIFT: rates,
-        # Noise of an input is weighed where nothing follows a path, which smooths it.
+        # Along a path the integration smooths an input's noise: it is weighed on rates and outputs only.
         NOISE: list(quiet_inputs(data)) if data.samples is None else [],
         **dict.fromkeys(bends.BEND_ERRORS, bending),
         LAG: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG),

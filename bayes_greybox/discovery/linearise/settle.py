@@ -26,8 +26,9 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
 
     Effects are tried beside the hidden states that parameters of the start give, and some at values that make up for
     these. So all are tried again beside those of the parameters that were found; where none has moved, beside those of
-    the corrections that close the gap best without an effect. And an effect that remembers is exact where it is tried,
-    a late channel only near its delay: all are tried again beside the delays that close the gap best without an effect.
+    the corrections that close the gap best without an effect. And the column of an effect with memory is exact from the
+    first try, that of a delay only near the right delay, which is at a disadvantage: so all are tried again beside the
+    delays that close the gap best by themselves.
     """
     found = _settled(source, start, odds, reach, seed, report)
     near = found.near
@@ -52,7 +53,7 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
     if late := _late_alone(found.near, source, odds, reach, seed):
         with suppress(InputError, np.linalg.LinAlgError):
             other = again(replace(start, sensors={**start.sensors, **late}), "late channels")
-            # What is likelier there without a delay is another linearisation of what was weighed before.
+            # If the likeliest there has none of these delays, it was weighed before, and only linearised elsewhere.
             if {error.key for error in late}.intersection(other.near.names(other.near.likeliest)):
                 return other
     return found

@@ -108,9 +108,9 @@ class _Standing:
     window: Window
 
     def from_one_to_the_next(self, near: Near, window: Window | None) -> tuple[Visit | None, list[float]]:
-        """Return rows near the first hypothesis that stands and was not flattered, from the likeliest on some rows on.
+        """Return rows near the first hypothesis that stands and has not lost a nat, and the gains on the way there.
 
-        With them come the gains of those that were followed.
+        The likeliest on the given rows is followed, then the likeliest on each new set of rows.
         """
         gains: list[float] = []
         followed: set[tuple[str, ...]] = set()

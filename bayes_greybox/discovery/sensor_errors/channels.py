@@ -8,8 +8,8 @@ A channel that is late by d, has a gain 1 + κ or an offset o is, to first order
     rate drift      o · (t − t̄) / range
 
 with G the whole modelled rate, the terms found missing so far included. G is followed by central differences along the
-measured path, so that any simulation serves. A delay is undone in the data and its column taken anew there, until it
-moves no more: the delay that is reported is not first order.
+measured path, one-sided where an input that jumps is moved, so that any simulation serves. A delay is undone in the
+data and its column taken anew there, until it moves no more: the delay that is reported is not first order.
 
 A rate that a filter computed has no sensor of its own. It is late, and reads too large, together with the samples that
 it was computed from and with all states S of the same sensor; a constant in the samples leaves the rate as it is:
@@ -101,7 +101,8 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     label, shift = data.target_label(equation), step / 4
     states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
     apart = tuple(name for name in states if name not in same_sensor)
-    # What leaps goes in lines from sample to sample, which bend at each: where it is late they go on to one side only.
+    # An input that jumps goes in straight lines, with a kink at each sample: the slope is that of the side to which a
+    # delay moves the channel.
     kinds = between_samples_of_runs([(data.time[r], data.matrix(inputs)[r]) for r in run_slices(data.run)])
     rough = {name for name, kind in zip(inputs, kinds, strict=True) if kind != "cubic"}
 
@@ -114,7 +115,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         return (ahead - G) / shift if rough & {*names} else (ahead - taken(names, -shift, False)) / (2 * shift)
 
     def earlier(names: tuple[str, ...]) -> np.ndarray:
-        """Return −dG/dd for channels taken d earlier to a late rate, and the clock with them, which may be in G."""
+        """Return the change of G per time by which channels are taken earlier to a late rate, with the clock in G."""
         behind = taken(names, -shift, True)
         return (behind - G) / shift if rough & {*names} else (behind - taken(names, shift, True)) / (2 * shift)
 
@@ -282,8 +283,9 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
     """Return states and inputs at later times.
 
-    States go on cubic splines through the samples of each run, inputs as a path takes them between their samples. After
-    a run these hold, before it they are at the level that they have most of the time, or hold where there is none.
+    States go on cubic splines through the samples of each run, and on beyond its ends. Inputs go as a path takes them
+    between their samples, and keep their last value after a run. Before it a smooth input keeps its first value; one
+    that jumps has the value of more than half of its samples, if there is one.
     """
     runs = run_slices(data.run)
     columns = {
