@@ -21,7 +21,7 @@ from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
 from .linearise.near import LARGEST_ERROR
 from .sensor_errors import bends
 from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
-from .sensor_errors.noisy_inputs import quiet_inputs
+from .sensor_errors.noisy_inputs import noisy_inputs
 from .study import StudyResult
 
 LEAST_CLOSED, SAME_MAP = 1e-4, 0.01
@@ -344,7 +344,7 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
         **dict.fromkeys((GAIN, OFFSET), [*rates, *states, *inputs]),
         DRIFT: rates,
         # Along a path the integration smooths an input's noise: it is weighed on rates and outputs only.
-        NOISE: list(quiet_inputs(data)) if data.samples is None else [],
+        NOISE: [error.channel for error in noisy_inputs(data)] if data.samples is None else [],
         **dict.fromkeys(bends.BEND_ERRORS, bending),
         LAG: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG),
     }

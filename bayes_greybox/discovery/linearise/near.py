@@ -269,12 +269,13 @@ def as_regressor(column: Column, gap: float) -> Regressor:
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip
-    limits = column.limits
+    limits, log_weight = column.limits, column.log_weight
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
-        # Noise has no sign.
-        limits = (0.0 if column.suspect.kind == NOISE else -limit, limit)
+        limits = (-limit, limit)
+        if column.suspect.kind == NOISE:
+            # Noise has no sign: all of its prior is above zero.
+            limits, log_weight = (0.0, limit), log_weight + math.log(2)
     return Regressor(
-        column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=column.log_weight,
-        limits=limits,
-    )  # fmt: skip
+        column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=log_weight, limits=limits
+    )

@@ -33,7 +33,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
 )
 from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
-from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, without_noise
+from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, noisy_inputs, without_noise
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
@@ -66,6 +66,7 @@ class RateRows(Source):
         self.late = late_states(smooth, simulation, noise)
         self._in_step = in_step(smooth, simulation, noise)
         self._measured = _earlier(smooth, self.late)
+        self._noisy = noisy_inputs(self._measured)
         self._out = (*self.clipped.values(), *self.misread.values(), *_beyond(train, self.late))
 
     def near(self, point: Point) -> Rows:
@@ -83,7 +84,10 @@ class RateRows(Source):
         regressors = regressors_of(model, data, self.equation, effects, point.values, whole=whole, kept=used)
         columns = []
         driven = _driven(model, self.equation, rate)
-        for error, column in (*suspect_columns(whole, self.equation, driven), *noise_columns(whole, driven)):
+        noisy = {error: x for error, x in self._noisy.items() if point.weighs(error.key)}
+        quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
+        noise = noise_columns(whole, quiet, noisy, driven)
+        for error, column in (*suspect_columns(whole, self.equation, driven), *noise):
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -131,8 +135,8 @@ class RateRows(Source):
         if self.equation in data.derivatives:
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
             out = (*_at_end(data, self.equation).values(), *slips.values())
-        moved = undone(_earlier(self._smooth(data), self.late), self.equation, delays)
-        right = calibrated(without_noise(moved, sensors), self.equation, sensors, clock)
+        quiet = without_noise(_earlier(self._smooth(data), self.late), sensors)
+        right = calibrated(undone(quiet, self.equation, delays), self.equation, sensors, clock)
         # Hidden states follow the right inputs, also where rows are left out.
         model = self.model.at(point.parameters).remembering(hidden, right)
         right = model.rows.complete(right, self.equation, model.simulator(right))

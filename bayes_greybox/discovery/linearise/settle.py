@@ -49,7 +49,9 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
                 window = Window(frozenset(), near.weighed.prior, (), complete=True)
                 moved = _through(weighed_on(source.near(replace(start, window=window)), odds, reach, seed), through)
             if not moved.keys() <= start.parameters.keys():
-                found = again(replace(start, parameters=moved), "other parameters")
+                before, elsewhere = found, replace(start, parameters=moved)
+                found = again(elsewhere, "other parameters")
+                start = start if found is before else elsewhere
     if late := _late_alone(found.near, source, odds, reach, seed):
         with suppress(InputError, np.linalg.LinAlgError):
             other = again(replace(start, sensors={**start.sensors, **late}), "late channels")
@@ -60,20 +62,23 @@ def settle(source: Source, start: Point, odds: Odds, reach: Reach, seed: int, re
 
 
 def _late_alone(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Sizes:
-    """Return the delays that may close a gap as well as the likeliest hypothesis, if an effect remembers there."""
+    """Return the delays that may close a gap as well as the likeliest hypothesis, if an effect remembers there.
+
+    They are those of samples: a delay of rates moves rows out of their run, and evidences do not compare.
+    """
     columns, point = near.regressors.columns, near.rows.point
-    if not any(effect.effect.hidden for i in near.likeliest.members if (effect := columns[i].effect) is not None):
+    effects = [columns[i].effect for i in near.likeliest.members]
+    remembers = any(effect.effect.hidden for effect in effects if effect is not None)
+    if not (remembers and near.rows.model.rows.follows_path):
         return {}
     delays = {c.suspect: 0.0 for c in columns if c.suspect is not None and c.suspect.kind == DELAY}
     rival, start = near.log_evidence, replace(point, added=(), sensors=delays)
     alone = followed_alone(start, source, odds, reach, seed, near.weighed.prior, rival) if delays else None
     if alone is None or alone.log_weight < rival - reach.window:
         return {}
-    # Evidences of different numbers of rows do not compare.
-    if alone.near.regressors.rows.n_row != near.regressors.rows.n_row:
-        return {}
     sensors = alone.near.point_of(alone.near.likeliest).sensors
-    return {error: size for error, size in sensors.items() if error not in point.sensors}
+    known = {error.key for error in point.sensors}
+    return sensors if any(error.key not in known for error in sensors) else {}
 
 
 def _through(near: Near, through: Collection[str]) -> dict[str, float]:

@@ -114,7 +114,9 @@ class _Standing:
         """
         gains: list[float] = []
         followed: set[tuple[str, ...]] = set()
-        while near.likeliest.complete and near.names(near.likeliest) not in followed:
+        for _ in range(MOST_OUTER_ITERATIONS):
+            if not near.likeliest.complete or near.names(near.likeliest) in followed:
+                break
             followed.add(near.names(near.likeliest))
             visit = self.step(near, window)
             if visit is None:

@@ -8,7 +8,7 @@ A channel that is late by d, has a gain 1 + κ or an offset o is, to first order
     rate drift      o · (t − t̄) / range
 
 with G the whole modelled rate, the terms found missing so far included. G is followed by central differences along the
-measured path, one-sided where an input that jumps is moved, so that any simulation serves. A delay is undone in the
+measured path, one-sided beside a leap of an input, so that any simulation serves. A delay is undone in the
 data and its column taken anew there, until it moves no more: the delay that is reported is not first order.
 
 A rate that a filter computed has no sensor of its own. It is late, and reads too large, together with the samples that
@@ -28,9 +28,10 @@ from jaxtyping import Bool, Float
 from scipy.interpolate import CubicSpline
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.integration.adaptive_steps import between_samples, between_samples_of_runs
+from bayes_greybox.physics.integration.adaptive_steps import between_samples
 
 from .bends import BEND_ERRORS, BEND_POWERS, Curve
+from .leaps import beside_leaps
 
 DELAY, GAIN, OFFSET, DRIFT, NOISE = ("delay", "gain", "offset", "drift", "noise")
 
@@ -101,23 +102,34 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     label, shift = data.target_label(equation), step / 4
     states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
     apart = tuple(name for name in states if name not in same_sensor)
-    # An input that jumps goes in straight lines, with a kink at each sample: the slope is that of the side to which a
-    # delay moves the channel.
-    kinds = between_samples_of_runs([(data.time[r], data.matrix(inputs)[r]) for r in run_slices(data.run)])
-    rough = {name for name, kind in zip(inputs, kinds, strict=True) if kind != "cubic"}
 
     def taken(names: tuple[str, ...], by: float, clock: bool) -> np.ndarray:
         return rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0))
 
+    def along(names: tuple[str, ...], clock: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Return dG/dd for channels taken d later, for d above and below zero, and the clock with them if it is in G.
+
+        An input that leaps goes in straight lines, with a kink at each sample: beside a leap the two differ.
+        """
+        ahead, behind = (taken(names, by, clock) for by in (shift, -shift))
+        kinks = np.any([_kinks(data, name) for name in names if name in inputs] or [np.zeros(data.n_obs, bool)], axis=0)
+        both = (ahead - behind) / (2 * shift)
+        return np.where(kinks, (ahead - G) / shift, both), np.where(kinks, (G - behind) / shift, both)
+
+    def asked_for(late: np.ndarray, early: np.ndarray) -> np.ndarray:
+        """Return the column of a delay above zero or of one below, whichever explains more of what G lacks."""
+        lacking, columns = data.rate(equation) - G, (late, -early)
+        gains = [max(float(lacking @ each), 0.0) ** 2 / max(float(each @ each), 1e-300) for each in columns]
+        return late if gains[0] >= gains[1] else early
+
     def later(names: tuple[str, ...]) -> np.ndarray:
-        """Return dG/dd for channels taken d later, as late ones have to be."""
-        ahead = taken(names, shift, False)
-        return (ahead - G) / shift if rough & {*names} else (ahead - taken(names, -shift, False)) / (2 * shift)
+        """Return the column of channels that are late: they have to be taken later."""
+        return asked_for(*along(names))
 
     def earlier(names: tuple[str, ...]) -> np.ndarray:
-        """Return the change of G per time by which channels are taken earlier to a late rate, with the clock in G."""
-        behind = taken(names, -shift, True)
-        return (behind - G) / shift if rough & {*names} else (behind - taken(names, shift, True)) / (2 * shift)
+        """Return the column of a late rate: channels, and the clock where it is in G, have to be taken earlier."""
+        above, below = along(names, clock=True)
+        return asked_for(-below, -above)
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
@@ -284,16 +296,16 @@ def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) 
     """Return states and inputs at later times.
 
     States go on cubic splines through the samples of each run, and on beyond its ends. Inputs go as a path takes them
-    between their samples, and keep their last value after a run. Before it a smooth input keeps its first value; one
-    that jumps has the value of more than half of its samples, if there is one.
+    between their samples, and keep their last value after a run. Before it they keep the first; but one that jumps has
+    the value of more than half of its samples, if that is nearer to zero and nothing was cut off before.
     """
-    runs = run_slices(data.run)
-    columns = {
-        name: np.concatenate([at_later(data.time[rows], data.column(name)[rows], by) for rows in runs])
-        for name, by in later.items()
-        if by != 0.0
-        for at_later in [_driven_later if name in data.inputs else _later]
-    }
+    columns, first = {}, data.before is None
+    for name, by in later.items():
+        parts = [(data.time[rows], data.column(name)[rows]) for rows in run_slices(data.run)]
+        if by != 0.0 and name in data.inputs:
+            columns[name] = np.concatenate([_driven_later(t, u, by, first) for t, u in parts])
+        elif by != 0.0:
+            columns[name] = np.concatenate([_later(t, x, by) for t, x in parts])
     return replace(with_columns(data, columns), time=data.time + clock)
 
 
@@ -318,16 +330,23 @@ def _sensor(data: Trajectories, state: str) -> str:
     return data.filter.source(state) if data.filter is not None else state
 
 
-def _driven_later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:
+def _kinks(data: Trajectories, name: str) -> Bool[np.ndarray, " n_obs"]:
+    """Return true for samples beside a leap of an input, where that goes in lines."""
+    parts = [(data.time[rows], data.inputs[name][rows]) for rows in run_slices(data.run)]
+    return np.concatenate([beside_leaps(u) & (between_samples(t, u[:, None]) != ("cubic",)) for t, u in parts])
+
+
+def _driven_later(time: np.ndarray, values: np.ndarray, by: float, first: bool) -> np.ndarray:
     at = time + by
     (kind,) = between_samples(time, values[:, None])
     if kind == "cubic":
         return CubicSpline(time, values)(np.clip(at, time[0], time[-1]))
     levels, count = np.unique(values, return_counts=True)
-    # A pump that stands still for most of a run stood still before it, too.
-    rest = levels[np.argmax(count)] if 2 * np.max(count) > len(values) else values[0]
+    common = levels[np.argmax(count)]
+    # A pump that stands still for most of a run stood still before it, too; one that works may have begun with it.
+    rests = first and 2 * np.max(count) > len(values) and abs(common) < abs(values[0])
     before = time[0] - np.median(np.diff(time)) if len(time) > 1 else time[0]
-    return np.interp(at, [before, *time], [rest, *values])
+    return np.interp(at, [before, *time], [common if rests else values[0], *values])
 
 
 def _later(time: np.ndarray, values: np.ndarray, by: float) -> np.ndarray:

@@ -6,58 +6,72 @@ its leaps, and the column of an error is ∂G/∂u (ũ − u) over the RMS of ũ
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from bayes_greybox.data.samples.sample_noise import OUTLYING, sample_noise
+from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
-from .channels import NOISE, ChannelSuspect, ErrorColumns, Rate, Sizes, run_slices, slope_along, with_column
+from .channels import (
+    NOISE,
+    ChannelSuspect,
+    ErrorColumns,
+    Rate,
+    Sizes,
+    run_slices,
+    slope_along,
+    with_column,
+    with_columns,
+)
+from .leaps import leaps
 from .samples import LARGEST_NOISE, Smoothed, smooth
 
 DEGREES = (0, 1, 2)
 """Degrees of the polynomials that a piece between two leaps may be."""
 
-
-def noise_columns(data: Trajectories, rate: Rate) -> ErrorColumns:
-    """Return the noise of each input that looks noisy, with its column: the change of the rate per unit of noise."""
-    columns = []
-    for name, smooth_input in quiet_inputs(data).items():
-        away = smooth_input - data.column(name)
-        size = float(np.sqrt(np.mean(away**2)))
-        if size > 0:
-            columns.append((ChannelSuspect(NOISE, name, size), slope_along(data, rate, name, away / size)))
-    return with_column(columns)
+Quiet = Mapping[ChannelSuspect, Float[np.ndarray, " n_obs"]]
+"""Inputs without their noise, by that noise, whose prior standard deviation is the RMS of what smoothing takes off."""
 
 
-def without_noise(data: Trajectories, sizes: Sizes) -> Trajectories:
-    """Return the data with the noise taken off inputs, as large a share of it as was found on the training data."""
-    shares = {error.channel: np.clip(size / error.sd, 0.0, 1.0) for error, size in sizes.items() if error.kind == NOISE}
-    if not shares:
-        return data
-    quiet = quiet_inputs(data)
-    moved = {name: x + share * (quiet.get(name, x) - x) for name, share in shares.items() for x in [data.column(name)]}
-    return replace(data, inputs={**data.inputs, **moved})
-
-
-def quiet_inputs(data: Trajectories) -> Mapping[str, Float[np.ndarray, " n_obs"]]:
+def noisy_inputs(data: Trajectories) -> Quiet:
     """Return the inputs whose samples show white noise, smoothed between their leaps."""
     names, found = data.input_names, {}
     noise = sample_noise(data.time, data.matrix(names), data.run_lengths)
     for name, s in zip(names, noise.tolist(), strict=True):
-        u = data.column(name)
-        if 0 < s < LARGEST_NOISE * np.std(u):
-            found[name] = np.concatenate([_quiet(data.time[rows], u[rows], s) for rows in run_slices(data.run)])
+        if 0 < s < LARGEST_NOISE * np.std(data.column(name)):
+            quiet = _quiet(data, name, s)
+            size = float(np.sqrt(np.mean((quiet - data.column(name)) ** 2)))
+            if size > 0:
+                found[ChannelSuspect(NOISE, name, size)] = quiet
     return found
 
 
-def _quiet(time: np.ndarray, values: np.ndarray, s: float) -> np.ndarray:
-    """Return samples of one run, smoothed between leaps: steps that noise of standard deviation s does not make."""
-    leaps = np.flatnonzero(np.abs(np.diff(values)) > OUTLYING * np.sqrt(2) * s) + 1
-    pieces = zip(np.split(time, leaps), np.split(values, leaps), strict=True)
-    return np.concatenate([_smoothed(t, u, s) for t, u in pieces])
+def noise_columns(data: Trajectories, quiet: Trajectories, errors: Quiet, rate: Rate) -> ErrorColumns:
+    """Return the noise of inputs with its columns, the change of the rate per unit of noise; `quiet` is without any."""
+    away = {error: (quiet.column(error.channel) - data.column(error.channel)) / error.sd for error in errors}
+    moved = {error: each for error, each in away.items() if np.any(each != 0)}
+    return with_column([(error, slope_along(data, rate, error.channel, each)) for error, each in moved.items()])
+
+
+def without_noise(data: Trajectories, sizes: Sizes) -> Trajectories:
+    """Return the data with the noise taken off inputs, as large a share of it as was found on the training data."""
+    moved = {}
+    for error, size in sizes.items():
+        if error.kind == NOISE:
+            values, share = data.column(error.channel), np.clip(size / error.sd, 0.0, 1.0)
+            moved[error.channel] = values + share * (_quiet(data, error.channel, error.sd) - values)
+    return with_columns(data, moved) if moved else data
+
+
+def _quiet(data: Trajectories, name: str, s: float) -> np.ndarray:
+    """Return an input with noise of standard deviation s, smoothed between leaps."""
+    pieces = []
+    for rows in run_slices(data.run):
+        time, values = data.time[rows], data.column(name)[rows]
+        at = np.flatnonzero(leaps(values)) + 1
+        pieces += [_smoothed(t, u, s) for t, u in zip(np.split(time, at), np.split(values, at), strict=True)]
+    return np.concatenate(pieces)
 
 
 def _smoothed(time: np.ndarray, values: np.ndarray, s: float) -> np.ndarray:

@@ -268,13 +268,47 @@ def test_behind_a_leap_a_late_channel_is_no_straight_line_but_its_column_is_exac
     np.testing.assert_allclose(undone(data, "V", {"V": STEP}).inputs["i"], before, atol=1e-12)
 
 
-@pytest.mark.parametrize("on, before", [(5, 0.0), (30, 4.0)])
-def test_before_a_run_an_input_is_as_most_of_the_time(on, before):
-    """A dose at the start of a record is the first; a heater that is on at the start of most of it may have been on."""
+@pytest.mark.parametrize("samples", [-1.0, -0.4, 0.4, 1.0])
+def test_a_switched_input_that_is_late_or_early_has_its_column_beside_a_state(samples):
+    """A recorded command that acts later is an input that is early; the rate is of a state, too."""
+    t, d = STEP * np.arange(400), samples * STEP
+    command = np.repeat(np.random.default_rng(0).integers(-2, 4, 20), 20) * 1.0
+    true = shifted(Trajectories.from_arrays(t, states={"x": t}, inputs={"u": command}), {"u": d}).inputs["u"]
+    state = np.sin(0.7 * t)
+    measured = 2.0 * true - 0.3 * state
+    data = Trajectories.from_arrays(t, states={"x": state}, inputs={"u": command}, derivatives={"x": measured})
+    found = suspect_columns(data, "x", lambda at: 2.0 * at.inputs["u"] - 0.3 * at.states["x"])
+    column = {error.key: column for error, column in found}["delay of u"]
+    lacking = measured - 2.0 * command + 0.3 * state
+    np.testing.assert_allclose(d * column[1:-1], lacking[1:-1], atol=1e-12)
+
+
+def test_noise_of_an_input_is_no_delay():
+    """Half a sample in lines is the mean of two neighbours, which has less noise: beside no leap both sides count."""
+    t, noise = STEP * np.arange(400), np.random.default_rng(1).standard_normal(400)
+    inputs, rates = {"u": 1.0 + 0.1 * noise}, {"x": np.ones(400)}
+    data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, inputs=inputs, derivatives=rates)
+    found = {error.key: column for error, column in suspect_columns(data, "x", lambda at: at.inputs["u"])}
+    column, lacking = found["delay of u"], 1.0 - data.inputs["u"]
+    # Of 400 samples a correlation of white noise has a standard deviation of 0.05.
+    assert abs(lacking @ column) / np.sqrt((lacking @ lacking) * (column @ column)) < 0.2
+
+
+@pytest.mark.parametrize(("levels", "before"), [((4.0, 5, 0.0), 0.0), ((4.0, 30, 0.0), 4.0), ((0.0, 5, 4.0), 0.0)])
+def test_before_a_run_an_input_may_rest(levels, before):
+    """A dose at the start of a record is the first; a heater that is on at the start of most of it may have been on.
+
+    And a step that follows rest is preceded by rest.
+    """
+    first, on, then = levels
     t, late = STEP * np.arange(40), -1.5 * STEP
-    data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, inputs={"u": np.where(np.arange(40) < on, 4.0, 0.0)})
+    values = np.where(np.arange(40) < on, first, then)
+    data = Trajectories.from_arrays(t, states={"x": np.sin(t)}, inputs={"u": values})
     moved = shifted(data, {"u": late}).inputs["u"]
-    np.testing.assert_allclose(moved[:3], [before, 0.5 * (before + 4.0), 4.0], atol=1e-12)
+    np.testing.assert_allclose(moved[:3], [before, 0.5 * (before + first), first], atol=1e-12)
+    # What was cut off before a held-out part is no rest.
+    cut = replace(data, before=data)
+    assert shifted(cut, {"u": late}).inputs["u"][0] == first
 
 
 # Rates that a filter computed

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.channels import NOISE, ChannelSuspect
-from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, quiet_inputs, without_noise
+from bayes_greybox.discovery.sensor_errors.channels import with_columns
+from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, noisy_inputs, without_noise
 
 N, NOISE_SD = 400, 0.05
 T = 0.5 * np.arange(N)
@@ -22,23 +22,40 @@ def rate(data):
     return -3.0 * data.inputs["i"] ** 2 - data.states["x"]
 
 
+def quiet(data):
+    (values,) = noisy_inputs(data).values()
+    return values
+
+
+def columns_of(data):
+    errors = noisy_inputs(data)
+    without = with_columns(data, {error.channel: x for error, x in errors.items()})
+    return noise_columns(data, without, errors, rate)
+
+
 @pytest.mark.parametrize("true", [SWITCHED, SMOOTH], ids=["switched", "smooth"])
 def test_noise_is_taken_off_between_leaps(true):
     """Of 20 samples between leaps a mean leaves the noise over √20; of a slow wave less is left."""
-    left = quiet_inputs(data_of(i=true + E))["i"] - true
+    left = quiet(data_of(i=true + E)) - true
     assert np.sqrt(np.mean(left**2)) < 1.6 * NOISE_SD / np.sqrt(20)
+
+
+def test_the_steps_of_a_wave_are_no_leaps_though_they_are_larger_than_the_noise():
+    """40 samples a period, and steps of up to 16 standard deviations of the noise."""
+    true = np.sin(2 * np.pi * np.arange(N) / 40)
+    left = quiet(data_of(i=true + 0.2 * E)) - true
+    assert np.sqrt(np.mean(left**2)) < 0.7 * 0.2 * NOISE_SD
 
 
 def test_what_shows_no_noise_is_not_smoothed():
     """Switches, waves, and what is another value at every sample, which nobody can tell from noise."""
     random = np.random.default_rng(3).standard_normal(N)
-    assert not quiet_inputs(data_of(i=SWITCHED, s=SMOOTH, r=random))
-    assert not noise_columns(data_of(i=SWITCHED), rate)
+    assert not noisy_inputs(data_of(i=SWITCHED, s=SMOOTH, r=random))
 
 
 def test_the_column_is_the_rate_that_the_machine_does_not_feel_per_unit_of_noise():
     measured = data_of(i=SMOOTH + E)
-    ((error, column),) = noise_columns(measured, rate)
+    ((error, column),) = columns_of(measured)
     assert error.key == "noise of i" and error.sd == pytest.approx(NOISE_SD, rel=0.1)
     away = rate(data_of(i=SMOOTH)) - rate(measured)
     # The column is the tangent: squares of the noise are left, and what smoothing leaves.
@@ -47,11 +64,14 @@ def test_the_column_is_the_rate_that_the_machine_does_not_feel_per_unit_of_noise
 
 
 def test_as_much_is_taken_off_as_was_found():
-    measured, quiet = data_of(i=SMOOTH + E), quiet_inputs(data_of(i=SMOOTH + E))["i"]
-    for size, share in ((0.05, 1.0), (0.025, 0.5), (-0.1, 0.0), (0.2, 1.0)):
-        found = without_noise(measured, {ChannelSuspect(NOISE, "i", 0.05): size}).inputs["i"]
-        np.testing.assert_allclose(found, measured.inputs["i"] + share * (quiet - measured.inputs["i"]), atol=1e-12)
+    measured = data_of(i=SMOOTH + E)
+    ((error, smooth),) = noisy_inputs(measured).items()
+    for share, taken in ((1.0, 1.0), (0.5, 0.5), (-2.0, 0.0), (4.0, 1.0)):
+        found = without_noise(measured, {error: share * error.sd}).inputs["i"]
+        wanted = measured.inputs["i"] + taken * (smooth - measured.inputs["i"])
+        # It is smoothed as noise of the size that was taken off is, a little less than all of it.
+        np.testing.assert_allclose(found, wanted, atol=0.1 * NOISE_SD)
     assert without_noise(measured, {}) is measured
-    # Other data of the same sensor may show none.
-    exact = data_of(i=SWITCHED)
-    np.testing.assert_array_equal(without_noise(exact, {ChannelSuspect(NOISE, "i", 0.05): 0.05}).inputs["i"], SWITCHED)
+    # The same sensor has its noise beside one level, too, where nothing else shows what noise is.
+    level = without_noise(data_of(i=1.0 + E), {error: error.sd}).inputs["i"]
+    assert np.sqrt(np.mean((level - 1.0) ** 2)) < 0.3 * NOISE_SD
