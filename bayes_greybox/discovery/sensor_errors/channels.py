@@ -112,9 +112,9 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         An input that leaps goes in straight lines, with a kink at each sample: beside a leap the two differ.
         """
         ahead, behind = (taken(names, by, clock) for by in (shift, -shift))
-        kinks = np.any([_kinks(data, name) for name in names if name in inputs] or [np.zeros(data.n_obs, bool)], axis=0)
+        bent = np.any([kinks[name] for name in names if name in kinks], axis=0)
         both = (ahead - behind) / (2 * shift)
-        return np.where(kinks, (ahead - G) / shift, both), np.where(kinks, (G - behind) / shift, both)
+        return np.where(bent, (ahead - G) / shift, both), np.where(bent, (G - behind) / shift, both)
 
     def asked_for(late: np.ndarray, early: np.ndarray) -> np.ndarray:
         """Return the column of a delay above zero or of one below, whichever explains more of what G lacks."""
@@ -137,7 +137,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     def zero(name: str) -> tuple[ChannelSuspect, np.ndarray]:
         return zero_error(data, name), -slope(name, ones)
 
-    G, ones = rate(data), np.ones(data.n_obs)
+    G, ones, kinks = rate(data), np.ones(data.n_obs), {name: _kinks(data, name) for name in inputs}
     if same_sensor:
         sensor = same_sensor[0]
         columns = [(delay_error(u, step), later((u,))) for u in inputs]

@@ -7,7 +7,8 @@ from bayes_greybox.data.samples.sample_noise import OUTLYING
 from bayes_greybox.discovery.grid.latent_force import MEDIAN_ABSOLUTE_NORMAL
 
 NEIGHBOURS, ROUNDING = 2, 1e-9
-"""Steps on either side that a step is compared with; share of the range below which a difference of steps is none."""
+"""Steps on either side that a step is compared with: the fewest whose median another leap among them does not move.
+And the share of the range below which a difference of steps is the rounding of a file."""
 
 
 def leaps(values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n_step"]:
@@ -28,7 +29,5 @@ def leaps(values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n_step"]:
 
 def beside_leaps(values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
     """Return true for the samples before and after a leap."""
-    there = np.zeros(len(values), bool)
-    there[:-1] |= leaps(values)
-    there[1:] |= leaps(values)
-    return there
+    found = leaps(values)
+    return np.append(found, False) | np.append(False, found)

@@ -28,7 +28,8 @@ from .leaps import leaps
 from .samples import LARGEST_NOISE, Smoothed, smooth
 
 DEGREES = (0, 1, 2)
-"""Degrees of the polynomials that a piece between two leaps may be."""
+"""Degrees of the polynomials that a piece between two leaps may be, of which the estimated risk chooses; a piece with
+more bends is for the smoother."""
 
 Quiet = Mapping[ChannelSuspect, Float[np.ndarray, " n_obs"]]
 """Inputs without their noise, by that noise, whose prior standard deviation is the RMS of what smoothing takes off."""

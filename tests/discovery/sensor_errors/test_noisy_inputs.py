@@ -35,7 +35,7 @@ def columns_of(data):
 
 @pytest.mark.parametrize("true", [SWITCHED, SMOOTH], ids=["switched", "smooth"])
 def test_noise_is_taken_off_between_leaps(true):
-    """Of 20 samples between leaps a mean leaves the noise over √20; of a slow wave less is left."""
+    """A mean of 20 samples between leaps leaves the noise over √20, a smooth slow wave less."""
     left = quiet(data_of(i=true + E)) - true
     assert np.sqrt(np.mean(left**2)) < 1.6 * NOISE_SD / np.sqrt(20)
 
