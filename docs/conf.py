@@ -20,9 +20,9 @@ extensions = [
     "sphinx.ext.intersphinx",
     "sphinx.ext.napoleon",
     "myst_nb",
-    "sphinx_gallery.gen_gallery",
     "mathml",
     "catalogue_pages",
+    "gallery_pages",
     "outside",
     "public_names",
 ]
@@ -31,10 +31,6 @@ exclude_patterns = [
     "_ext",
     "inventories",
     "gallery",
-    # What the gallery leaves beside its pages.
-    *(f"generated/gallery/*.{end}" for end in ("ipynb", "py", "zip")),
-    "**/sg_execution_times.rst",
-    "sg_execution_times.rst",
 ]
 
 # Notebooks show the outputs that they were stored with.
@@ -78,19 +74,6 @@ intersphinx_mapping = {
     if (DOCS / "inventories" / f"{name}.inv").is_file()
 }
 intersphinx_disabled_reftypes = ["std:*"]
-
-# Scripts of the gallery are run as the site is built: they integrate formulas, which takes seconds.
-sphinx_gallery_conf = {
-    "examples_dirs": "gallery",
-    "gallery_dirs": "generated/gallery",
-    "filename_pattern": r"\.py$",
-    "download_all_examples": False,
-    "show_signature": False,
-    "capture_repr": (),
-    "min_reported_time": 60,
-    "thumbnail_size": (900, 320),
-    "abort_on_example_error": True,
-}
 
 html_theme = "pydata_sphinx_theme"
 html_title = "bayes_greybox"

@@ -18,9 +18,9 @@ def test_the_python_blocks_of_readme_run(tmp_path, monkeypatch):
     assert blocks
     shutil.copytree(ROOT / "configs", tmp_path / "configs")
     # The picture of README is drawn from the study that its last block makes.
-    script = ROOT / "docs" / "what_it_does.py"
+    script = ROOT / "docs" / "draw_gallery.py"
     drawn = f"import pathlib, runpy\ndrawer = runpy.run_path({str(script)!r})\n"
-    drawn += "drawer['save'](drawer['picture'](study), pathlib.Path('picture.png'))"
+    drawn += "drawer['save'](bg.plots.overview(study, wide=False), pathlib.Path('picture.png'))"
     code = "\n".join([*blocks, drawn])
     # Its fits are longer than those of tests: what is saved to compile them is lost twice over as they sample.
     monkeypatch.delenv("JAX_DISABLE_MOST_OPTIMIZATIONS", raising=False)

@@ -49,6 +49,38 @@ def test_every_howto_is_reached_from_the_questions():
     assert pages == set(re.findall(r"\]\((\w+\.md)\)", index))
 
 
+GALLERY = sorted((DOCS / "gallery").glob("*.py"))
+
+
+def test_the_gallery_has_examples_of_verdicts_with_their_pictures():
+    import gallery_pages
+
+    examples = [gallery_pages.example(script) for script in GALLERY]
+    assert len(examples) >= 12
+    assert {each.verdict for each in examples} >= set(gallery_pages.VERDICTS) - {"partly named"}
+    shown = gallery_pages.index(examples)
+    for each in examples:
+        assert (DOCS / "gallery" / f"{each.name}.png").is_file() and f"{each.name}.md" in shown
+        text = gallery_pages.page(each)
+        assert text.startswith(f"# {each.title}\n") and each.output in text
+        # What is on the page is the whole script.
+        assert each.code.startswith("import ") and "study = bg.find_missing_effects(" in each.code
+        assert max(map(len, text.splitlines())) <= 92
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", GALLERY, ids=lambda script: script.stem)
+def test_the_gallery_says_what_the_studies_of_today_say(script):
+    from bayes_greybox.data.datasets import dataset_table
+
+    sys.path.append(str(DOCS))
+    drawer = pytest.importorskip("draw_gallery")
+    needed = set(re.findall(r'load_dataset\("(\w+)"', script.read_text(encoding="utf-8")))
+    if not all(dataset_table().loc[sorted(needed), "found"]):
+        pytest.skip("BAYES_GREYBOX_DATA names no folder with the measured record")
+    assert drawer.said(drawer.study_of(script.stem)) == script.with_suffix(".txt").read_text(encoding="utf-8")
+
+
 @pytest.mark.slow
 def test_start_here_leads_to_the_verdict_that_it_shows(tmp_path):
     text = (DOCS / "start.md").read_text(encoding="utf-8")

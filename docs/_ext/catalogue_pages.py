@@ -14,14 +14,15 @@ FOLDER = "generated/catalogue"
 def write(folder: Path) -> None:
     """Write all pages and pictures; what is there and the same already keeps its date."""
     folder.mkdir(parents=True, exist_ok=True)
-    _keep(folder / "index.md", index())
+    keep(folder / "index.md", index())
     for domain in DOMAINS:
-        _keep(folder / f"{domain}.md", page(domain))
+        keep(folder / f"{domain}.md", page(domain))
         for effect in load_catalogue(domain):
             save_picture(effect, folder / f"{domain}-{effect.slug}.svg")
 
 
-def _keep(path: Path, text: str) -> None:
+def keep(path: Path, text: str) -> None:
+    """Write a page unless it is there already, with the same text."""
     if not path.exists() or path.read_text(encoding="utf-8") != text:
         path.write_text(text, encoding="utf-8")
 

@@ -68,19 +68,23 @@ def _range(inner: InnerParameter) -> str:
 
 
 def index() -> str:
-    """The text of the page that lists the catalogues."""
-    rows = [f"| [{domain}]({domain}.md) | {len(load_catalogue(domain))} | {text} |" for domain, text in DOMAINS.items()]
-    return "\n".join(
-        [
-            "# The catalogue\n",
-            'What a study can name. `bg.catalogue()` has the same as a table, `bg.catalogue(search="friction")`',
-            'searches it, and `catalogue=` of `bg.find_missing_effects` takes the name of one of these, `"all"`, or',
-            "[a file of your own](/howto/memory.md).\n",
-            "| catalogue | effects | |",
-            "|---|---|---|",
-            *rows,
-            "\n```{toctree}\n:hidden:\n",
-            *DOMAINS,
-            "```\n",
-        ]
-    )
+    """The text of the page that lists the catalogues: the picture of each effect, by catalogue."""
+    lead = [
+        "# The catalogue\n",
+        'What a study can name. `bg.catalogue()` has the same as a table, `bg.catalogue(search="friction")`',
+        'searches it, and `catalogue=` of `bg.find_missing_effects` takes the name of one of these, `"all"`, or',
+        "[a file of your own](/howto/memory.md).",
+    ]
+    toctree = "\n".join(["```{toctree}", ":hidden:\n", *DOMAINS, "```\n"])
+    return "\n\n".join(["\n".join(lead), *map(_thumbnails, DOMAINS), toctree])
+
+
+def _thumbnails(domain: str) -> str:
+    effects = load_catalogue(domain)
+    heading = f"## [{domain.capitalize()}]({domain}.md)\n\n{len(effects)} effects. {DOMAINS[domain]}"
+    pictures = [
+        f"```{{figure}} {domain}-{effect.slug}.svg\n:target: {domain}.html#effect-{domain}-{effect.slug}\n"
+        f":class: dark-light\n:alt: The formula of {effect.name} drawn.\n\n{effect.name}\n```"
+        for effect in effects
+    ]
+    return "\n\n".join([heading, ":::{container} thumbnails", *pictures, ":::"])

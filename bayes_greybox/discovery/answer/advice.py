@@ -41,7 +41,8 @@ def how_to_tell_apart(tied: Sequence[tuple[Term, float]], sigma: float, data: Tr
             apart = max(float(np.max(np.abs(first - other))) for other in others)
             if np.isfinite(apart) and apart > DIFFERING * sigma:
                 unit = f" {unit_text(data.unit(name))}" if unit_text(data.unit(name)) else ""
-                options.append((reach, f"measure up to |{name}| = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
+                shown = f"|{name}|" if low < 0 else name
+                options.append((reach, f"measure up to {shown} = {reach * top:.3g}{unit} (the data reach {top:.3g})"))
                 break
     if not options:
         return MORE_DATA

@@ -34,7 +34,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
 from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, noisy_inputs, without_noise
-from bayes_greybox.discovery.sensor_errors.samples import Smoother, known_rates, misread
+from bayes_greybox.discovery.sensor_errors.samples import Smoother, integrated, known_rates, misread
 from bayes_greybox.model.assemble import with_rounding
 from bayes_greybox.model.program import Program
 from bayes_greybox.physics.catalogue.effects import BoundEffect
@@ -56,7 +56,7 @@ class RateRows(Source):
     def __init__(self, model: Program, train: Trajectories, equation: str, effects: Sequence[BoundEffect]) -> None:
         super().__init__(model, train, equation, effects)
         simulation = model.simulator(train)
-        self._smooth = Smoother(train, known_rates(simulation, train))
+        self._smooth = Smoother(train, known_rates(simulation, train), integrated(simulation, train))
         self.sample_noise = self._smooth.noise
         self._bare = modelled_rate(model, train, equation, ())
         self.clipped = _at_end(train, equation)

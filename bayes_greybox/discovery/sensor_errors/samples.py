@@ -24,7 +24,11 @@ from .channels import run_slices
 
 LARGEST_NOISE, BORNE_OUT, FEWEST_SMOOTHED = 0.3, 0.65, 30
 """Largest noise over a state's standard deviation: rows in no order in time look like noise alone; least departure of
-steps from their rate, over √2 s, that bears the noise s out; samples of a run below which nothing is smoothed."""
+steps from their rate, over what noise s makes of them, that bears the noise out; samples of a run below which nothing
+is smoothed."""
+
+INTEGRAL_GAIN = 0.811476
+"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
@@ -51,21 +55,28 @@ class SampleNoise:
 class Smoother:
     """Frees states of white noise on their samples, in the training data and in other data of the same sensors.
 
-    A cubic smoothing spline, applied twice, in runs of even step. A fast motion that is sampled coarsely may look like
-    white noise: noise of standard deviation s makes a step from sample to sample depart from the integral of the rate
-    by √2 s, and a motion does not. States whose rate does not bear the noise out stay as they are.
+    A cubic smoothing spline, applied twice, in runs of even step. A fast motion that is sampled coarsely, or one with
+    kinks, may look like white noise: noise of standard deviation s makes a step from sample to sample depart from the
+    integral of the rate by √2 s, and makes the state that it is the rate of depart from its integral by
+    `INTEGRAL_GAIN` h s, with h the step; a motion does not. States whose noise is not borne out so stay as they are.
 
     Args:
         train: Training data.
         rates: Rates of states at the samples, measured or known; the noise of states without one is believed.
+        rate_of: State that each state is the rate of, as a speed is that of a position.
 
     Attributes:
         noise: Noise by state; empty where no state shows any, or where nothing can be smoothed.
     """
 
-    def __init__(self, train: Trajectories, rates: Mapping[str, Float[np.ndarray, " n_obs"]]) -> None:
+    def __init__(
+        self,
+        train: Trajectories,
+        rates: Mapping[str, Float[np.ndarray, " n_obs"]],
+        rate_of: Mapping[str, str] | None = None,
+    ) -> None:
         self._train = train
-        self._sd = _noise_of(train, rates)
+        self._sd = _noise_of(train, rates, rate_of or {})
         self._smooth, self.noise = self._smoothed(train)
 
     def __call__(self, data: Trajectories) -> Trajectories:
@@ -87,6 +98,11 @@ def known_rates(simulation: Simulation, data: Trajectories) -> dict[str, Float[n
     """Return the rates of states that are measured, or that are another state."""
     kinematic = {name: simulation.on(data, name) for name in data.state_names if simulation.kinematic(name)}
     return {**kinematic, **data.derivatives}
+
+
+def integrated(simulation: Simulation, data: Trajectories) -> dict[str, str]:
+    """Return the state that each state is the rate of, by the name of the rate."""
+    return {rate: name for name in data.state_names if (rate := simulation.rate_name(name)) is not None}
 
 
 def misread(
@@ -140,8 +156,8 @@ def _away(x: np.ndarray, leap: np.ndarray) -> np.ndarray:
     return away & (np.min(side[:, None] * leap, axis=1) > 0)
 
 
-def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, float]:
-    """Return the noise on the samples of each state that has some, and whose rate bears it out.
+def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray], rate_of: Mapping[str, str]) -> dict[str, float]:
+    """Return the noise on the samples of each state that has some, and that rates and integrals bear out.
 
     A filter that computed the rates has smoothed the states too, and its rows know the noise that is left.
     """
@@ -149,18 +165,25 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray]) -> dict[str, 
         return {}
     sds = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
     runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 3]
+    step = float(np.median(np.diff(data.time)))
+    known = [name for name in data.states if name in rates] if runs else []
+    departure = {name: _departure(data, name, rates[name], runs) for name in known}
     believed = {}
     for (name, x), s in zip(data.states.items(), map(float, sds), strict=True):
         # What follows from its start no sensor reads.
         if name in data.computed or not 0 < s < LARGEST_NOISE * np.std(x):
             continue
-        if name in rates and runs:
-            steps = [np.diff(x[rows] - running_integral(data.time[rows], rates[name][rows])) for rows in runs]
-            typical = float(np.median(np.abs(np.concatenate(steps)))) / MEDIAN_ABSOLUTE_NORMAL
-            if typical < BORNE_OUT * math.sqrt(2) * s:
-                continue
-        believed[name] = s
+        expected = {name: math.sqrt(2) * s, rate_of.get(name): INTEGRAL_GAIN * step * s}
+        if all(departure.get(each, math.inf) >= BORNE_OUT * size for each, size in expected.items()):
+            believed[name] = s
     return believed
+
+
+def _departure(data: Trajectories, name: str, rate: np.ndarray, runs: list[slice]) -> float:
+    """Return the usual departure of a state's steps from the integral of its rate."""
+    x = data.states[name]
+    steps = [np.diff(x[rows] - running_integral(data.time[rows], rate[rows])) for rows in runs]
+    return float(np.median(np.abs(np.concatenate(steps)))) / MEDIAN_ABSOLUTE_NORMAL
 
 
 class Smoothed(NamedTuple):

@@ -1,11 +1,12 @@
 """Every figure: of fits, of studies, and of numbers of your own.
 
-Figures of results take the result: `coefficients(fit)`, `gap_map(study, "ydot")`; `fit_figures` and `study_figures`
-draw them all. The functions plot_* draw numbers that are handed to them.
+Figures of results take the result: `coefficients(fit)`, `gap_map(study, "ydot")`; `fit_figures` and
+`study_figures` draw them all, `overview(study)` the three that say most, in one figure. The functions plot_*
+draw numbers that are handed to them.
 
-Each function returns the figure. It is not registered with pyplot: in a notebook it shows once, as the value
-of the cell, and a loop that draws hundreds leaves nothing open. Hand over axes of your own to draw into a
-figure of your own.
+Each function returns the figure. It is not registered with pyplot: in a notebook it shows once, as the value of
+the cell, and a loop that draws hundreds leaves nothing open. Hand over axes of your own to draw into a figure
+of your own.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -47,11 +48,12 @@ if TYPE_CHECKING:
         rounds,
         study_figures,
     )
+    from .whole_study import overview
 
 __all__ = [
     "Coefficient", "added_coefficients", "autocorrelation", "calibration", "coefficients", "discrepancy_over_states",
     "discrepancy_over_time", "fit_figures", "free_run", "gap_map", "gap_over_time", "loo_pit", "next_experiment",
-    "plot_autocorrelation", "plot_calibration", "plot_coefficients", "plot_comparison", "plot_confounding",
+    "overview", "plot_autocorrelation", "plot_calibration", "plot_coefficients", "plot_comparison", "plot_confounding",
     "plot_discrepancy_over_states", "plot_discrepancy_over_time", "plot_free_run", "plot_gap_curve", "plot_gap_map",
     "plot_gap_over_time", "plot_hypotheses", "plot_loo_pit", "plot_posteriors", "plot_predicted", "plot_predictive",
     "plot_responses", "plot_rounds", "plot_sensitivity", "plot_tradeoff", "predicted", "predictive", "ranking",
@@ -62,7 +64,7 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     # Those of studies: the figures of a fit do without all that a study imports.
     if name in __all__:
-        from . import studies
+        from . import studies, whole_study
 
-        return getattr(studies, name)
+        return getattr(whole_study if name == "overview" else studies, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

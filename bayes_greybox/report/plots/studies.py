@@ -6,11 +6,13 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
+from bayes_greybox.discovery.answer.where import GapMap
 from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.learned import shown_effects
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
@@ -44,8 +46,8 @@ LEAST_PROBABLE = 0.001
 MOST_ASSETS = 60
 """Largest number of assets in one figure; of more, as many from the smallest to the largest."""
 
-LONGEST_ASSET_NAME = 28
-"""Letters of a name in a figure."""
+LONGEST_ASSET_NAME, LONGEST_SET_NAME = 28, 90
+"""Letters of an asset's name, and of a set's, in a figure."""
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
@@ -71,7 +73,16 @@ def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
     return ("before", "after") if changed(study.maps[equation]) else ("before",)
 
 
-def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = None) -> Figure:
+def gap_limit(gap: GapMap) -> float:
+    """Return the end of the colour range of a gap before and after: what is small beside the noise is pale."""
+    inside = support(gap)
+    seen = inside if inside.any() else np.ones_like(inside)
+    return max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)))
+
+
+def gap_map(
+    study: StudyResult, equation: str, parts: tuple[str, ...] | None = None, axes: Axes | None = None
+) -> Figure:
     """Draw the gap over the state space before and after, on one scale; curves where it is over one variable.
 
     Colours go to the threshold at least: what is small beside the noise is pale.
@@ -80,6 +91,7 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
         study: The study.
         equation: Learned state.
         parts: Which of "before" and "after", by default `gap_parts`; curves always show both.
+        axes: Axes to draw into, one a part or one for curves.
     """
     gap = study.maps[equation]
     parts = parts or gap_parts(study, equation)
@@ -89,20 +101,19 @@ def gap_map(study: StudyResult, equation: str, parts: tuple[str, ...] | None = N
         return plot_gap_curve(
             np.asarray(gap.axes[0]), *values,
             variable=gap.variables[0], variable_unit=gap.units[0], title=f"Gap in the equation for {equation}",
-            threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples),
+            threshold=gap.threshold, unit=gap.unit, inside=inside, samples=np.ravel(gap.samples), axes=axes,
         )  # fmt: skip
     title = f"{'Before: t' if len(gap_parts(study, equation)) > 1 else 'T'}he simulation as given"
     after = ("After: the extended model", gap.after, gap.after_probability)
     shown = {"before": (title, gap.before, gap.probability), "after": after}
     looks = {"before": style.BEFORE, "after": style.AFTER}
-    seen = inside if inside.any() else np.ones_like(inside)
     return plot_gap_map(
         (np.asarray(gap.axes[0]), np.asarray(gap.axes[1])),
         {shown[part][0]: shown[part][1:] for part in parts},
         variables=gap.variables, units=gap.units, threshold=gap.threshold, unit=gap.unit,
         # One scale for both, also where they are drawn as two figures.
-        limit=max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after))),
-        inside=inside, samples=gap.samples, colours=[looks[part]["color"] for part in parts],
+        limit=gap_limit(gap), inside=inside, samples=gap.samples,
+        colours=[looks[part]["color"] for part in parts], axes=axes,
     )  # fmt: skip
 
 
@@ -116,17 +127,36 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
     )  # fmt: skip
 
 
-def ranking(study: StudyResult, equation: str) -> Figure:
-    """Draw the hypotheses about one equation, most probable first."""
+def ranking(
+    study: StudyResult,
+    equation: str,
+    most: int = MOST_HYPOTHESES,
+    letters: int = LONGEST_SET_NAME,
+    axes: Axes | None = None,
+) -> Figure:
+    """Draw the hypotheses about one equation, most probable first.
+
+    Args:
+        study: The study.
+        equation: Learned state or output.
+        most: Largest number of hypotheses.
+        letters: Letters of a name.
+        axes: Axes to draw into.
+    """
+
+    def label(slug: str) -> str:
+        name = name_of(study, slug)
+        return name if len(name) <= letters else f"{name[: letters - 1]}…"
+
     table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
     likely = int((table["probability"] >= LEAST_PROBABLE).sum())
-    table = table.head(min(MOST_HYPOTHESES, max(likely, FEWEST_HYPOTHESES)))
+    table = table.head(min(most, max(likely, FEWEST_HYPOTHESES)))
     tied = tied_sets(study, equation)
     return plot_hypotheses(
-        [name_of(study, slug) for slug in table.index],
+        [label(slug) for slug in table.index],
         table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
-        chosen=[name_of(study, answer(study, equation))], tied=[name_of(study, slug) for slug in tied],
-        title=f"Hypotheses about {study.train.target_label(equation)}",
+        chosen=[label(answer(study, equation))], tied=[label(slug) for slug in tied],
+        title=f"Hypotheses about {study.train.target_label(equation)}", axes=axes,
     )  # fmt: skip
 
 
@@ -156,9 +186,9 @@ def added_coefficients(study: StudyResult) -> Figure:
 def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     """Draw a state as measured and as the models run it from its start alone."""
     path = study.paths[state]
-    data = study.train if study.test is None or shown_part(study) == "train" else study.test
+    data = run_data(study)
     return plot_free_run(
-        path.time, path.measured, _rows(path.before), _rows(path.after),
+        path.time, path.measured, band_rows(path.before), band_rows(path.after),
         state=state, holds=path.holds, seen_as=seen_as(data, state), unit=data.unit(state), width=width,
         **_runs(data, path.run),
     )  # fmt: skip
@@ -213,7 +243,13 @@ def plot_pooled(
     return figure
 
 
-def _rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
+def run_data(study: StudyResult) -> Trajectories:
+    """Return the data that free runs are compared with."""
+    return study.train if study.test is None or shown_part(study) == "train" else study.test
+
+
+def band_rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
+    """Return mean, lower and upper end of a band as rows."""
     return np.stack([band.mean, band.lower, band.upper])
 
 

@@ -47,6 +47,30 @@ def test_only_the_noisy_state_is_smoothed_and_each_run_by_itself():
     assert same is clean and none == {}
 
 
+def test_kinks_of_a_speed_that_its_position_does_not_bear_out_are_no_noise():
+    # A trolley that rubs: its acceleration leaps where it turns, and its accelerometer is too noisy to tell.
+    rng, n, fine = np.random.default_rng(0), 800, 50
+    x, v, rows = 0.0, 0.0, []
+    for i in range(n * fine):
+        t = i * STEP / fine
+        a = 3 * np.sin(2.1 * t) + 2 * np.sin(5.3 * t + 1) - 15 * x - 0.4 * v - 0.6 * np.tanh(v / 0.02)
+        if i % fine == 0:
+            rows.append((t, x, v, a))
+        # To second order: what is integrated to first order is late by half a step.
+        x += STEP / fine * (v + 0.5 * a * STEP / fine)
+        half = v + 0.5 * a * STEP / fine
+        after = 3 * np.sin(2.1 * (t + STEP / fine)) + 2 * np.sin(5.3 * (t + STEP / fine) + 1) - 15 * x
+        v = half + 0.5 * STEP / fine * (after - 0.4 * half - 0.6 * np.tanh(half / 0.02))
+    t, x, v, a = np.array(rows).T
+    rates = {"x": v, "v": a + 0.1 * rng.standard_normal(n)}
+    data = Trajectories.from_arrays(t, states={"x": x, "v": v})
+    assert "v" in Smoother(data, rates).noise
+    assert Smoother(data, rates, {"v": "x"}).noise == {}
+    noisy = v + 0.01 * rng.standard_normal(n)
+    found = Smoother(Trajectories.from_arrays(t, states={"x": x, "v": noisy}), rates | {"x": noisy}, {"v": "x"}).noise
+    assert found["v"].sd == pytest.approx(0.01, rel=0.25)
+
+
 def test_uneven_and_short_records_are_left_alone():
     rng = np.random.default_rng(0)
     t = np.cumsum(rng.uniform(0.01, 0.1, 300))

@@ -1,0 +1,16 @@
+"""A resistor that feeds
+
+Electricity. Van der Pol's circuit in the time of its linear part, and a simulation
+without the nonlinear resistor that feeds small oscillations and damps large ones.
+"""
+
+import numpy as np
+
+import bayes_greybox as bg
+
+measured = bg.systems.van_der_pol().simulate(t=np.linspace(0, 60, 601), noise=0.05, seed=1)
+train, test = measured.split(0.7)
+model = bg.GreyBox(simulation={"y": "ydot", "ydot": "-y"})
+study = bg.find_missing_effects(
+    model, train, test=test, catalogue="mechanical", settle=False
+)
