@@ -1,6 +1,7 @@
 """How Sphinx builds the site: `sphinx-build -W --keep-going -n docs build/site`, without a network."""
 
 import sys
+import tomllib
 from pathlib import Path
 
 DOCS = Path(__file__).parent
@@ -10,6 +11,7 @@ ROOT = DOCS.parent
 sys.path[:0] = [str(DOCS / "_ext"), str(ROOT)]
 
 project = "bayes_greybox"
+release = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 author = "The bayes_greybox developers"
 project_copyright = "The bayes_greybox developers"
 language = "en"
@@ -76,7 +78,7 @@ intersphinx_mapping = {
 intersphinx_disabled_reftypes = ["std:*"]
 
 html_theme = "pydata_sphinx_theme"
-html_title = "bayes_greybox"
+html_title = f"bayes_greybox {release}"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_math_renderer = "mathml"

@@ -162,7 +162,7 @@ def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:
-    """Return the model after: coefficients of an answer, sensors put right, and f if the answer is open-ended."""
+    """Return the model after: coefficients of an answer, sensors put right, and f if a law of the states is left."""
     regressors, point = near.regressors, near.rows.point
     sensors = sensor_errors(regressors, after)
     alike, hidden = _of_one_memory(regressors, after, point.hidden)
@@ -175,7 +175,8 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
     known = [(column.formula, -through[column.parameter]) for column in own if column.parameter in through]
     in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
     remainder = None
-    if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
+    # What goes with time is no law of the states: as one it would spoil runs of other times.
+    if verdict.open_ended and not in_time and near.weighed.table.law.rows.shape[1]:
         remainder = Remainder.of(near, verdict.hypothesis, after)
     return Amendment(
         statistics=regressors,

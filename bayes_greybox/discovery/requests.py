@@ -5,10 +5,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from .answer.instrument import IN_MODEL
+from .answer.where import WINDOW
 from .decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, UNKNOWN_KIND
+from .grid.points import LATENT_FORCE
 from .sensor_errors.channels import ERRORS, LAG
 from .study import NO_CATALOGUE, StudyResult
-from .summary import corrections_above, not_weighed
+from .summary import corrections_above, not_weighed, remainders
 
 KEEP, ADOPT, TELL_APART, SET, CHOOSE, CORRECT, ALLOW = (
     "keep", "adopt", "tell apart", "set", "choose", "correct", "allow"
@@ -16,8 +18,9 @@ KEEP, ADOPT, TELL_APART, SET, CHOOSE, CORRECT, ALLOW = (
 """Leave the simulation; add what was found; do the experiment that decides; set a coefficient, or find out which one;
 correct a sensor, or allow for its noise."""
 
-DOUBT, REST, SHAPE, WEIGH, ROLE = "doubt", "rest", "shape", "weigh", "role"
-"""Heed a reason against the verdict; look at what is left beside names, or without any; weigh effects; give a role."""
+DOUBT, EVENT, REST, SHAPE, WEIGH, ROLE = "doubt", "event", "rest", "shape", "weigh", "role"
+"""Heed a reason against the verdict; ask what happened at some times; look at what is left beside names, or without
+any; weigh effects; give a role."""
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,18 @@ def requests(study: StudyResult) -> Iterator[Request]:
     if study.verdict == "partly named" and not reasons:
         yield Request(REST)
     if study.verdict == UNKNOWN_KIND:
+        yield from _events(study)
         yield Request(WEIGH if study.settings.get("catalogue") == NO_CATALOGUE else SHAPE)
         yield from (Request(ROLE, {"role": role, "count": count}) for role, count in not_weighed(study).items())
+
+
+def _events(study: StudyResult) -> Iterator[Request]:
+    """Yield the stretches of time that hold what goes with time and has no name."""
+    for name in study.maps:
+        if any(each.kind == LATENT_FORCE for each in remainders(study, name)):
+            rows = study.where[(study.where["equation"] == name) & (study.where["kind"] == WINDOW)]
+            if len(rows):
+                yield Request(EVENT, {"equation": name, "when": list(rows["description"])})
 
 
 def _experiments(study: StudyResult) -> Iterator[Request]:

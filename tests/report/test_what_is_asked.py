@@ -15,10 +15,11 @@ from bayes_greybox.report.words.asked import DOUBT_TEXTS, asked
 FARTHER = "To tell them apart, measure up to |v| = 2.7 m/s (the data reach 1.3): there they differ."
 
 
-def to_do(verdict, *given, ties=(), file="run/study.nc", **changes):
+def to_do(verdict, *given, ties=(), file="run/study.nc", places=(), **changes):
     """Texts and commands, with spaces that break."""
     study = made(verdict, *given, **changes)
-    study.__dict__.update(ties=list(ties), explanations={"x": ()})
+    where = pd.DataFrame(places, columns=["equation", "kind", "description"])
+    study.__dict__.update(ties=list(ties), explanations={"x": ()}, where=where)
     study.settings["configuration"] = "trolley.toml"
     return [(each.text.replace("\u00a0", " "), each.command) for each in asked(study, file)]
 
@@ -46,6 +47,15 @@ def test_what_is_named_is_exported_and_what_agrees_is_left():
     assert to_do("named", [("Drag", 0.97, ())], file="my runs/study.nc")[0][1].split(" ", 2)[2].startswith("'my runs/")
     ((text, command),) = to_do("no gap")
     assert text.startswith("Nothing: go on with the simulation as it is") and not command
+
+
+def test_what_goes_with_time_is_asked_for_by_its_times():
+    places = [("x", "region", "v > 1 m/s"), ("x", "window", "t = 10.4 to 15.6 s")]
+    (text, command), (shape, _) = to_do("unknown", memory={"x": {"something in time": 0.999}}, places=places)
+    assert text == "Find out what happened at t = 10.4 to 15.6 s: something acted then that no column records."
+    assert not command and shape.startswith("Look at the shape of the gap")
+    law = to_do("unknown", memory={"x": {"a law of the states": 0.999}}, places=places)
+    assert [text for text, _ in law] == [shape]
 
 
 def test_the_experiment_that_would_decide_is_said_with_its_figure():

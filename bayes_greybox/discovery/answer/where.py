@@ -18,8 +18,9 @@ MAP_POINTS, MAP_WIDTH = 41, 0.05
 MOST_SEARCHED, CUTS = 5000, 19
 """Largest number of rows that are searched, evenly thinned, and cut points along each variable, at even quantiles."""
 
+REGION, WINDOW = "region", "window"
 MOST_REGIONS, MOST_WINDOWS = 3, 5
-"""Largest number of regions and windows."""
+"""Kinds of places that hold a gap, of the states and of time, and their largest numbers."""
 
 LEAST_WINDOW = 40
 """Rows of a run over those of its shortest window, so that noise does not cut windows up."""
@@ -142,7 +143,7 @@ def where_table(data: Trajectories, along: Along, variables: Sequence[str], trac
     p, square = trace.probability, trace.before**2
     rules = [(v, *rule) for v in variables for rule in _rules(v, thin.columns[v], data.unit(v) or "")]
     rows = []
-    parts = (("region", MOST_REGIONS, _regions(p, rules)), ("window", MOST_WINDOWS, _windows(trace, data)))
+    parts = ((REGION, MOST_REGIONS, _regions(p, rules)), (WINDOW, MOST_WINDOWS, _windows(trace, data)))
     for kind, most, places in parts:
         part = [
             (trace.equation, kind, text, p[inside].mean(), square[inside].sum() / square.sum(), inside.mean())

@@ -19,7 +19,7 @@ from .studies import band_rows, gap_limit, gap_map, gap_parts, ranking, run_data
 MOST_SHOWN, LETTERS = 4, 44
 """Hypotheses in the panel of a ranking, and letters of a name there."""
 
-MOST_ROWS = 400
+MOST_ROWS = 800
 """Rows of a run beyond which its end alone is drawn, where errors have had most time to grow."""
 
 QUESTIONS = ("Where do simulation and measurements disagree?", "What is missing?", "Does adding it help?")
@@ -107,7 +107,7 @@ def _furthest(study: StudyResult) -> str | None:
 
 def _free_run(panel: SubFigure, study: StudyResult, state: str) -> None:
     path, data, ax = study.paths[state], run_data(study), panel.subplots()
-    rows = _first_run(path.run)[-MOST_ROWS:]
+    rows = _first_run(path.run)
     before, after = (band_rows(band)[:, rows] for band in (path.before, path.after))
     about = {"seen_as": seen_as(data, state), "unit": data.unit(state), "time_unit": data.unit("t")}
     plot_free_run(path.time[rows], path.measured[rows], before, after, state=state, holds=path.holds, **about, axes=ax)
@@ -126,8 +126,8 @@ def _along_time(panel: SubFigure, study: StudyResult, equation: str) -> None:
 
 
 def _first_run(run: np.ndarray) -> np.ndarray:
-    """Return the rows of the first run: panels are small."""
-    return np.flatnonzero(np.asarray(run) == run[0])
+    """Return the rows of the first run, of a long one those of its end: panels are small."""
+    return np.flatnonzero(np.asarray(run) == run[0])[-MOST_ROWS:]
 
 
 def _finish(ax: Axes, title: str) -> None:

@@ -13,7 +13,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.physics.catalogue.names import within
 
 from .doubts import role_text
-from .formatting import estimate, formula, number, quantity
+from .formatting import estimate, formula, listed, number, numbers_in, quantity
 from .study import name_of
 
 STUDY_FILE = "study.nc"
@@ -73,6 +73,9 @@ def _in_words(study: StudyResult, request: Request, file: str) -> Asked:
             return Asked(_set(study, values["row"]), _again(study))
         case codes.CORRECT:
             return Asked(_correct(values["row"]), _again(study))
+        case codes.EVENT:
+            when = listed([numbers_in(each) for each in values["when"]])
+            return Asked(f"Find out what happened at {when}: something acted then that no column records.")
         case codes.ROLE:
             return Asked(f"{role_text(**values)}.")
     commands = {
