@@ -18,9 +18,9 @@ KEEP, ADOPT, TELL_APART, SET, CHOOSE, CORRECT, ALLOW = (
 """Leave the simulation; add what was found; do the experiment that decides; set a coefficient, or find out which one;
 correct a sensor, or allow for its noise."""
 
-DOUBT, EVENT, REST, SHAPE, WEIGH, ROLE = "doubt", "event", "rest", "shape", "weigh", "role"
-"""Heed a reason against the verdict; ask what happened at some times; look at what is left beside names, or without
-any; weigh effects; give a role."""
+TRY, DOUBT, EVENT, REST, SHAPE, WEIGH, ROLE = "try", "doubt", "event", "rest", "shape", "weigh", "role"
+"""Try the extended model on data of its own; heed a reason against the verdict; ask what happened at some times; look
+at what is left beside names, or without any; weigh effects; give a role."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,8 @@ def requests(study: StudyResult) -> Iterator[Request]:
         yield Request(KEEP)
     if study.verdict == "named":
         yield Request(ADOPT)
+        if study.test is None:
+            yield Request(TRY)
     yield from (Request(DOUBT, {"reason": code}) for code in reasons)
     yield from _experiments(study)
     yield from _coefficients(study)

@@ -175,7 +175,7 @@ def test_a_tail_that_is_a_little_short_is_said_without_an_alarm(study):
 
 def test_a_study_that_was_not_sampled_says_so_and_draws_intervals_only(study):
     page = outline(study, fit=None, **PLAIN)
-    assert "screened only, not sampled" in page.text and "Laplace approximation" in page.text
+    assert "no sampler was run" in page.text and "Laplace approximation" in page.text
 
 
 def test_without_held_out_data_the_numbers_are_said_to_be_of_the_training_data(study):

@@ -67,7 +67,7 @@ def check_hypothesis(near: Near, hypothesis: Hypothesis, unit: str = "", criteri
     steps = np.diff(rows.time)[np.diff(rows.run) == 0]
     white, lasting = _whiteness(z, lengths)
     over = f"{lasting * float(np.median(steps)) if len(steps) else 0.0:.2g} {unit}".rstrip()
-    checks = [Check(WHITENESS, white, "" if white >= criteria.level else f"residuals hang together over {over}")]
+    checks = [Check(WHITENESS, white, "" if white >= criteria.level else f"residuals are correlated over {over}")]
     shape = near.weighed.grid.points[hypothesis.point].shape
     # Weights that made the tails light were found on these very residuals.
     if not shape or HEAVY not in near.rows.point.shapes[shape - 1].about:

@@ -46,7 +46,7 @@ def gap_rows(
     The metrics, with y the measured rates, outputs or samples that rows are of, ŷ the model's, and σ the noise:
 
         derivative, output or sample NMSE    mean((y − ŷ)²)/var(y)
-        unexplained share                    max(mean((y − ŷ)²) − σ², 0)/mean(y²)
+        unexplained share                    max(mean((y − ŷ)²) − σ², 0)/mean(y²), of an output over var(y)
         the same, names alone                beside f in the extended model, without f
         misfit of samples                    (median((y − ŷ)²)/0.455/(σ² + var ŷ))^½, of one sensor
         free-run NRMSE                       RMS(x − x̂)/SD(x) up to the first failure of either model
@@ -145,7 +145,9 @@ class _Sizes:
         gain, noise = rows.gain**2, (amendment.sigma * amendment.gain) ** 2
         allowed = max(noise, _sample_variance(data)) * (criteria.forced**2 if amendment.forced else 1.0)
         allowed += gain * float(np.mean(np.var(draws, axis=0)))
-        variance, square = float(np.var(rows.measured)), float(np.mean(rows.measured**2))
+        variance = float(np.var(rows.measured))
+        # The zero of a sensor is arbitrary; that of a rate is not.
+        square = variance if rows.output else float(np.mean(rows.measured**2))
         return cls(variance * gain, square * gain, noise, allowed)
 
     def nmse(self, squares: Squares) -> Any:

@@ -142,7 +142,8 @@ def note(system: LearnedSystem) -> str:
     """Return the rule by which terms stand in the equations, and how numbers are written."""
     given = any(piece.given for name in system.shown for piece in pieces(system, name))
     given = given or not all(each.learned for each in shown_parameters(system))
-    return " ".join(text for text in (system.rule, NOTATION, GIVEN_NOTE if given else "") if text)
+    shown = any(each.terms for each in system.learned.values()) or parameter_text(system)
+    return " ".join(text for text in (system.rule, NOTATION if shown else "", GIVEN_NOTE if given else "") if text)
 
 
 def as_simulation(system: LearnedSystem) -> str:

@@ -161,7 +161,10 @@ def free_run_section(
     above.
     """
     pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
-    bands = f" Bands hold 90 % of the posterior draws{_varied(holds)}; a cross marks where a run failed."
+    bands = (
+        f" Bands hold 90 % of the posterior draws{_varied(holds)}; where none is seen it is narrower than the line. "
+        "A cross marks where a run failed."
+    )
     blocks = [*further, *([Pictures(pictures)] if pictures else [])]
     return Section(ANCHOR, title, lead + (bands if pictures else ""), blocks)
 
@@ -212,4 +215,4 @@ def _failures(run: FreeRun) -> list[str]:
 def _varied(holds: Iterable[str]) -> str:
     """Return the quantities that vary between the draws, as a clause."""
     held = {band_sources(each) for each in holds} - {""}
-    return f", which vary in {held.pop()}" if held else ""
+    return f" of {listed(held.pop().split(', '))}" if held else ""

@@ -11,7 +11,7 @@ from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import is_denied, shown_part
 from bayes_greybox.report.words.doubts import doubts, doubts_title
 from bayes_greybox.report.words.fit import data_remarks, rows_text
-from bayes_greybox.report.words.formatting import unbroken
+from bayes_greybox.report.words.formatting import share_text, unbroken
 from bayes_greybox.report.words.sentence import statements
 from bayes_greybox.report.words.study import METRICS, closed_text, in_noise, metric_value, metric_words
 
@@ -73,7 +73,7 @@ def _badges(study: StudyResult) -> list[Badge]:
     if study.against:
         badges.append(Badge("its own checks speak against it", "bad", "!"))
     if study.fit is None:
-        badges.append(Badge("screened only, not sampled", "quiet"))
+        badges.append(Badge("no sampler was run", "quiet"))
     elif not convergence(study.fit).mixed:
         badges.append(Badge("sampler did not converge", "bad", "!"))
     return badges
@@ -121,6 +121,11 @@ def _numbers(study: StudyResult) -> Section | None:
             ends = {"before": metric_value(study, metric, before), "after": metric_value(study, metric, after)}
             noise = in_noise(study, part, {"metric": metric, "variable": variable})
             note = "within the noise before" if noise else closed_text(float(row["closed"]), denied)
+            if ends["before"] == ends["after"]:
+                # What does not show in the figures is said in none.
+                ends, left, note = {"after": ends["after"]}, None, "within the noise" if noise else "before and after"
+            elif after > before and ends["before"] == share_text(0.0):
+                left, note = None, "next to nothing before"
             cards.append(Card(title, about, **ends, note=note, left=None if left is None else min(left, 1.0)))
     measured_on = "held-out data" if part == "test" else "the training data (none were held out)"
     title = f"The gap before and after, on {measured_on}"

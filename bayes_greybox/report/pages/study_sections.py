@@ -21,6 +21,7 @@ from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.asked import STUDY_FILE, asked
+from bayes_greybox.report.words.doubts import FINDING_TOPICS, doubts
 from bayes_greybox.report.words.formatting import (
     counted,
     estimate,
@@ -149,9 +150,10 @@ def free_runs(study: StudyResult) -> Section | None:
     if not study.paths:
         return None
     part = "held-out data" if shown_part(study) == "test" else "training data"
+    found = " ".join(f"{each.text}." for each in doubts(study) if each.topic == FINDING_TOPICS["free run"])
     return free_run_section(
-        "Does the simulation now follow the measurements?",
-        f"Each model is started where the measurements start and then left alone, on the {part}.",
+        f"Does the simulation {'now ' if any(map(changed, study.maps.values())) else ''}follow the measurements?",
+        f"{found} Each model is started where the measurements start and then left alone, on the {part}.".lstrip(),
         {state: partial(figures.free_run, study, state) for state in study.paths},
         [path.holds for path in study.paths.values()],
         shown="before and after, against the measurements",

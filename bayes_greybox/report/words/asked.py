@@ -1,5 +1,6 @@
 """Words for what a study asks of its reader, with the command for it: the same for page, terminal and record."""
 
+import math
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ STUDY_FILE = "study.nc"
 
 PLAIN_TEXTS = {
     codes.KEEP: "Nothing: go on with the simulation as it is, within the range of these data",
+    codes.TRY: "Check it on a record of its own: no data were held out",
     codes.ADOPT: "Add what was found to the simulation, and use it within the range of these data",
     codes.CHOOSE: "Measure the parameters that may be off by themselves, and set the one that is",
     codes.ALLOW: "Leave the simulation as it is, and allow for the noise in whatever is fitted to these data",
@@ -121,6 +123,7 @@ def _correct(row: Mapping[str, Any]) -> str:
     size = quantity(abs(mean), row["unit"], 3)
     match row["suspect"]:
         case suspect if suspect == DELAY:
+            size = estimate(abs(mean), row["sd"], row["unit"]) if math.isfinite(row.get("sd", math.nan)) else size
             how = f"move {channel} by {size} to {'earlier' if mean > 0 else 'later'} times, against the other columns"
         case suspect if suspect == GAIN:
             how = f"divide {channel} by {number(1 + mean, 4)}"

@@ -138,8 +138,11 @@ def _without_name(study: StudyResult) -> str:
     # Of several equations those without a name are spoken of here.
     names = nameless or names
     texts = {name: remembered(study, name) for name in names}
+    p = probability_of_answer(study) if study.verdict == UNKNOWN_KIND else 1.0
+    # What it is has a probability of its own, given that there is something.
+    it = "it" if p >= study.criteria.named else "if so, it"
     remembers = "; ".join(
-        f"it {text} in {label(name)}" if len(names) > 1 else f"it {text}" for name, text in texts.items() if text
+        f"{it} {text} in {label(name)}" if len(names) > 1 else f"{it} {text}" for name, text in texts.items() if text
     )
     shape = "the maps show its shape"
     if remembers:
@@ -147,7 +150,6 @@ def _without_name(study: StudyResult) -> str:
     what = f"Something is missing{where} that the catalogue does not have"
     if study.settings.get("catalogue") == NO_CATALOGUE:
         what = f"Something is missing{where}, for which no effect was weighed"
-    p = probability_of_answer(study) if study.verdict == UNKNOWN_KIND else 1.0
     others = rivals(study, names[0]) if p < study.criteria.missing and len(names) == 1 else []
     if others:
         # A name may be as likely as that there is none.

@@ -6,9 +6,9 @@ from typing import Any
 
 import pandas as pd
 
-from bayes_greybox.discovery.candidates import found_of_sensors
+from bayes_greybox.discovery.candidates import found_of_sensors, rivals
 from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
-from bayes_greybox.discovery.decision.probabilities import UNKNOWN_KIND
+from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.vetoes import worse_in_words
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import (
@@ -22,10 +22,19 @@ from bayes_greybox.discovery.summary import (
     rows_by_part,
     sensors_like,
 )
+from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import estimate, formula, listed, number, numbers_in, probability_text, share_text, unit_text
 from .missing import Closed, likely, missing_in_words
-from .study import closed_share, remembered, risen
+from .study import closed_share, name_of, remembered, risen
+
+STOP_TEXTS = {
+    NO_GAP: "that nothing is missing",
+    UNKNOWN_KIND: "something that the catalogue does not have",
+    RECALIBRATE: "a coefficient of the simulation that is off",
+    INSTRUMENT: "an error of the measurement",
+}
+"""Words for hypotheses without effects, as an explanation."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -39,8 +48,12 @@ def headline(study: StudyResult) -> str:
 
 
 def statements(study: StudyResult) -> list[str]:
-    """Return the headline, what adding the answer does, what was found of the measurement, and what contradicts it."""
-    parts = _answer(study)
+    """Return the headline, what adding the answer does, what was found of the measurement, and what contradicts it.
+
+    Behind a headline that is likely and not sure stands the likeliest other explanation.
+    """
+    parts = [*_answer(study)]
+    parts[1:1] = _next_likeliest(study)
     measured = measurement_in_words(study)
     if measured and study.verdict != "instrument":
         parts.append(f"Of the measurement: {'; '.join(measured)}.")
@@ -48,6 +61,22 @@ def statements(study: StudyResult) -> list[str]:
     if against:
         parts.append(f"Against it: {'; '.join(against)}.")
     return parts
+
+
+def _next_likeliest(study: StudyResult) -> list[str]:
+    """Return the likeliest explanation beside an answer without effects that is likely and not sure, as a sentence."""
+    p = probability_of_answer(study) if study.verdict in STOPS and len(study.maps) == 1 else 1.0
+    if not study.criteria.missing <= p < study.criteria.named:
+        return []
+    (equation,) = study.maps
+    return [
+        f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})."
+        for name, q in rivals(study, equation)[:1]
+    ]
+
+
+def _explanation(study: StudyResult, name: str) -> str:
+    return STOP_TEXTS[name] if name in STOPS else within(name_of(study, name))
 
 
 def measurement_in_words(study: StudyResult) -> list[str]:

@@ -71,7 +71,7 @@ def test_correlated_noise_is_seen():
         e[i] = 0.8 * e[i - 1] + 0.6 * e[i]
     check = checks_of(0.1 * e)[WHITENESS]
     assert not check.ok and check.p < 1e-6
-    assert check.text.startswith("residuals hang together over 0.") and check.text.endswith(" s")
+    assert check.text.startswith("residuals are correlated over 0.") and check.text.endswith(" s")
 
 
 def test_outliers_are_seen_and_weighted_ones_are_the_claim():

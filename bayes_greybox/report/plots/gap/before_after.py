@@ -138,7 +138,9 @@ def plot_free_run(
         holds = fill(holds, _LABEL_CHARACTERS)
     shown = [(after, style.AFTER, "model" if before is None else "after", holds)]
     if before is not None:
-        shown.insert(0, (before, style.BEFORE, "before", ""))
+        # Draws of its start alone: where a run fails they are anywhere.
+        line = np.broadcast_to(before[:1], before.shape)
+        shown.insert(0, (line, style.BEFORE, "before", ""))
     for ax, chosen in each_run(panels, rows, run_names):
         t, seen = time[chosen], measured[chosen]
         for values, model_look, label, band in shown:
