@@ -16,7 +16,7 @@ from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
-from .answer.checks import Check, at_ends, check_hypothesis, check_linearity, least_squares, rounded_off
+from .answer.checks import Check, at_ends, check_hypothesis, check_linearity, rounded_off
 from .answer.coefficients import Coefficients, draw_coefficients, sensor_errors, without_sensors
 from .answer.equation_study import EquationStudy
 from .answer.where import Along, Gap, gap_map, gap_trace, where_table
@@ -162,7 +162,7 @@ def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
 
 
 def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients, train: Trajectories) -> Amendment:
-    """Return the model after: coefficients of an answer, sensors put right, and f if a law of the states is left."""
+    """Return the model after: coefficients of an answer, sensors put right, and f if the answer is open-ended."""
     regressors, point = near.regressors, near.rows.point
     sensors = sensor_errors(regressors, after)
     alike, hidden = _of_one_memory(regressors, after, point.hidden)
@@ -175,12 +175,11 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
     known = [(column.formula, -through[column.parameter]) for column in own if column.parameter in through]
     in_time = near.weighed.grid.points[verdict.hypothesis.point].kind == LATENT_FORCE
     remainder = None
-    # What goes with time is no law of the states: as one it would spoil runs of other times.
-    if verdict.open_ended and not in_time and near.weighed.table.law.rows.shape[1]:
+    if verdict.open_ended and near.weighed.table.law.rows.shape[1]:
         remainder = Remainder.of(near, verdict.hypothesis, after)
     return Amendment(
         statistics=regressors,
-        before=least_squares(regressors, regressors.of_kind(FREE))[0],
+        before=regressors.least_squares(regressors.of_kind(FREE))[0],
         after=after,
         sigma=float(np.mean(after.sigma)) * regressors.target_scale,
         discrepancy=remainder,

@@ -6,9 +6,10 @@ jump fits better than the jump that is there. So near a jump values are means,
 
     φ̄_n = E φ(x_n + τ Δ_n + e),   τ ~ U(−½, ½),   e ~ N(0, diag s²),
 
-with Δ_n the change of the columns to the next sample (τ > 0) or from the one before, and s the noise of the samples
-that the filter leaves; e is a classical error with a density of the states that is flat over s (Carroll et al. 2006,
-Measurement Error in Nonlinear Models, section 4.1). Elsewhere, and where a term is smooth, the value at the sample is
+with Δ_n the change of the columns to the next sample (τ > 0) or from the one before, less the mean of τ Δ_n, so that
+what is linear has its value at the sample, and s the noise of the samples that the filter leaves; e is a classical
+error with a density of the states that is flat over s (Carroll et al. 2006, Measurement Error in Nonlinear Models,
+section 4.1). Elsewhere, and where a term is smooth, the value at the sample is
 right: over a step the filter's weights integrate it, to cubics.
 """
 
@@ -141,13 +142,15 @@ class SampleSpread:
                 yield first, other
 
     def _moved(self, x: Columns, columns: Columns, at: np.ndarray) -> dict[str, np.ndarray]:
-        """Return columns at the points around some samples."""
+        """Return columns at the points around some samples, whose mean is the sample."""
         tau, e = self._points
+        ahead, behind = (np.where(side * tau > 0, tau, 0.0) for side in (1, -1))
+        ahead, behind = ahead - np.mean(ahead), behind - np.mean(behind)
         return {
             name: np.ravel(
                 x[name][at]
-                + np.where(tau > 0, tau, 0.0)[:, None] * columns[name + NEXT][at]
-                + np.where(tau < 0, tau, 0.0)[:, None] * columns[name + LAST][at]
+                + ahead[:, None] * columns[name + NEXT][at]
+                + behind[:, None] * columns[name + LAST][at]
                 + e.get(name, np.zeros(MEAN_POINTS))[:, None]
             )
             for name in x

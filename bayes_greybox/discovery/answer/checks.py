@@ -158,8 +158,8 @@ def other_sizes(regressors: Regressors) -> list[str]:
     free, corrections = regressors.of_kind("free"), regressors.of_kind("correction")
     if not corrections or regressors.rows.n_white < ROWS_EACH * len([*free, *corrections]):
         return []
-    theta, left = least_squares(regressors, [*free, *corrections])
-    _, gap = least_squares(regressors, free)
+    theta, left = regressors.least_squares([*free, *corrections])
+    _, gap = regressors.least_squares(free)
     share = 1 - left / gap if gap > 0 else 0.0
     if share < CLOSED_SHARE:
         return []
@@ -175,13 +175,6 @@ def other_sizes(regressors: Regressors) -> list[str]:
         f"The simulation alone would close {share:.1%} of the gap of {regressors.equation} with other coefficients, of "
         f"{' and '.join(sizes)} what is given: are its units those of the data?"
     ]
-
-
-def least_squares(regressors: Regressors, indices: list[int]) -> tuple[np.ndarray, float]:
-    """Return coefficients of columns, and the sum of their squared residuals."""
-    white = regressors.rows.whiten(np.column_stack([regressors.target, regressors.at_rows(indices)]))
-    theta = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=1e-12)[0]
-    return theta, float(np.sum((white[:, 0] - white[:, 1:] @ theta) ** 2))
 
 
 SAMPLES_TELL = "study the samples, without differentiate"

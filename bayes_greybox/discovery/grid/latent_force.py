@@ -98,6 +98,7 @@ class ForcedRates(LatentForce):
     spread: Float[np.ndarray, " n_row"]
     noise: float
     sensor_scales: tuple[float, ...] = SENSOR_SCALES
+    gap: float = 1.0
 
     @cached_property
     def _fresh(self) -> Bool[np.ndarray, " n_row"]:
@@ -146,6 +147,7 @@ class KnownNoise(LatentForce):
     period: float
     step: float
     noise: float
+    gap: float = 1.0
     forced = False
 
     def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:

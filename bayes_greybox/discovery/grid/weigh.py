@@ -212,6 +212,9 @@ def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, s
     block_logs = split.block_logs(best, residuals, mode.v)
     agreement = bagged(block_logs, probability, seed)
     discrepancy = split.discrepancies(logs, residuals)
+    # The user's own terms have any size: what they can do is theirs.
+    own = table.acting[:, list(before)]
+    discrepancy = discrepancy - own @ np.linalg.lstsq(own, discrepancy, rcond=1e-12)[0]
     left, overlap = np.sqrt(np.mean(discrepancy**2, axis=0)), table.acting.T @ discrepancy / len(discrepancy)
     band = Band(table.acting, discrepancy)
     of_kind = {kind: np.array([p.kind == kind for p in points]) for kind in DISCREPANCIES}

@@ -14,6 +14,7 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
+from bayes_greybox.discovery.grid.table import FREE
 from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
@@ -79,9 +80,11 @@ class RateRows(Source):
         whole = model.rows.complete(whole, self.equation, model.simulator(whole))
         data = whole.keep(used)
         added = (*point.added, *self.model.named.slopes(self.equation, point.parameters))
-        rate = modelled_rate(model, whole, self.equation, added)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, self.equation, effects, point.values, whole=whole, kept=used)
+        # Errors of sensors act on what the user's own terms do, too, before any hypothesis is at hand.
+        own = () if point.added else regressors.own_terms()
+        rate = modelled_rate(model, whole, self.equation, (*added, *own))
         columns = []
         driven = _driven(model, self.equation, rate)
         noisy = {error: x for error, x in self._noisy.items() if point.weighs(error.key)}
@@ -155,12 +158,17 @@ def _force(regressors: Regressors, data: Trajectories) -> LatentForce:
     rows, target = regressors.rows, regressors.target
     period = period_of(data, rows.equation)
     scales = OUTPUT_SCALES if rows.output else SENSOR_SCALES
-    force = ForcedRates(rows.time, rows.run, period, correlation_and_sd(rows.noise)[1], rough_noise(target), scales)
+    # What the user's own terms leave; without any, the target is the gap.
+    own = regressors.of_kind(FREE)
+    gap = target - regressors.at_rows(own) @ regressors.least_squares(own)[0]
+    share = float(np.sqrt(np.mean(gap**2) / np.mean(target**2))) or 1.0
+    spread = correlation_and_sd(rows.noise)[1]
+    force = ForcedRates(rows.time, rows.run, period, spread, rough_noise(target), scales, share)
     if rows.noise.independent:
         return force
     white = rows.whiten(target[:, None])[:, 0]
     noise = rough_noise(white) * float(np.sqrt(np.mean(white**2) / np.mean(target**2)))
-    return KnownNoise(rows.noise, period, force.step, noise)
+    return KnownNoise(rows.noise, period, force.step, noise, share)
 
 
 def _at_end(data: Trajectories, equation: str) -> ByChannel:

@@ -86,6 +86,19 @@ class Regressors(EvaluatedColumns):
         """Return chosen columns at the rows."""
         return self.values[:, list(indices)]
 
+    def least_squares(self, indices: Sequence[int]) -> tuple[np.ndarray, float]:
+        """Return coefficients of columns, and the sum of their squared residuals, whitened."""
+        white = self.rows.whiten(np.column_stack([self.target, self.at_rows(indices)]))
+        theta = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=1e-12)[0]
+        return theta, float(np.sum((white[:, 0] - white[:, 1:] @ theta) ** 2))
+
+    def own_terms(self) -> tuple[tuple[Term, float], ...]:
+        """Return the terms of the user's dictionary with their coefficients by least squares, user's units."""
+        own = self.of_kind(FREE)
+        sizes = self.least_squares(own)[0] * self.target_scale
+        columns = [self.columns[i] for i in own]
+        return tuple((c.term, size / c.scale) for c, size in zip(columns, sizes.tolist(), strict=True) if c.term)
+
     def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:
         """Evaluate terms and add their columns; a term that cannot serve is left out, with a reason.
 

@@ -119,3 +119,14 @@ def test_a_jump_is_found_beside_what_is_larger():
     columns = spread.beside({"v": v})
     both = spread.mean(lambda c: (np.sign(c["v"]) + 9)[:, None], columns, lambda c: np.sign(c["v"])[:, None])
     assert np.array_equal(both - 9, spread.mean(lambda c: np.sign(c["v"])[:, None], columns))
+
+
+def test_what_is_linear_beside_a_kink_has_its_value_at_the_sample():
+    # A rough input changes its sign within a step; a mean over that step would be another, smoother input.
+    u = np.random.default_rng(0).standard_normal(400)
+    spread, limit = spread_of(u, {}), 1e-3
+    found = spread.mean(
+        lambda c: (np.sign(c["v"]) * np.maximum(np.abs(c["v"]) - limit, 0))[:, None], spread.beside({"v": u})
+    )
+    inside = slice(1, -1)
+    assert np.abs(found[inside, 0] - u[inside]).max() <= limit + 1e-12

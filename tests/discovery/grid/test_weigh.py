@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.discovery.grid.latent_force import ForcedRates
+from bayes_greybox.data.noise.weighted import WhiteNoise
+from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise
 from bayes_greybox.discovery.grid.sets import Reach
-from bayes_greybox.discovery.grid.table import EFFECT, Features, Regressor, RegressorTable
+from bayes_greybox.discovery.grid.table import EFFECT, FREE, Features, Regressor, RegressorTable
 from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.odds import Odds
 
@@ -74,3 +75,21 @@ def test_hypotheses_that_leave_nothing_are_weighed_among_themselves():
     assert all(h.complete for h in alone.hypotheses)
     assert sum(h.probability for h in alone.hypotheses) == pytest.approx(1.0)
     assert alone.hypotheses[0].log_weight < every.hypotheses[0].log_weight - 100
+
+
+def test_what_the_users_own_terms_can_do_is_no_discrepancy():
+    # All that a law can do is nearly the own term: what is left is the difference of two that cancel.
+    rng = np.random.default_rng(2)
+    own, effect, rest = np.cos(0.9 * TIME + 0.4), np.sin(11 * TIME), np.cos(0.7 * TIME + 0.2)
+    target = effect + 3 * own + 0.3 * rest + 0.02 * rng.standard_normal(N)
+    X = np.column_stack([own, effect])
+    features = (own + 0.3 * rest)[:, None]
+    table = RegressorTable(
+        (Regressor(FREE, "own", "free:own", 10.0), Regressor(EFFECT, "e", "e", 1.0)), target, X, X,
+        KnownNoise(WhiteNoise((N,)), 2.0, 0.05, 0.02), np.arange(N) * 8 // N, Features(features, features),
+        np.zeros((1, 1)),
+    )  # fmt: skip
+    best = weigh(table, Odds(), Reach(), 1e-12).hypotheses[0]
+    apart = 0.3 * (rest - own * (own @ rest) / (own @ own))
+    assert best.members == (0, 1) and best.kinds["law"] > 0.9
+    assert best.left == pytest.approx(float(np.sqrt(np.mean(apart**2))), rel=0.05)
