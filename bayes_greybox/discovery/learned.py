@@ -66,6 +66,21 @@ def shown_effects(study: StudyResult) -> pd.DataFrame:
     return table
 
 
+def shown_corrections(study: StudyResult) -> pd.DataFrame:
+    """Return the table of corrections with the values of parameters that the equations have, as `shown_effects`."""
+    table: Any = study.corrections.copy()
+    if "parameter" not in table or not getattr(study, "amendments", None):
+        return table
+    values = {each.name: each.value for each in studied_system(study).parameters if each.learned}
+    for place in table.index[table["parameter"].astype(bool)]:
+        value = values.get(place[-1])
+        if value is not None:
+            now = np.array([value.mean, value.lower, value.upper]) - table.at[place, "nominal"]
+            table.loc[[place], ["mean", "lower", "upper"]] = now
+            table.loc[[place], "sd"] = value.sd
+    return table
+
+
 def extended_system(
     base: Program, data: Trajectories, amendments: Mapping[str, Amendment], probabilities: ByTerm
 ) -> LearnedSystem:

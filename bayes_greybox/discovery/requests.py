@@ -23,6 +23,10 @@ TRY, DOUBT, EVENT, REST, SHAPE, WEIGH, ROLE = "try", "doubt", "event", "rest", "
 at what is left beside names, or without any; weigh effects; give a role."""
 
 
+MOST_OF_IT = 0.5
+"""Share of the samples above which a stretch of time is most of the record."""
+
+
 @dataclass(frozen=True)
 class Request:
     """One thing that a study asks of its reader: a code, and values to say it with."""
@@ -57,6 +61,8 @@ def _events(study: StudyResult) -> Iterator[Request]:
     for name in study.maps:
         if any(each.kind == LATENT_FORCE for each in remainders(study, name)):
             rows = study.where[(study.where["equation"] == name) & (study.where["kind"] == WINDOW)]
+            # What goes on most of the time is no event.
+            rows = rows[rows["sample_share"] <= MOST_OF_IT]
             if len(rows):
                 yield Request(EVENT, {"equation": name, "when": list(rows["description"])})
 

@@ -18,6 +18,7 @@ from .answer.where import GapMap, GapTrace
 from .decision.criteria import CRITERIA, Criteria
 from .decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
 from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
+from .learned import shown_corrections
 from .linearise.near import LARGEST_ERROR
 from .sensor_errors import bends
 from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
@@ -268,8 +269,8 @@ def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
     One that is there for another's sake, as all are beside a gain, may come to zero.
     """
     table = study.corrections
-    likely = table[(table["probability"] > least) & (table["lower"] * table["upper"] >= 0)]
-    return likely.reset_index().to_dict("records")
+    likely = (table["probability"] > least) & (table["lower"] * table["upper"] >= 0)
+    return shown_corrections(study)[likely].reset_index().to_dict("records")
 
 
 def unclear_sign(table: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:

@@ -18,7 +18,7 @@ FARTHER = "To tell them apart, measure up to |v| = 2.7 m/s (the data reach 1.3):
 def to_do(verdict, *given, ties=(), file="run/study.nc", places=(), **changes):
     """Texts and commands, with spaces that break."""
     study = made(verdict, *given, **changes)
-    where = pd.DataFrame(places, columns=["equation", "kind", "description"])
+    where = pd.DataFrame(places, columns=["equation", "kind", "description", "sample_share"])
     study.__dict__.update(ties=list(ties), explanations={"x": ()}, where=where)
     study.settings["configuration"] = "trolley.toml"
     return [(each.text.replace("\u00a0", " "), each.command) for each in asked(study, file)]
@@ -50,7 +50,10 @@ def test_what_is_named_is_exported_and_what_agrees_is_left():
 
 
 def test_what_goes_with_time_is_asked_for_by_its_times():
-    places = [("x", "region", "v > 1 m/s"), ("x", "window", "t = 10.4 to 15.6 s")]
+    places = [
+        ("x", "region", "v > 1 m/s", 0.2),
+        ("x", "window", "t = 0 to 30 s", 0.7), ("x", "window", "t = 10.4 to 15.6 s", 0.2),
+    ]  # fmt: skip
     (text, command), (shape, _) = to_do("unknown", memory={"x": {"something in time": 0.999}}, places=places)
     assert text == "Find out what happened at t = 10.4 to 15.6 s: something acted then that no column records."
     assert not command and shape.startswith("Look at the shape of the gap")

@@ -90,14 +90,15 @@ class SampleSpread:
         value = np.array(evaluate(x), float)
         with np.errstate(all="ignore"):
             at_sample = value if jumping is None else np.asarray(jumping(x), float)
-            near = np.flatnonzero(np.any(self._near_jump(jumping or evaluate, x, columns, at_sample), axis=1))
+            jumps = self._near_jump(jumping or evaluate, x, columns, at_sample)
+            near = np.flatnonzero(np.any(jumps, axis=1))
             n_value = len(near) * MEAN_POINTS * value.shape[1]
             for some in np.array_split(near, -(-n_value // MOST_AVERAGED_AT_ONCE) or 1):
                 if len(some):
                     around = np.reshape(evaluate(self._moved(x, columns, some)), (MEAN_POINTS, len(some), -1))
                     mean = around.mean(axis=0)
                     # A term whose domain ends nearby has no mean.
-                    value[some] = np.where(np.isfinite(mean), mean, value[some])
+                    value[some] = np.where(np.isfinite(mean) & jumps[some], mean, value[some])
         return value
 
     def bends(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, " n"]:

@@ -26,6 +26,9 @@ RATE_DRAWS = 200
 SHARE, NMSES = "unexplained share", ("derivative NMSE", "output NMSE", "sample NMSE")
 """Metrics: share of the measurement that neither model nor noise explains, and mean square error over its variance."""
 
+AT_REST = 1e-12
+"""Range over the largest value below which a measurement is at rest but for rounding."""
+
 NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
 
@@ -145,7 +148,9 @@ class _Sizes:
         gain, noise = rows.gain**2, (amendment.sigma * amendment.gain) ** 2
         allowed = max(noise, _sample_variance(data)) * (criteria.forced**2 if amendment.forced else 1.0)
         allowed += gain * float(np.mean(np.var(draws, axis=0)))
-        variance = float(np.var(rows.measured))
+        # A measurement at rest has the variance of its rounding.
+        at_rest = np.ptp(rows.measured) <= AT_REST * np.max(np.abs(rows.measured))
+        variance = 0.0 if at_rest else float(np.var(rows.measured))
         # The zero of a sensor is arbitrary; that of a rate is not.
         square = variance if rows.output else float(np.mean(rows.measured**2))
         return cls(variance * gain, square * gain, noise, allowed)

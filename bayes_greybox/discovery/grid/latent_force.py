@@ -42,7 +42,8 @@ class LatentForce(ABC):
         period: Period of the motion, which time scales are shares of.
         step: Usual time between two rows of a sensor.
         noise: First guess of the noise's standard deviation, over the target's size.
-        gap: RMS of the gap as a force, over that of the target: the scale of effects and of what remains.
+        gap: RMS of the gap as a force, over that of the target: the scale of what remains.
+        effect_size: Prior standard deviation of an effect's RMS, over that of the target.
         forced: True if a latent force is weighed on these rows.
         sensor_scales: Time scales of a sensor's noise, in periods.
     """
@@ -51,6 +52,7 @@ class LatentForce(ABC):
     step: float
     noise: float
     gap: float = 1.0
+    effect_size: float = 1.0
     forced: bool = True
     sensor_scales: tuple[float, ...] = SENSOR_SCALES
 

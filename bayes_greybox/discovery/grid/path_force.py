@@ -53,6 +53,11 @@ class ForcedPath(LatentForce):
     _moved: dict[tuple[float, bool], tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, repr=False)
 
     @property
+    def effect_size(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Return the size of the gap: samples are far larger than the forces that moved them."""
+        return self.gap
+
+    @property
     def fresh(self) -> Bool[np.ndarray, " n_sample"]:
         """Return true for each sample that is the first one of its segment."""
         return np.diff(self.steps.end[:, 0], prepend=-1) != 0

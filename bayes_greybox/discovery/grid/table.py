@@ -14,6 +14,10 @@ FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
 inputs, effects of the catalogue."""
 
 
+FREE_SCALE = 10.0
+"""Prior standard deviation of the user's terms without a stated one, in units of the target."""
+
+
 @dataclass(frozen=True)
 class Regressor:
     """Prior and names of one column, for the search.
@@ -83,6 +87,11 @@ class RegressorTable:
     law: Features
     frequency: Float[np.ndarray, "n_feature n_variable"]
     memories: Mapping[str, Features] = field(default_factory=dict)
+
+    @property
+    def own(self) -> tuple[int, ...]:
+        """Return the columns of the user's own terms that may have any size: those without a stated prior."""
+        return tuple(i for i in self.of_kind(FREE) if self.regressors[i].sd >= FREE_SCALE)
 
     def of_kind(self, kind: str) -> tuple[int, ...]:
         """Return the columns of one kind."""

@@ -35,7 +35,8 @@ class Hypothesis:
         noise: Standard deviation of the sensor's noise there.
         mean: Posterior means of its coefficients there.
         sizes: RMS of the part of each regressor's contribution that the others of the set cannot explain.
-        left: RMS of the smoothed discrepancy, times the root of the probability that there is one.
+        left: RMS of the smoothed discrepancy, apart from the user's own terms of any size, times the root of the
+            probability that there is one.
         beside: RMS of the part of that discrepancy in the band of each regressor, times the same root.
         against: Mean product of the contribution in `sizes` and the whole discrepancy, times that probability; negative
             where the two cancel.
@@ -212,8 +213,8 @@ def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, s
     block_logs = split.block_logs(best, residuals, mode.v)
     agreement = bagged(block_logs, probability, seed)
     discrepancy = split.discrepancies(logs, residuals)
-    # The user's own terms have any size: what they can do is theirs.
-    own = table.acting[:, list(before)]
+    # What terms of any size can do is theirs.
+    own = table.acting[:, list(table.own)]
     discrepancy = discrepancy - own @ np.linalg.lstsq(own, discrepancy, rcond=1e-12)[0]
     left, overlap = np.sqrt(np.mean(discrepancy**2, axis=0)), table.acting.T @ discrepancy / len(discrepancy)
     band = Band(table.acting, discrepancy)

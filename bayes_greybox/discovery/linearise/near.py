@@ -260,12 +260,12 @@ class Near:
         return bool(np.all((moved <= SETTLED_SHARE * now.sd * self.in_units(now)) | nonlinear))
 
 
-def as_regressor(column: Column, gap: float) -> Regressor:
+def as_regressor(column: Column, size: float) -> Regressor:
     """Return the prior and names of a column, for the search."""
     if column.kind == EFFECT and column.effect is not None:
         effect = column.effect
         return Regressor(
-            EFFECT, effect.label, effect.slug, column.sd * gap,
+            EFFECT, effect.label, effect.slug, column.sd * size,
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip

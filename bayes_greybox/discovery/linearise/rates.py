@@ -14,7 +14,6 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
-from bayes_greybox.discovery.grid.table import FREE
 from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
@@ -69,6 +68,7 @@ class RateRows(Source):
         self._measured = _earlier(smooth, self.late)
         self._noisy = noisy_inputs(self._measured)
         self._out = (*self.clipped.values(), *self.misread.values(), *_beyond(train, self.late))
+        self._gap = 0.0
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
@@ -112,8 +112,12 @@ class RateRows(Source):
         regressors.remember((memory, table[used]) for memory, table in elements)
         scale = regressors.target_scale
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
+        # Evidences near two hypotheses would differ by gaps of their own.
+        self._gap = self._gap or _gap(regressors, floor)
+        size = float(np.sqrt(np.mean(regressors.target**2))) * scale
+        force = _force(regressors, data, self._gap / size if self._gap and size > 0 else 1.0)
         return Rows(
-            point, model, data, regressors, _force(regressors, data), rate, np.flatnonzero(used),
+            point, model, data, regressors, force, rate, np.flatnonzero(used),
             self.train.n_obs, floor, math.log(scale),
         )  # fmt: skip
 
@@ -153,22 +157,25 @@ def _driven(model: Program, equation: str, rate: Rate) -> Rate:
     return lambda data: rate(model.rows.complete(data, equation, model.simulator(data)))
 
 
-def _force(regressors: Regressors, data: Trajectories) -> LatentForce:
+def _gap(regressors: Regressors, floor: float) -> float:
+    """Return the RMS of what the user's own terms leave of the target, at least that of its rounding, user's units."""
+    target = regressors.target
+    left = target - regressors.at_rows(regressors.own) @ regressors.least_squares(regressors.own)[0]
+    return max(float(np.sqrt(np.mean(left**2))), math.sqrt(floor)) * regressors.target_scale
+
+
+def _force(regressors: Regressors, data: Trajectories, gap: float) -> LatentForce:
     """Return the latent force and the noise on rows of rates; none beside a filter's noise."""
     rows, target = regressors.rows, regressors.target
     period = period_of(data, rows.equation)
     scales = OUTPUT_SCALES if rows.output else SENSOR_SCALES
-    # What the user's own terms leave; without any, the target is the gap.
-    own = regressors.of_kind(FREE)
-    gap = target - regressors.at_rows(own) @ regressors.least_squares(own)[0]
-    share = float(np.sqrt(np.mean(gap**2) / np.mean(target**2))) or 1.0
     spread = correlation_and_sd(rows.noise)[1]
-    force = ForcedRates(rows.time, rows.run, period, spread, rough_noise(target), scales, share)
+    force = ForcedRates(rows.time, rows.run, period, spread, rough_noise(target), scales, gap)
     if rows.noise.independent:
         return force
     white = rows.whiten(target[:, None])[:, 0]
     noise = rough_noise(white) * float(np.sqrt(np.mean(white**2) / np.mean(target**2)))
-    return KnownNoise(rows.noise, period, force.step, noise, share)
+    return KnownNoise(rows.noise, period, force.step, noise, gap)
 
 
 def _at_end(data: Trajectories, equation: str) -> ByChannel:

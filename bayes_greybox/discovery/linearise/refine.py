@@ -249,8 +249,8 @@ class _Search:
         white = ground.whiten(context.point, np.column_stack(values_at_rows))
         Z = np.hstack([self._base(context), white])
         products = Gram((ground.points[context.point],), (Z.T @ Z)[None], np.zeros(1), float(len(Z)))
-        gap = ground.table.force.gap
-        spread = np.array([*(ground.table.regressors[i].sd for i in context.others), *(gap * np.array(sd))])
+        size = ground.table.force.effect_size
+        spread = np.array([*(ground.table.regressors[i].sd for i in context.others), *(size * np.array(sd))])
         sets = [(*range(first), first + j) for j in range(len(there))]
         logs[there] = log_evidences(products, spread**-2.0, sets, ground.floor)[:, 0]
         return logs

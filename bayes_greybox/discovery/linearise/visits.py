@@ -117,7 +117,7 @@ def table_of(rows: Rows) -> RegressorTable:
         law = Features(np.zeros((regressors.rows.n_row, 0)), np.zeros((n_sample, 0)))
     else:
         law = Features(regressors.features(), regressors.evaluate_features(regressors.rows.at_rows())[:n_sample])
-    columns = tuple(as_regressor(column, rows.force.gap) for column in regressors.columns)
+    columns = tuple(as_regressor(column, rows.force.effect_size) for column in regressors.columns)
     return RegressorTable(
         columns, regressors.target, regressors.values, regressors.acting[:n_sample], rows.force,
         block, law, np.asarray(regressors.basis.frequency), memories,

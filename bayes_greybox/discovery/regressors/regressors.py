@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, SENSOR
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, FREE_SCALE, SENSOR
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.algebra.truncated import log_mass
@@ -21,9 +21,9 @@ from bayes_greybox.running.errors import InputError
 
 from .columns import Column, EvaluatedColumns, evaluated
 
-FREE_SCALE, CORRECTION_SCALE, EFFECT_SCALE = 10.0, 0.3, 1.0
-"""Prior standard deviations of coefficients: of the user's own dictionary, scaled units, hardly a prior at all; of a
-correction, over the simulation's own coefficient; of an effect, scaled units: its RMS in units of the gap's RMS."""
+CORRECTION_SCALE, EFFECT_SCALE = 0.3, 1.0
+"""Prior standard deviations of coefficients: of a correction, over the simulation's own coefficient; of an effect,
+scaled units: its RMS in units of the gap's RMS."""
 
 COLLINEAR, PARALLEL = 1e-9, 1e-4
 """Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
@@ -92,11 +92,15 @@ class Regressors(EvaluatedColumns):
         theta = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=1e-12)[0]
         return theta, float(np.sum((white[:, 0] - white[:, 1:] @ theta) ** 2))
 
+    @property
+    def own(self) -> list[int]:
+        """Return the columns of the user's own terms that may have any size: those without a stated prior."""
+        return [i for i in self.of_kind(FREE) if self.columns[i].sd >= FREE_SCALE]
+
     def own_terms(self) -> tuple[tuple[Term, float], ...]:
-        """Return the terms of the user's dictionary with their coefficients by least squares, user's units."""
-        own = self.of_kind(FREE)
-        sizes = self.least_squares(own)[0] * self.target_scale
-        columns = [self.columns[i] for i in own]
+        """Return the user's own terms of any size, with their coefficients by least squares, user's units."""
+        sizes = self.least_squares(self.own)[0] * self.target_scale
+        columns = [self.columns[i] for i in self.own]
         return tuple((c.term, size / c.scale) for c, size in zip(columns, sizes.tolist(), strict=True) if c.term)
 
     def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:

@@ -5,7 +5,7 @@ surer. Where the samples show white noise of their own, terms are evaluated at s
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -27,8 +27,9 @@ LARGEST_NOISE, BORNE_OUT, FEWEST_SMOOTHED = 0.3, 0.65, 30
 steps from their rate, over what noise s makes of them, that bears the noise out; samples of a run below which nothing
 is smoothed."""
 
-INTEGRAL_GAIN = 0.811476
-"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps."""
+INTEGRAL_GAIN, SUMMED = 0.811476, 0.1
+"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps; share
+of the noise below which a state departs from a plain sum of its rate: it was summed up from it."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
@@ -62,7 +63,8 @@ class Smoother:
 
     Args:
         train: Training data.
-        rates: Rates of states at the samples, measured or known; the noise of states without one is believed.
+        rates: Rates of states at the samples, measured or known; without one, and for a state that is no rate itself,
+            noise is believed.
         rate_of: State that each state is the rate of, as a speed is that of a position.
 
     Attributes:
@@ -165,25 +167,41 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray], rate_of: Mapp
         return {}
     sds = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
     runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 3]
-    step = float(np.median(np.diff(data.time)))
-    known = [name for name in data.states if name in rates] if runs else []
-    departure = {name: _departure(data, name, rates[name], runs) for name in known}
     believed = {}
     for (name, x), s in zip(data.states.items(), map(float, sds), strict=True):
         # What follows from its start no sensor reads.
         if name in data.computed or not 0 < s < LARGEST_NOISE * np.std(x):
             continue
-        expected = {name: math.sqrt(2) * s, rate_of.get(name): INTEGRAL_GAIN * step * s}
-        if all(departure.get(each, math.inf) >= BORNE_OUT * size for each, size in expected.items()):
-            believed[name] = s
+        if name in rates and runs:
+            steps = [np.diff(x[rows] - running_integral(data.time[rows], rates[name][rows])) for rows in runs]
+            if _usual(steps) < BORNE_OUT * math.sqrt(2) * s:
+                continue
+        above = rate_of.get(name)
+        if above is not None and above not in data.computed and runs and _smoother(data, above, x, runs, s):
+            continue
+        believed[name] = s
     return believed
 
 
-def _departure(data: Trajectories, name: str, rate: np.ndarray, runs: list[slice]) -> float:
-    """Return the usual departure of a state's steps from the integral of its rate."""
-    x = data.states[name]
-    steps = [np.diff(x[rows] - running_integral(data.time[rows], rate[rows])) for rows in runs]
-    return float(np.median(np.abs(np.concatenate(steps)))) / MEDIAN_ABSOLUTE_NORMAL
+def _smoother(data: Trajectories, above: str, rate: np.ndarray, runs: list[slice], s: float) -> bool:
+    """Return whether a state follows its rate more closely than noise of standard deviation s on the rate allows.
+
+    A position that a logger summed up from the noisy speed itself says nothing of its noise.
+    """
+    departures, summed = [], []
+    for rows in runs:
+        x, r, h = data.states[above][rows], rate[rows], np.diff(data.time[rows])
+        steps = np.diff(x) / h
+        departures.append(steps - np.diff(running_integral(data.time[rows], r)) / h)
+        summed.append([steps - each for each in ((r[:-1] + r[1:]) / 2, r[:-1], r[1:])])
+    if min(map(_usual, zip(*summed, strict=True))) < SUMMED * s:
+        return False
+    return _usual(departures) < BORNE_OUT * INTEGRAL_GAIN * s
+
+
+def _usual(parts: Iterable[np.ndarray]) -> float:
+    """Return the usual size of values, robustly."""
+    return float(np.median(np.abs(np.concatenate(list(parts))))) / MEDIAN_ABSOLUTE_NORMAL
 
 
 class Smoothed(NamedTuple):

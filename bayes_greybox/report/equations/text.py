@@ -91,7 +91,7 @@ NOTATION = "1.23(4) is 1.23 ± 0.04."
 GIVEN_MARK = "(given)"
 """Stands where the standard deviation of a coefficient would, that was fixed."""
 
-GIVEN_NOTE = "2(given) was given, not estimated."
+GIVEN_NOTE = "(given) was not estimated."
 """What the mark means."""
 
 

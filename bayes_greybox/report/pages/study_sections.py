@@ -8,7 +8,7 @@ import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
 from bayes_greybox.discovery.contradictions import notable
-from bayes_greybox.discovery.learned import shown_effects, studied_system
+from bayes_greybox.discovery.learned import shown_corrections, shown_effects, studied_system
 from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
 from bayes_greybox.discovery.summary import added, changed, shown_part, unclear_sign
@@ -209,7 +209,7 @@ def measurement(study: StudyResult) -> Section:
 
 def corrections(study: StudyResult) -> Section | None:
     """Return the section of corrections to the simulation's own coefficients."""
-    table: Any = study.corrections
+    table: Any = shown_corrections(study)
     if not len(table):
         return None
     columns = {
@@ -220,7 +220,7 @@ def corrections(study: StudyResult) -> Section | None:
         "#correction": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
         "#90 % interval": lambda row: interval(row["lower"], row["upper"]),
     }
-    likely, unclear = table["probability"] > study.criteria.missing, unclear_sign(table)
+    likely, unclear = table["probability"] > study.criteria.missing, unclear_sign(study.corrections)
     shown = {
         "Coefficients that are more likely off than not": table[likely & ~unclear],
         "Coefficients that are corrected by what cannot be told from zero": table[likely & unclear],

@@ -46,7 +46,7 @@ LEAST_PROBABLE = 0.001
 MOST_ASSETS = 60
 """Largest number of assets in one figure; of more, as many from the smallest to the largest."""
 
-LONGEST_ASSET_NAME, LONGEST_SET_NAME = 28, 90
+LONGEST_ASSET_NAME, LONGEST_SET_NAME = 28, 400
 """Letters of an asset's name, and of a set's, in a figure."""
 
 

@@ -58,7 +58,8 @@ def overview(study: StudyResult, equation: str | None = None, wide: bool = True)
         panels = figure.subfigures(3, 1, height_ratios=(2.7, 2.4, 2.5), hspace=0.03)
     where, what, helps = panels
     _where(where, study, equation)
-    ranking(study, equation, most=MOST_SHOWN, letters=LETTERS, axes=what.subplots())
+    if equation in study.hypotheses.index.get_level_values(0):
+        ranking(study, equation, most=MOST_SHOWN, letters=LETTERS, axes=what.subplots())
     state = _furthest(study) if _added(study, equation) else None
     if state is None:
         _along_time(helps, study, equation)
@@ -107,7 +108,7 @@ def _furthest(study: StudyResult) -> str | None:
 
 def _free_run(panel: SubFigure, study: StudyResult, state: str) -> None:
     path, data, ax = study.paths[state], run_data(study), panel.subplots()
-    rows = _first_run(path.run)
+    rows = _first_run(path.run, early=not np.isfinite(path.before.mean[-1]))
     before, after = (band_rows(band)[:, rows] for band in (path.before, path.after))
     about = {"seen_as": seen_as(data, state), "unit": data.unit(state), "time_unit": data.unit("t")}
     plot_free_run(path.time[rows], path.measured[rows], before, after, state=state, holds=path.holds, **about, axes=ax)
@@ -125,9 +126,10 @@ def _along_time(panel: SubFigure, study: StudyResult, equation: str) -> None:
     _finish(ax, "the gap along the training data")
 
 
-def _first_run(run: np.ndarray) -> np.ndarray:
-    """Return the rows of the first run, of a long one those of its end: panels are small."""
-    return np.flatnonzero(np.asarray(run) == run[0])[-MOST_ROWS:]
+def _first_run(run: np.ndarray, early: bool = False) -> np.ndarray:
+    """Return the rows of the first run, of a long one those of its end, or its beginning: panels are small."""
+    rows = np.flatnonzero(np.asarray(run) == run[0])
+    return rows[:MOST_ROWS] if early else rows[-MOST_ROWS:]
 
 
 def _finish(ax: Axes, title: str) -> None:

@@ -154,7 +154,7 @@ def _without_name(study: StudyResult) -> str:
     if others:
         # A name may be as likely as that there is none.
         candidates = [_hypothesis(study, names[0], name, q) for name, q in [(UNKNOWN_KIND, p), *others]]
-        return f"{_something(study, names)}; which effect is open: {_list(candidates)}; {shape}"
+        return f"{_something(study, names)}; which effect is open: {_list(candidates)}; {shape.replace('if so, ', '')}"
     return f"{likely(study, what, p)}; {shape}"
 
 

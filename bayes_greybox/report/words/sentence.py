@@ -69,10 +69,9 @@ def _next_likeliest(study: StudyResult) -> list[str]:
     if not study.criteria.missing <= p < study.criteria.named:
         return []
     (equation,) = study.maps
-    return [
-        f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})."
-        for name, q in rivals(study, equation)[:1]
-    ]
+    # What is late was put right before hypotheses were weighed: no gap then says the same.
+    others = [each for each in rivals(study, equation) if (study.verdict, each[0]) != (INSTRUMENT, NO_GAP)]
+    return [f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})." for name, q in others[:1]]
 
 
 def _explanation(study: StudyResult, name: str) -> str:

@@ -66,7 +66,14 @@ def test_kinks_of_a_speed_that_its_position_does_not_bear_out_are_no_noise():
     data = Trajectories.from_arrays(t, states={"x": x, "v": v})
     assert "v" in Smoother(data, rates).noise
     assert Smoother(data, rates, {"v": "x"}).noise == {}
+    # A rate of the position that was measured by itself says nothing of the speed's samples.
     noisy = v + 0.01 * rng.standard_normal(n)
+    apart = Trajectories.from_arrays(t, states={"x": x, "v": noisy})
+    assert "v" in Smoother(apart, rates, {"v": "x"}).noise
+    # Nor does a position that was summed up from the noisy speed.
+    summed = np.append(0.0, np.cumsum(STEP * (noisy[1:] + noisy[:-1]) / 2))
+    added = Trajectories.from_arrays(t, states={"x": summed, "v": noisy})
+    assert "v" in Smoother(added, {"x": noisy, "v": rates["v"]}, {"v": "x"}).noise
     found = Smoother(Trajectories.from_arrays(t, states={"x": x, "v": noisy}), rates | {"x": noisy}, {"v": "x"}).noise
     assert found["v"].sd == pytest.approx(0.01, rel=0.25)
 
