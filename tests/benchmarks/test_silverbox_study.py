@@ -37,8 +37,11 @@ def test_the_cubic_spring_is_named_and_free_runs_improve(capsys):
     study = bg.find_missing_effects(model, train, settle=False, free_runs=False, progress=False)
     with capsys.disabled():
         print(f"\n{study.sentence}\n{study.rounds}\n{study.settings['seconds']}")
-    assert study.effects["slug"].iloc[0] == "cubic-stiffness"
-    assert study.effects["status"].iloc[0] == "added"
+    # A cubic spring, or a power of the displacement whose exponent is three but for its error.
+    first = study.effects.iloc[0]
+    assert first["status"] == "added" and first["slug"] in ("cubic-stiffness", "power-law-stiffness")
+    if first["slug"] == "power-law-stiffness":
+        assert abs(float(first["expression"].rpartition("**")[2]) - 3) < 0.1
     # One sensor shows the position, and the rate is computed from it: no channel of the two is late by itself.
     assert not {"states", "y", "v", "d(v)/dt"} & set(study.instrument.query("suspect == 'delay'")["channel"])
     errors = {}

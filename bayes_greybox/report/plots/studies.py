@@ -81,7 +81,10 @@ def gap_limit(gap: GapMap) -> float:
 
 
 def gap_map(
-    study: StudyResult, equation: str, parts: tuple[str, ...] | None = None, axes: Axes | None = None
+    study: StudyResult,
+    equation: str,
+    parts: tuple[str, ...] | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
     """Draw the gap over the state space before and after, on one scale; curves where it is over one variable.
 
@@ -132,7 +135,7 @@ def ranking(
     equation: str,
     most: int = MOST_HYPOTHESES,
     letters: int = LONGEST_SET_NAME,
-    axes: Axes | None = None,
+    axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
     """Draw the hypotheses about one equation, most probable first.
 
@@ -141,7 +144,7 @@ def ranking(
         equation: Learned state or output.
         most: Largest number of hypotheses.
         letters: Letters of a name.
-        axes: Axes to draw into.
+        axes: One axes to draw into.
     """
 
     def label(slug: str) -> str:

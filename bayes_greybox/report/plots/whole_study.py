@@ -59,7 +59,7 @@ def overview(study: StudyResult, equation: str | None = None, wide: bool = True)
     where, what, helps = panels
     _where(where, study, equation)
     if equation in study.hypotheses.index.get_level_values(0):
-        ranking(study, equation, most=MOST_SHOWN, letters=LETTERS, axes=what.subplots())
+        ranking(study, equation, most=MOST_SHOWN, letters=LETTERS, axes=[what.subplots()])
     state = _furthest(study) if _added(study, equation) else None
     if state is None:
         _along_time(helps, study, equation)
@@ -79,7 +79,7 @@ def _added(study: StudyResult, equation: str) -> bool:
 def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
     gap = study.maps[equation]
     if len(gap.variables) == 1:
-        gap_map(study, equation, axes=panel.subplots())
+        gap_map(study, equation, axes=[panel.subplots()])
         return
     maps = {"the simulation as given": gap.before, "the extended model": gap.after}
     shown = dict(list(maps.items())[: len(gap_parts(study, equation))])
@@ -87,13 +87,14 @@ def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
     inside, limit = support(gap), gap_limit(gap)
     grid = (np.asarray(gap.axes[0]), np.asarray(gap.axes[1]))
     look: dict[str, Any] = {"cmap": style.SIGNED, "vmin": -limit, "vmax": limit, "shading": "nearest"}
+    meshes = []
     for ax, (title, values) in zip(axes, shown.items(), strict=True):
-        mesh = ax.pcolormesh(*grid, values.T, rasterized=True, **look)
+        meshes.append(ax.pcolormesh(*grid, values.T, rasterized=True, **look))
         fade_outside(ax, grid, inside)
         finish_map(ax, grid, gap.variables, gap.units, gap.samples)
         ax.set_title(title)
         ax.label_outer()
-    panel.colorbar(mesh, ax=list(axes), label=style.with_unit("gap", gap.unit))
+    panel.colorbar(meshes[-1], ax=list(axes), label=style.with_unit("gap", gap.unit))
 
 
 def _furthest(study: StudyResult) -> str | None:
@@ -111,7 +112,9 @@ def _free_run(panel: SubFigure, study: StudyResult, state: str) -> None:
     rows = _first_run(path.run, early=not np.isfinite(path.before.mean[-1]))
     before, after = (band_rows(band)[:, rows] for band in (path.before, path.after))
     about = {"seen_as": seen_as(data, state), "unit": data.unit(state), "time_unit": data.unit("t")}
-    plot_free_run(path.time[rows], path.measured[rows], before, after, state=state, holds=path.holds, **about, axes=ax)
+    plot_free_run(
+        path.time[rows], path.measured[rows], before, after, state=state, holds=path.holds, **about, axes=[ax]
+    )
     _finish(ax, "from the first state and the inputs alone")
 
 
@@ -122,7 +125,7 @@ def _along_time(panel: SubFigure, study: StudyResult, equation: str) -> None:
     rows = _first_run(trace.run)
     before, after = (band[:, rows] for band in trace_bands(trace))
     about = {"threshold": trace.threshold, "unit": trace.unit, "time_unit": study.train.unit("t")}
-    plot_gap_over_time(trace.time[rows], before, after, equation=equation, **about, axes=ax)
+    plot_gap_over_time(trace.time[rows], before, after, equation=equation, **about, axes=[ax])
     _finish(ax, "the gap along the training data")
 
 
