@@ -1,12 +1,12 @@
 """The gallery's pictures and outputs, and README's picture.
 
-From the root of a checkout, about fifteen seconds a script on one core:
+From the root of a checkout, some minutes in all:
 
     python docs/draw_gallery.py [NAME ...]
 
 Each script of docs/gallery makes measurements, or reads them, and ends with a study. Beside it are written what the
-study says, as NAME.txt, and its overview, as NAME.png. README's picture is that of `hardening_spring`. Measured records
-are read from the folder that `BAYES_GREYBOX_DATA` names.
+study says, as NAME.txt, and its overview, as NAME.png. README's picture is that of `hardening_spring`, drawn narrow.
+Measured records are read from the folder that `BAYES_GREYBOX_DATA` names.
 """
 
 import runpy
@@ -26,7 +26,7 @@ FIRST = "hardening_spring"
 """The script whose study is shown on the first page and in README."""
 
 WIDTH = 88
-"""Letters in a line of output."""
+"""Characters in a line of output."""
 
 
 def study_of(name: str) -> bg.Study:
@@ -35,13 +35,13 @@ def study_of(name: str) -> bg.Study:
 
 
 def said(study: bg.Study) -> str:
-    """What a study says: its verdict on a line of its own, and its sentence."""
+    """The verdict of a study on a line of its own, and its sentence."""
     sentence = textwrap.fill(study.sentence, WIDTH, break_long_words=False, break_on_hyphens=False)
     return f"{study.verdict}\n\n{sentence}\n"
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a picture as a PNG of few colours, a third of its size otherwise."""
+    """Write a picture as a PNG of 256 colours, a third of the usual size."""
     figure.savefig(path, dpi=130)
     few = Image.open(path).convert("RGB").quantize(256, method=Image.Quantize.MAXCOVERAGE, kmeans=3)
     few.save(path, optimize=True)

@@ -57,7 +57,7 @@ def requests(study: StudyResult) -> Iterator[Request]:
 
 
 def _events(study: StudyResult) -> Iterator[Request]:
-    """Yield the stretches of time that hold what goes with time and has no name."""
+    """Yield the stretches of time of an unnamed disturbance."""
     for name in study.maps:
         if any(each.kind == LATENT_FORCE for each in remainders(study, name)):
             rows = study.where[(study.where["equation"] == name) & (study.where["kind"] == WINDOW)]

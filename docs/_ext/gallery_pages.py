@@ -11,8 +11,8 @@ SOURCE, FOLDER = "gallery", "generated/gallery"
 
 VERDICTS = {
     "named": "A name was found",
-    "one of": "Which of several is open",
-    "partly named": "A name that something speaks against",
+    "one of": "One of several effects",
+    "partly named": "A name, but not the whole answer",
     "unknown": "Something without a name",
     "recalibrate": "A wrong number",
     "instrument": "The sensor",
@@ -23,8 +23,8 @@ VERDICTS = {
 LEAD = """# Gallery
 
 Measurements, a simulation, and what a study says: where they disagree, what is missing, whether adding it helps.
-Each is a script that you can run; its picture is `bayes_greybox.plots.overview(study)`.
-`python docs/draw_gallery.py` draws them again.
+Each is a script that you can run, two with a data file of your own; its picture is
+`bayes_greybox.plots.overview(study)`. `python docs/draw_gallery.py` draws them again.
 """
 
 

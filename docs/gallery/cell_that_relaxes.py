@@ -1,8 +1,9 @@
 """A cell that relaxes
 
 Batteries. The voltage of a cell in pulses of current, a sample a second, and a simulation
-of its open-circuit voltage and one resistance. What the voltage remembers is a hidden
-state with a time of its own; nobody measures the state of charge either.
+of its open-circuit voltage and one resistance. The voltage also has a slow part that
+follows the current with a time constant of 25 s. Neither it nor the state of charge is
+measured.
 """
 
 import numpy as np
@@ -13,7 +14,7 @@ rng, n = np.random.default_rng(3), 900
 current, slow = np.zeros(n), np.zeros(n)
 for k in range(0, n, 40):
     current[k : k + int(rng.integers(8, 36))] = rng.uniform(-2, 3)
-kept = np.exp(-1 / 25)  # of a time of 25 s, in a second
+kept = np.exp(-1 / 25)  # share kept over a second, time constant 25 s
 for k in range(1, n):
     slow[k] = kept * slow[k - 1] + (1 - kept) * current[k - 1]
 charge = 0.8 - np.append(0.0, np.cumsum(current[:-1])) / 9000

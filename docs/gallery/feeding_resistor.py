@@ -1,7 +1,9 @@
-"""A resistor that feeds
+"""A resistor that feeds energy in
 
-Electricity. Van der Pol's circuit in the time of its linear part, and a simulation
-without the nonlinear resistor that feeds small oscillations and damps large ones.
+Electricity. Van der Pol's circuit, with time scaled so that its linear part has frequency
+one, and a simulation without the nonlinear resistor, which feeds small oscillations and
+damps large ones. The mechanical catalogue calls the resistor's two parts Van der Pol
+damping and viscous damping of reversed sign.
 """
 
 import numpy as np

@@ -1,9 +1,10 @@
 """Hares and lynxes, measured
 
-Populations. A measured record: the pelts of Hudson Bay, one number a year for 21 years
-(Odum, 1953). In the simulation lynxes live on hares, and no hare is lost to them. Twenty-
-one numbers do not tell two laws of hunting apart. The file is that of posteriordb;
-`BAYES_GREYBOX_DATA` says where it lies.
+Populations. A measured record: the pelts of Hudson Bay, hares and lynxes once a year for
+21 years (Odum, 1953). In the simulation lynxes live on hares, and no hare is lost to
+them. Twenty-one years do not tell two laws of hunting apart, and what is left has a law
+without a name, under which a few free runs go astray. The file comes from posteriordb, a
+public collection of data; put it in the folder that `BAYES_GREYBOX_DATA` names.
 """
 
 import bayes_greybox as bg

@@ -1,7 +1,7 @@
 """Nothing is missing
 
-A simulation that is right, and measurements with 5 % of noise: the answer is that there
-is no gap.
+A simulation that is right, and measurements with 5 % of noise: most likely nothing is
+missing.
 """
 
 import numpy as np

@@ -1,7 +1,8 @@
 """An enzyme that saturates
 
-Drugs. The concentration of a substance in the blood after three doses, and a simulation
-whose elimination is in proportion to it. Large doses stay longer than it says.
+Drugs. The concentration of a substance in the blood after three doses. An enzyme takes it
+away too, which the simulation does not know: it leaves faster than the simulation says,
+least so after large doses, when the enzyme is saturated.
 """
 
 import numpy as np

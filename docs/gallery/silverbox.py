@@ -3,9 +3,9 @@
 Electricity. A measured record: an electronic oscillator whose spring hardens (Wigren and
 Schoukens, 2013). Only its voltage is measured, 610 times a second, of which a filter
 computes rates; a tenth of the record is used. The simulation is linear and its numbers
-are not known. Cubic stiffness comes first; what else there is a tenth of the record does
-not tell, and the study's own checks say so. `BAYES_GREYBOX_DATA` says where the file
-lies.
+are not known. Cubic stiffness comes first. A tenth of the record does not settle which
+dampings go with it, and two checks advise caution. Put the file in the folder that
+`BAYES_GREYBOX_DATA` names.
 """
 
 import bayes_greybox as bg

@@ -1,8 +1,8 @@
 """Friction of a trolley
 
-Mechanics. A trolley on a spring, driven by two tones, whose wheels rub: a force of
-constant size against the motion. An accelerometer with 3 % of noise is the only measured
-rate.
+Mechanics. A trolley on a spring, driven by two tones, whose wheels rub: a force of nearly
+constant size against the motion, which the catalogue calls smooth friction. An
+accelerometer with 4 % of noise is the only measured rate.
 """
 
 import numpy as np

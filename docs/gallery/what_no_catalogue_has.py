@@ -1,8 +1,8 @@
 """What no catalogue has
 
 Mechanics. A magnet beside the track pulls the trolley while it is near. No law of the
-catalogue has that shape: the study shows where the gap is, and says that it has no name
-for it.
+catalogue has that shape: the study shows where the gap is, and says that most likely it
+has no name for it.
 """
 
 import numpy as np

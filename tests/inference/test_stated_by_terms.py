@@ -144,7 +144,7 @@ def test_what_is_fixed_is_written_exactly_and_marked_as_given(fit):
     text, latex = repr(fit), fit.to_latex()
     # Beside the simulation's own 0.05 y, not summed with it.
     assert "= 0.05·y − 0.13(given) [1/s²] y − 0.8(given) [1/(m²·s²)] y³" in text
-    assert "(given) was not estimated." in text
+    assert "Numbers marked (given) were not estimated." in text
     assert r"- 0.13 \,(\mathrm{given})\, \,[\mathrm{1/s^{2}}]\, y" in latex
     (equation,) = [each for each in json.loads(fit.to_json())["equations"] if each["name"] == "ydot"]
     assert [(each["name"], each["mean"], each["stated"]) for each in equation["given"]] == [

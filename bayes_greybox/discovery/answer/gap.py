@@ -27,7 +27,7 @@ SHARE, NMSES = "unexplained share", ("derivative NMSE", "output NMSE", "sample N
 """Metrics: share of the measurement that neither model nor noise explains, and mean square error over its variance."""
 
 AT_REST = 1e-12
-"""Range over the largest value below which a measurement is at rest but for rounding."""
+"""A measurement whose range is below this share of its largest value is at rest, but for rounding."""
 
 NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""

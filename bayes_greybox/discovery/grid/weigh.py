@@ -213,7 +213,7 @@ def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, s
     block_logs = split.block_logs(best, residuals, mode.v)
     agreement = bagged(block_logs, probability, seed)
     discrepancy = split.discrepancies(logs, residuals)
-    # What terms of any size can do is theirs.
+    # What the terms of any size can explain is no discrepancy.
     own = table.acting[:, list(table.own)]
     discrepancy = discrepancy - own @ np.linalg.lstsq(own, discrepancy, rcond=1e-12)[0]
     left, overlap = np.sqrt(np.mean(discrepancy**2, axis=0)), table.acting.T @ discrepancy / len(discrepancy)

@@ -112,7 +112,7 @@ class RateRows(Source):
         regressors.remember((memory, table[used]) for memory, table in elements)
         scale = regressors.target_scale
         floor = with_rounding(regressors.rows.measured / scale, self.model.noise_floor) ** 2
-        # Evidences near two hypotheses would differ by gaps of their own.
+        # One gap for all points: otherwise their evidences would not compare.
         self._gap = self._gap or _gap(regressors, floor)
         size = float(np.sqrt(np.mean(regressors.target**2))) * scale
         force = _force(regressors, data, self._gap / size if self._gap and size > 0 else 1.0)

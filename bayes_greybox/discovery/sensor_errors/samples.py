@@ -28,8 +28,8 @@ steps from their rate, over what noise s makes of them, that bears the noise out
 is smoothed."""
 
 INTEGRAL_GAIN, SUMMED = 0.811476, 0.1
-"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps; share
-of the noise below which a state departs from a plain sum of its rate: it was summed up from it."""
+"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps; a
+state that departs from the running sum of its rate by less than this share of the noise was computed from that rate."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
@@ -103,7 +103,7 @@ def known_rates(simulation: Simulation, data: Trajectories) -> dict[str, Float[n
 
 
 def integrated(simulation: Simulation, data: Trajectories) -> dict[str, str]:
-    """Return the state that each state is the rate of, by the name of the rate."""
+    """Return, for each state that is the rate of another, that other: the position of a speed."""
     return {rate: name for name in data.state_names if (rate := simulation.rate_name(name)) is not None}
 
 

@@ -86,13 +86,13 @@ def _called(letter: str, arguments: tuple[str, ...], system: LearnedSystem, name
 
 
 NOTATION = "1.23(4) is 1.23 ± 0.04."
-"""How a coefficient and its standard deviation are written."""
+"""Notation of a coefficient with its standard deviation."""
 
 GIVEN_MARK = "(given)"
 """Stands where the standard deviation of a coefficient would, that was fixed."""
 
-GIVEN_NOTE = "(given) was not estimated."
-"""What the mark means."""
+GIVEN_NOTE = "Numbers marked (given) were not estimated."
+"""Meaning of the mark."""
 
 
 def equations_text(system: LearnedSystem) -> str:

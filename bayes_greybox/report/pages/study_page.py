@@ -122,7 +122,7 @@ def _numbers(study: StudyResult) -> Section | None:
             noise = in_noise(study, part, {"metric": metric, "variable": variable})
             note = "within the noise before" if noise else closed_text(float(row["closed"]), denied)
             if ends["before"] == ends["after"]:
-                # What does not show in the figures is said in none.
+                # Two figures that read alike are shown once.
                 ends, left, note = {"after": ends["after"]}, None, "within the noise" if noise else "before and after"
             elif after > before and ends["before"] == share_text(0.0):
                 left, note = None, "next to nothing before"

@@ -22,7 +22,7 @@ STUDY_FILE = "study.nc"
 
 PLAIN_TEXTS = {
     codes.KEEP: "Nothing: go on with the simulation as it is, within the range of these data",
-    codes.TRY: "Check it on a record of its own: no data were held out",
+    codes.TRY: "Check it on a second record: no data were held out",
     codes.ADOPT: "Add what was found to the simulation, and use it within the range of these data",
     codes.CHOOSE: "Measure the parameters that may be off by themselves, and set the one that is",
     codes.ALLOW: "Leave the simulation as it is, and allow for the noise in whatever is fitted to these data",
@@ -77,7 +77,9 @@ def _in_words(study: StudyResult, request: Request, file: str) -> Asked:
             return Asked(_correct(values["row"]), _again(study))
         case codes.EVENT:
             when = listed([numbers_in(each) for each in values["when"]])
-            return Asked(f"Find out what happened at {when}: something acted then that no column records.")
+            return Asked(
+                f"Find out what happened at {when}: no column records what acted on the machine, or disturbed its sensor."
+            )
         case codes.ROLE:
             return Asked(f"{role_text(**values)}.")
     commands = {

@@ -69,7 +69,7 @@ def _next_likeliest(study: StudyResult) -> list[str]:
     if not study.criteria.missing <= p < study.criteria.named:
         return []
     (equation,) = study.maps
-    # What is late was put right before hypotheses were weighed: no gap then says the same.
+    # Delays are put right before hypotheses are weighed: no gap then means the same.
     others = [each for each in rivals(study, equation) if (study.verdict, each[0]) != (INSTRUMENT, NO_GAP)]
     return [f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})." for name, q in others[:1]]
 
