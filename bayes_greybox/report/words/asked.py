@@ -77,9 +77,8 @@ def _in_words(study: StudyResult, request: Request, file: str) -> Asked:
             return Asked(_correct(values["row"]), _again(study))
         case codes.EVENT:
             when = listed([numbers_in(each) for each in values["when"]])
-            return Asked(
-                f"Find out what happened at {when}: no column records what acted on the machine, or disturbed its sensor."
-            )
+            unseen = "no column records what acted on the machine, or disturbed its sensor"
+            return Asked(f"Find out what happened at {when}: {unseen}.")
         case codes.ROLE:
             return Asked(f"{role_text(**values)}.")
     commands = {
