@@ -53,15 +53,15 @@ GALLERY = sorted((DOCS / "gallery").glob("*.py"))
 
 
 def test_the_gallery_has_examples_of_verdicts_with_their_pictures():
-    import gallery_pages
+    import gallery_text
 
-    examples = [gallery_pages.example(script) for script in GALLERY]
+    examples = [gallery_text.example(script) for script in GALLERY]
     assert len(examples) >= 12
-    assert {each.verdict for each in examples} >= set(gallery_pages.VERDICTS) - {"partly named"}
-    shown = gallery_pages.index(examples)
+    assert {each.verdict for each in examples} >= set(gallery_text.VERDICTS) - {"partly named"}
+    shown = gallery_text.index(examples)
     for each in examples:
         assert (DOCS / "gallery" / f"{each.name}.png").is_file() and f"{each.name}.md" in shown
-        text = gallery_pages.page(each)
+        text = gallery_text.page(each)
         assert text.startswith(f"# {each.title}\n") and each.output in text
         # What is on the page is the whole script.
         assert each.code.startswith("import ") and "study = bg.find_missing_effects(" in each.code
