@@ -1,4 +1,4 @@
-"""What no catalogue has
+"""A pull that no catalogue has
 
 Mechanics. A magnet beside the track pulls the trolley while it is near. No law of the
 catalogue has that shape: the study shows where the gap is, and says that most likely it

@@ -29,7 +29,8 @@ is smoothed."""
 
 INTEGRAL_GAIN, SUMMED = 0.811476, 0.1
 """Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps; a
-state that departs from the running sum of its rate by less than this share of the noise was computed from that rate."""
+state that departs from the running sum of its rate by less than this share of the noise was computed from that rate:
+one that was measured departs from trapezoids of a noisy rate by 1/√2 of it, a sum by nothing."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""

@@ -7,7 +7,7 @@ from typing import Any
 import pandas as pd
 
 from bayes_greybox.discovery.answer.instrument import IN_MODEL, LISTED
-from bayes_greybox.discovery.contradictions import notable
+from bayes_greybox.discovery.contradictions import findings, notable
 from bayes_greybox.discovery.learned import shown_corrections, shown_effects, studied_system
 from bayes_greybox.discovery.sensor_errors.channels import DELAY
 from bayes_greybox.discovery.study import StudyResult
@@ -21,7 +21,7 @@ from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.asked import STUDY_FILE, asked
-from bayes_greybox.report.words.doubts import FINDING_TOPICS, doubts
+from bayes_greybox.report.words.doubts import doubts
 from bayes_greybox.report.words.formatting import (
     counted,
     estimate,
@@ -150,7 +150,8 @@ def free_runs(study: StudyResult) -> Section | None:
     if not study.paths:
         return None
     part = "held-out data" if shown_part(study) == "test" else "training data"
-    found = " ".join(f"{each.text}." for each in doubts(study) if each.topic == FINDING_TOPICS["free run"])
+    codes = [each.code for each in findings(study)]
+    found = " ".join(f"{each.text}." for code, each in zip(codes, doubts(study), strict=True) if code == "free run")
     return free_run_section(
         f"Does the simulation {'now ' if any(map(changed, study.maps.values())) else ''}follow the measurements?",
         f"{found} Each model is started where the measurements start and then left alone, on the {part}.".lstrip(),

@@ -139,8 +139,9 @@ def _without_name(study: StudyResult) -> str:
     names = nameless or names
     texts = {name: remembered(study, name) for name in names}
     p = probability_of_answer(study) if study.verdict == UNKNOWN_KIND else 1.0
+    others = rivals(study, names[0]) if p < study.criteria.missing and len(names) == 1 else []
     # What it is has a probability of its own, given that there is something.
-    it = "it" if p >= study.criteria.named else "if so, it"
+    it = "it" if p >= study.criteria.named or others else "if so, it"
     remembers = "; ".join(
         f"{it} {text} in {label(name)}" if len(names) > 1 else f"{it} {text}" for name, text in texts.items() if text
     )
@@ -150,11 +151,10 @@ def _without_name(study: StudyResult) -> str:
     what = f"Something is missing{where} that the catalogue does not have"
     if study.settings.get("catalogue") == NO_CATALOGUE:
         what = f"Something is missing{where}, for which no effect was weighed"
-    others = rivals(study, names[0]) if p < study.criteria.missing and len(names) == 1 else []
     if others:
         # A name may be as likely as that there is none.
         candidates = [_hypothesis(study, names[0], name, q) for name, q in [(UNKNOWN_KIND, p), *others]]
-        return f"{_something(study, names)}; which effect is open: {_list(candidates)}; {shape.replace('if so, ', '')}"
+        return f"{_something(study, names)}; which effect is open: {_list(candidates)}; {shape}"
     return f"{likely(study, what, p)}; {shape}"
 
 
