@@ -34,7 +34,7 @@ NOISE_REACH = 2.5
 """Standard deviations of the noise at which a jump is looked for."""
 
 JUMP = 0.5
-"""Second difference over the reach, as a share of the largest value there, from which on a term jumps."""
+"""Second difference over a part of the reach, as a share of the largest value there, from which on a term jumps."""
 
 BEND_PARTS = 16
 """Parts of the reach by which a kink is distinguished from a smooth curve."""
@@ -84,13 +84,16 @@ class SampleSpread:
     def mean(self, evaluate: Evaluate, columns: Columns, jumping: Evaluate | None = None) -> Float[np.ndarray, "n k"]:
         """Return means φ̄ of jumping terms at some samples of `beside`.
 
-        `jumping` is the part of these terms that jumps, where they also have a smooth part.
+        `jumping` has the parts [n, m] of these terms that jump, where they also have smooth ones: where one of them
+        jumps, all terms are means.
         """
         x = {name: column for name, column in columns.items() if not name.endswith((NEXT, LAST))}
         value = np.array(evaluate(x), float)
         with np.errstate(all="ignore"):
             at_sample = value if jumping is None else np.asarray(jumping(x), float)
             jumps = self._near_jump(jumping or evaluate, x, columns, at_sample)
+            if jumping is not None:
+                jumps = np.any(jumps, axis=1, keepdims=True)
             near = np.flatnonzero(np.any(jumps, axis=1))
             n_value = len(near) * MEAN_POINTS * value.shape[1]
             for some in np.array_split(near, -(-n_value // MOST_AVERAGED_AT_ONCE) or 1):
@@ -109,14 +112,11 @@ class SampleSpread:
         """
         largest = np.zeros(len(next(iter(columns.values()))))
         for first, other in self._ends(columns, self.beside(columns)):
-            at = np.linspace(0.0, 1.0, 2 * BEND_PARTS + 1)
-            points = ({name: (1 - a) * first[name] + a * other[name] for name in first} for a in at.tolist())
-            values = [evaluate(point)[:, 0] for point in points]
+            middle = {name: (first[name] + other[name]) / 2 for name in first}
+            values = [value[:, 0] for value in self._along(evaluate, first, middle, other)]
             whole = np.abs(values[0] + values[-1] - 2 * values[BEND_PARTS])
             # Of a kink off the middle of both parts that have it, a quarter is seen.
-            part = np.max(
-                [np.abs(a + c - 2 * b) for a, b, c in zip(values, values[1:], values[2:], strict=False)], axis=0
-            )
+            part = _largest_bend(values)
             largest = np.fmax(largest, np.where(3 * BEND_PARTS * part > whole, whole, 0.0))
         return largest
 
@@ -129,7 +129,13 @@ class SampleSpread:
             a, b = np.asarray(evaluate(first)), np.asarray(evaluate(other))
             size = np.maximum(np.maximum(np.abs(a), np.abs(b)), np.abs(value))
             # A comparison with a value that is not finite is false: no jump is assumed there.
-            near |= np.abs(a + b - 2 * value) > JUMP * size
+            bent = np.abs(a + b - 2 * value) > JUMP * size
+            rows = np.flatnonzero(np.any(bent, axis=1))
+            if len(rows):
+                # Any power bends by as much near its zero, over the reach; over a part of it only a jump does.
+                ends = ({name: each[name][rows] for name in x} for each in (first, x, other))
+                bent[rows] &= _largest_bend(self._along(evaluate, *ends)) > JUMP * size[rows]
+            near |= bent
         return near
 
     def _ends(self, x: Columns, columns: Columns) -> Iterator[tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
@@ -141,6 +147,14 @@ class SampleSpread:
                 first = {name: x[name] + columns[name + NEXT] / 2 + (s if name == state else 0.0) for name in x}
                 other = {name: x[name] - columns[name + LAST] / 2 - (s if name == state else 0.0) for name in x}
                 yield first, other
+
+    def _along(
+        self, evaluate: Evaluate, first: Columns, middle: Columns, other: Columns
+    ) -> list[Float[np.ndarray, "n k"]]:
+        """Return values at the ends of equal parts of the way from one point to another by a third."""
+        shares = np.linspace(0.0, 1.0, BEND_PARTS + 1).tolist()
+        ways = [(first, middle, a) for a in shares] + [(middle, other, a) for a in shares[1:]]
+        return [np.asarray(evaluate({name: (1 - a) * p[name] + a * q[name] for name in p})) for p, q, a in ways]
 
     def _moved(self, x: Columns, columns: Columns, at: np.ndarray) -> dict[str, np.ndarray]:
         """Return columns at the points around some samples, whose mean is the sample."""
@@ -162,3 +176,8 @@ class SampleSpread:
         """Return τ, and e by state, in the middles of equal parts of their probability; the same for all samples."""
         u = qmc.Sobol(1 + len(self.noise), scramble=False).random(MEAN_POINTS) + 0.5 / MEAN_POINTS
         return u[:, 0] - 0.5, {name: s * norm.ppf(u[:, 1 + k]) for k, (name, s) in enumerate(self.noise.items())}
+
+
+def _largest_bend(values: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the largest second difference of successive values."""
+    return np.max([np.abs(a + c - 2 * b) for a, b, c in zip(values, values[1:], values[2:], strict=False)], axis=0)

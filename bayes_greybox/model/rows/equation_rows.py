@@ -78,7 +78,7 @@ class Jumps(NamedTuple):
     Attributes:
         places: Indices of these values.
         evaluate: Function from columns [n] to these values alone [n, len(places)].
-        jumping: The part of them that jumps, where they are sums with a part that does not.
+        jumping: The parts of them that jump, in any number, where they are sums with parts that do not.
     """
 
     places: Sequence[int]

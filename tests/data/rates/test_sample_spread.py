@@ -130,3 +130,38 @@ def test_what_is_linear_beside_a_kink_has_its_value_at_the_sample():
     )
     inside = slice(1, -1)
     assert np.abs(found[inside, 0] - u[inside]).max() <= limit + 1e-12
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0, 2.98])
+def test_a_power_has_its_value_at_the_sample_even_where_it_is_written_with_a_sign(exponent):
+    y = np.sin(2 * np.pi * np.arange(400) / 11.3)
+    spread, columns = spread_of(y, {"v": 0.01}), {"v": y}
+
+    def power(c):
+        return (np.sign(c["v"]) * np.abs(c["v"]) ** exponent)[:, None]
+
+    assert np.array_equal(spread.mean(power, spread.beside(columns)), power(columns))
+
+
+def test_a_jump_that_only_the_sample_itself_reaches_is_found():
+    v = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
+    spread = spread_of(v, {})
+    found = spread.mean(lambda c: np.heaviside(c["v"] - 0.95, 0.5)[:, None], spread.beside({"v": v}))[:, 0]
+    # Points are 5/4 - |tau|, their mean the sample: above 0.95 are those with |tau| < 0.3.
+    assert abs(found[1] - 0.6) < 2 / 64 and not found[2:].any()
+
+
+@pytest.mark.parametrize("n_sum", [1, 2, 3])
+def test_sums_are_means_where_any_of_their_parts_jumps(n_sum):
+    v = 0.1 * (np.arange(-10, 11) - 0.3)
+    spread = spread_of(v, {})
+
+    def parts(c):
+        return np.sign(np.stack([c["v"], c["v"] - 0.5, c["v"] + 4], axis=1))
+
+    def sums(c):
+        return np.tile(parts(c).sum(axis=1, keepdims=True), n_sum)
+
+    columns = spread.beside({"v": v})
+    found = spread.mean(sums, columns, parts)
+    assert np.allclose(found, np.tile(spread.mean(parts, columns).sum(axis=1, keepdims=True), n_sum))
