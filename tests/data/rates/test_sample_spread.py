@@ -132,7 +132,7 @@ def test_what_is_linear_beside_a_kink_has_its_value_at_the_sample():
     assert np.abs(found[inside, 0] - u[inside]).max() <= limit + 1e-12
 
 
-@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.0, 2.98])
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 1.5, 2.0, 2.98])
 def test_a_power_has_its_value_at_the_sample_even_where_it_is_written_with_a_sign(exponent):
     y = np.sin(2 * np.pi * np.arange(400) / 11.3)
     spread, columns = spread_of(y, {"v": 0.01}), {"v": y}
