@@ -21,21 +21,13 @@ from bayes_greybox.running.errors import InputError
 
 from .filters import STEP_TOLERANCE, filter_taps
 from .sample_spread import Columns, Evaluate
+from .smoothing import smoothing_taps
 
 NEIGHBOUR_CORRELATION = float(np.exp(-1))
 """Largest correlation of the noise of neighbouring rows, which decides how far apart rows are."""
 
 STRETCH_SAMPLES = 16_384
 """Samples at which a table is evaluated at once."""
-
-BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
-"""Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
-
-AT_END = np.array([5.0, 8.0, -1.0]) / 12
-"""The same between the first two of three samples, exact for quadratics."""
-
-HAT = np.array([1.0, 10.0, 1.0]) / 12
-"""Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
 
 
 @dataclass(frozen=True)
@@ -104,12 +96,12 @@ class RateFilter:
     def smoothing(self, state: str) -> Float[np.ndarray, " window"]:
         """Return the weights s of the mean of the true rate that a state's rate stands for; they add up to one."""
         order = dict(self.orders)[state]
-        return smoothing_taps(self._taps(order), order)
+        return smoothing_taps(self._taps(order), order, self.method)
 
     def column_weights(self, name: str) -> Float[np.ndarray, " window"]:
         """Return the weights of the mean that a smoothed column stands for; an added rate is a first derivative."""
         order = int(name in dict(self.rates).values())
-        return smoothing_taps(self._taps(order), order)
+        return smoothing_taps(self._taps(order), order, self.method)
 
     def noise_of_states(self, row_steps: Float[np.ndarray, " n_row"]) -> dict[str, float]:
         """Return the standard deviation of the noise that the filter leaves in each state, RMS over rows."""
@@ -164,25 +156,6 @@ class RateFilter:
     def _taps(self, order: int) -> Float[np.ndarray, " window"]:
         band = None if self.band is None else self.band * self.steps[0]
         return filter_taps(order, self.method, window=self.window, polyorder=self.polyorder, band=band)
-
-
-def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int) -> Float[np.ndarray, " n_tap"]:
-    """Return the weights s, Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing, x⁽ᵐ⁾ locally cubic, m = 0, 1 or 2.
-
-    Summation by parts: Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the
-    integral of ẋ between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ
-    under a hat (Numerov).
-    """
-    if order == 0:
-        return taps
-    if order == 2:
-        # Σ_k c_k x_k = Σ_j K_j (x_{j+1} − 2 x_j + x_{j−1})
-        return np.convolve(np.cumsum(np.cumsum(taps))[:-2], HAT)
-    between = -np.cumsum(taps)[:-1]
-    weights = np.convolve(between[1:-1], BETWEEN)
-    weights[:3] += between[0] * AT_END
-    weights[-3:] += between[-1] * AT_END[::-1]
-    return weights
 
 
 @dataclass(frozen=True, eq=False)

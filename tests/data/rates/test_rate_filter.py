@@ -6,26 +6,9 @@ import pytest
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.rates.filters import filter_taps
 from bayes_greybox.data.rates.held_out import with_filter_of
-from bayes_greybox.data.rates.rate_filter import RateFilter, RowOperator, smoothing_taps
+from bayes_greybox.data.rates.rate_filter import RateFilter, RowOperator
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
-
-
-@pytest.mark.parametrize("order", [0, 1, 2])
-@pytest.mark.parametrize(
-    "settings", [{"method": "savgol", "window": 21, "polyorder": 4}, {"method": "bandlimited", "band": 0.1}]
-)
-def test_a_filtered_rate_is_the_mean_of_the_true_one(order, settings):
-    taps = filter_taps(order, **settings)
-    weights = smoothing_taps(taps, order)
-    assert len(weights) == len(taps) and weights.sum() == pytest.approx(1, abs=1e-6)
-    omega, k = 0.15, np.arange(len(taps))
-    wave, rate = np.sin(omega * k + 0.3), omega**order * np.sin(omega * k + 0.3 + order * np.pi / 2)
-    # Where the derivative is no cubic between samples: 11/720 ω⁴ and less
-    assert taps @ wave == pytest.approx(weights @ rate, abs=2e-5 * omega**order)
-    cubic = (k - 3.0) ** (3 + order)
-    factor = np.prod(np.arange(4, 4 + order))
-    assert taps @ cubic == pytest.approx(factor * weights @ (k - 3.0) ** 3, rel=1e-7)
 
 
 def test_rows_are_windows_every_so_many_samples():

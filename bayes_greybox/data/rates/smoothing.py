@@ -1,0 +1,64 @@
+"""Weights of the mean of a true rate that a filtered one is: Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing."""
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
+"""Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
+
+AT_END = np.array([5.0, 8.0, -1.0]) / 12
+"""The same between the first two of three samples, exact for quadratics."""
+
+HAT = np.array([1.0, 10.0, 1.0]) / 12
+"""Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
+
+
+def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int, method: str) -> Float[np.ndarray, " n_tap"]:
+    """Return the weights s of a filter's taps c; order m is 0, 1 or 2, and a cubic x⁽ᵐ⁾ is exact.
+
+    A Savitzky–Golay filter passes what is slow beside the sampling: its weights go from sample to sample. A
+    band-limited one may pass nearly all up to half the sampling rate, where a cubic between samples is 15 % off; its
+    taps end at nothing, so that its transfer function says s.
+    """
+    if order == 0:
+        return taps
+    return _by_transfer(taps, order) if method == "bandlimited" else _by_parts(taps, order)
+
+
+def _by_parts(taps: np.ndarray, order: int) -> np.ndarray:
+    """Return s by summation by parts, x⁽ᵐ⁾ locally cubic.
+
+    Σ c_k x_{n+k} = Σ_j C_j (x_{j+1} − x_j) with C the cumulative sums of −c, each difference the integral of ẋ
+    between two samples; of the second order twice, x_{j+1} − 2 x_j + x_{j−1} being the integral of ẍ under a hat.
+    """
+    if order == 2:
+        # Σ_k c_k x_k = Σ_j K_j (x_{j+1} − 2 x_j + x_{j−1})
+        return np.convolve(np.cumsum(np.cumsum(taps))[:-2], HAT)
+    between = -np.cumsum(taps)[:-1]
+    weights = np.convolve(between[1:-1], BETWEEN)
+    weights[:3] += between[0] * AT_END
+    weights[-3:] += between[-1] * AT_END[::-1]
+    return weights
+
+
+def _by_transfer(taps: np.ndarray, order: int) -> np.ndarray:
+    """Return s_k = (1/π) ∫_0^π C(ω) / (iω)^m cos(ω k) dω, C(ω) = Σ_k c_k exp(iωk), with the moments of cubics exact.
+
+    What lies beyond the window is left out: 1e-5 of a rate, 2e-4 where the transition ends at half the sampling rate.
+    """
+    half = len(taps) // 2
+    k = np.arange(-half, half + 1)
+    # C cos(ω k) has phases up to 2 ω half: Gauss's rule needs that many nodes and a few more.
+    nodes, weights = np.polynomial.legendre.leggauss(2 * half + 32)
+    omega, weight = 0.5 * np.pi * (nodes + 1.0), 0.5 * np.pi * weights
+    turned = np.outer(omega, k)
+    response = np.real(np.exp(1j * turned) @ taps / (1j * omega) ** order)
+    mean = (weight * response) @ np.cos(turned) / np.pi
+    degrees = np.arange(4)
+    powers = (k / half)[:, None] ** degrees
+    # Of x = (k / half)^(p + m), whose derivative is (p + m)! / p! (k / half)^p / half^m
+    factors = np.array([math.perm(p + order, order) for p in degrees]) / half**order
+    moments = taps @ (k / half)[:, None] ** (degrees + order) / factors
+    return mean + powers @ np.linalg.solve(powers.T @ powers, moments - powers.T @ mean)
