@@ -38,6 +38,7 @@ from .linearise.visits import Visit, weighed_on
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
 from .sensor_errors.channels import DELAY
+from .sensor_errors.kinematics import sizes_of
 
 COEFFICIENT_DRAWS = 2000
 """Posterior draws of the coefficients behind tables and bands."""
@@ -68,7 +69,7 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     # The zero of a sensor is arbitrary; that of a rate is not.
     rate = rate - np.mean(rate) if near.regressors.rows.output else rate
     rate_size = float(np.sqrt(np.mean(rate**2))) / near.regressors.target_scale
-    verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.late))
+    verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.known))
     settled = without_sensors(near, verdict)
     say("mapping the gap")
     coefficients = draw_coefficients(near, verdict, COEFFICIENT_DRAWS, question.seed)
@@ -185,7 +186,7 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
         discrepancy=remainder,
         corrected=lambda data: source.put_right(data, point, sensors, train, (*hidden, *slopes.values())),
         rows=source.row_kind(point),
-        sensors=sensors,
+        sensors=sizes_of(source.known) | sensors,
         clock=train,
         hidden=hidden,
         alike=alike,

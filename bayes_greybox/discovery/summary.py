@@ -21,7 +21,7 @@ from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
 from .learned import shown_corrections
 from .linearise.near import LARGEST_ERROR
 from .sensor_errors import bends
-from .sensor_errors.channels import DELAY, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
+from .sensor_errors.channels import DELAY, DEPARTURE, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
 from .sensor_errors.noisy_inputs import noisy_inputs
 from .study import StudyResult
 
@@ -347,7 +347,10 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
         # Along a path the integration smooths an input's noise: it is weighed on rates and outputs only.
         NOISE: [error.channel for error in noisy_inputs(data)] if data.samples is None else [],
         **dict.fromkeys(bends.BEND_ERRORS, bending),
-        LAG: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == LAG),
+        **{
+            kind: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == kind)
+            for kind in (DEPARTURE, LAG)
+        },
     }
     own = {kind: [c for c in names if not all(f"{kind} of {c}" in each for each in twins)]
            for kind, names in found.items() if names}  # fmt: skip

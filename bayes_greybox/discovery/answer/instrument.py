@@ -15,7 +15,7 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, GAIN, NOISE, STATES, ChannelSuspect, delay_error
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, DEPARTURE, GAIN, NOISE, STATES, ChannelSuspect
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -52,9 +52,9 @@ def instrument_table(
     A delay is positive if its channel is late, and stated in time units and in samples; a gain is relative.
     """
     rows = [*_sensor_rows(near, verdict, coefficients, data), *_noise_rows(near, verdict, data)]
-    for name, late in source.late.items():
-        error = _error(delay_error(name, late.step), late.by, late.sd, near, data)
-        rows.append(_row(DELAY, name, 1.0 - late.p, True) | error)
+    for suspect, known in source.known.items():
+        error = _error(suspect, known.size, known.sd, near, data)
+        rows.append(_row(suspect.kind, suspect.channel, 1.0 - known.p, True) | error)
     for name, noise in source.sample_noise.items():
         unit = data.unit(name) or ""
         rows.append(_row(NOISY, name, 1.0, True, _noisy(name, noise.sd, unit)) | {"mean": noise.sd, "unit": unit})
@@ -114,6 +114,10 @@ def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Tr
     if suspect.kind == NOISE:
         unit = data.unit(suspect.channel) or ""
         return row | {"unit": unit, "text": _noisy(suspect.channel, mean, unit)}
+    if suspect.kind == DEPARTURE:
+        unit, rate = data.unit(suspect.channel), near.rows.model.simulator(data).rate_name(suspect.channel)
+        size = f"{abs(mean):.2g} {unit_text(unit)}".rstrip()
+        return row | {"unit": unit or "", "text": f"{channel} departs from the integral of {rate} by {size} (RMS)"}
     is_rate = suspect.channel not in data.columns
     unit = target_unit(near.regressors.equation, data) if is_rate else data.unit(suspect.channel)
     article = "an" if suspect.kind[0] in "aeiou" else "a"

@@ -82,7 +82,7 @@ class Verdict:
         return replace(self, code=code, reasons=(*self.reasons, *reasons))
 
 
-def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -> Verdict:
+def decide(probabilities: Probabilities, rate_size: float, put_right: bool = False) -> Verdict:
     """Return the verdict before its checks.
 
     1. Something is missing if effects and the unknown together are likelier than no gap, recalibration and instrument.
@@ -90,14 +90,14 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
        sum. *Named* needs each of them with the probability and the agreement that `Criteria` ask for; a discrepancy
        beside them makes it *partly named*.
     3. *No gap* is practical: a discrepancy without a name below a share of the modelled rate is none; `rate_size` is
-       the RMS of that rate over that of the target.
+       the RMS of that rate over that of the target. Beside it a wrong coefficient and a wrong sensor are said as ever.
 
-    Where `late`, a sensor's error was undone before hypotheses were weighed.
+    Where `put_right`, a sensor's error was undone before hypotheses were weighed.
     """
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        code = INSTRUMENT if late and code == NO_GAP else code
+        code = INSTRUMENT if put_right and code == NO_GAP else code
         return _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
     if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
@@ -105,8 +105,11 @@ def decide(probabilities: Probabilities, rate_size: float, late: bool = False) -
             return verdict
     unknown = _without_effects(probabilities, UNKNOWN_KIND, Probabilities.remains)
     if unknown.left < criteria.negligible * rate_size and _nothing_stands_out(probabilities):
-        corrected = max((share.probability for share in probabilities.by_correction.values()), default=0.0)
-        code = RECALIBRATE if corrected > criteria.missing else NO_GAP
+        corrected, misread = (
+            max((share.probability for share in shares.values()), default=0.0) > criteria.missing
+            for shares in (probabilities.by_correction, probabilities.by_sensor)
+        )
+        code = RECALIBRATE if corrected else INSTRUMENT if misread or put_right else NO_GAP
         answer = _without_effects(probabilities, code, lambda p, h: 1.0)
         return replace(answer, left=unknown.left, negligible=True)
     return unknown

@@ -21,7 +21,7 @@ from bayes_greybox.discovery.grid.weigh import Hypothesis, Weighed
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Column, Values
 from bayes_greybox.discovery.regressors.regressors import CORRECTION_SCALE, Regressors
-from bayes_greybox.discovery.sensor_errors.channels import DELAY, NOISE, Rate, Sizes
+from bayes_greybox.discovery.sensor_errors.channels import DELAY, DEPARTURE, NOISE, Rate, Sizes
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.noise.noise_model import NoiseModel
 from bayes_greybox.model.noise.suspicions import LEAST_ROWS, heavy, varying
@@ -273,8 +273,8 @@ def as_regressor(column: Column, size: float) -> Regressor:
     if column.suspect is not None:
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
         limits = (-limit, limit)
-        if column.suspect.kind == NOISE:
-            # Noise has no sign: all of its prior is above zero.
+        if column.suspect.kind in (NOISE, DEPARTURE):
+            # These have no sign: all of their prior is above zero.
             limits, log_weight = (0.0, limit), log_weight + math.log(2)
     return Regressor(
         column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=log_weight, limits=limits

@@ -31,7 +31,13 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     with_columns,
     within,
 )
-from bayes_greybox.discovery.sensor_errors.late import Late, in_step, late_states
+from bayes_greybox.discovery.sensor_errors.kinematics import (
+    departing,
+    in_step,
+    known_errors,
+    sizes_of,
+    without_departures,
+)
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, noisy_inputs, without_noise
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, integrated, known_rates, misread
@@ -63,11 +69,12 @@ class RateRows(Source):
         better, self.misread = _mended(train, equation, self._bare)
         smooth = self._smooth(better)
         noise = {name: each.left for name, each in self.sample_noise.items()}
-        self.late = late_states(smooth, simulation, noise)
-        self._in_step = in_step(smooth, simulation, noise)
-        self._measured = _earlier(smooth, self.late)
-        self._noisy = noisy_inputs(self._measured)
-        self._out = (*self.clipped.values(), *self.misread.values(), *_beyond(train, self.late))
+        self.known = known_errors(smooth, simulation, noise)
+        self._measured = self._right(smooth)
+        self._in_step = in_step(self._measured, simulation, noise)
+        # What smoothing, or the integral of a rate, makes of channels whose samples have something besides.
+        self._better = {**noisy_inputs(self._measured), **departing(self._measured, simulation, noise)}
+        self._out = (*self.clipped.values(), *self.misread.values(), *self._beyond(train))
         self._gap = 0.0
 
     def near(self, point: Point) -> Rows:
@@ -87,7 +94,7 @@ class RateRows(Source):
         rate = modelled_rate(model, whole, self.equation, (*added, *own))
         columns = []
         driven = _driven(model, self.equation, rate)
-        noisy = {error: x for error, x in self._noisy.items() if point.weighs(error.key)}
+        noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
         noise = noise_columns(whole, quiet, noisy, driven)
         for error, column in (*suspect_columns(whole, self.equation, driven), *noise):
@@ -96,7 +103,7 @@ class RateRows(Source):
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
             # No sensor reads what follows from its start.
             seen = error.channel not in whole.computed
-            if seen and point.weighs(error.key) and (error.channel not in self.late or error.kind != DELAY):
+            if seen and point.weighs(error.key) and error not in self.known:
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
@@ -142,12 +149,24 @@ class RateRows(Source):
         if self.equation in data.derivatives:
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
             out = (*_at_end(data, self.equation).values(), *slips.values())
-        quiet = without_noise(_earlier(self._smooth(data), self.late), sensors)
+        quiet = without_noise(self._right(self._smooth(data)), sensors)
+        quiet = without_departures(quiet, self.model.simulator(data), sensors)
         right = calibrated(undone(quiet, self.equation, delays), self.equation, sensors, clock)
         # Hidden states follow the right inputs, also where rows are left out.
         model = self.model.at(point.parameters).remembering(hidden, right)
         right = model.rows.complete(right, self.equation, model.simulator(right))
-        return right.keep(_usable(data, self.equation, delays, (*out, *_beyond(data, self.late))))
+        return right.keep(_usable(data, self.equation, delays, (*out, *self._beyond(data))))
+
+    def _right(self, data: Trajectories) -> Trajectories:
+        """Return the data without the errors that are known."""
+        sizes = sizes_of(self.known)
+        late = delays_of(sizes)
+        return calibrated(shifted(data, late) if late else data, self.equation, sizes, data)
+
+    def _beyond(self, data: Trajectories) -> list[Bool[np.ndarray, " n_obs"]]:
+        """Return rows at ends of runs that a late state was not measured at."""
+        late = delays_of(sizes_of(self.known)).values()
+        return [~measured_at(data, set(late))] if late and _separable(data) else []
 
 
 def _driven(model: Program, equation: str, rate: Rate) -> Rate:
@@ -209,16 +228,6 @@ def _usable(data: Trajectories, equation: str, delays: Mapping[str, float], out:
     """Return true for rows that are not out, and whose states and inputs were measured where delays take them."""
     used = within(data, equation, delays) if _separable(data) else np.ones(data.n_obs, bool)
     return np.logical_and.reduce([used, *(~rows for rows in out)])
-
-
-def _earlier(data: Trajectories, late: Mapping[str, Late]) -> Trajectories:
-    """Return the data with late states at their own times."""
-    return shifted(data, {name: each.by for name, each in late.items()}) if late else data
-
-
-def _beyond(data: Trajectories, late: Mapping[str, Late]) -> list[Bool[np.ndarray, " n_obs"]]:
-    """Return rows at ends of runs that a late state was not measured at."""
-    return [~measured_at(data, {each.by for each in late.values()})] if late and _separable(data) else []
 
 
 def _separable(data: Trajectories) -> bool:

@@ -11,8 +11,8 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE
 from bayes_greybox.discovery.regressors.columns import Values, at_values, first_values
 from bayes_greybox.discovery.regressors.regressors import ALWAYS_ZERO, Regressors, hidden_columns
-from bayes_greybox.discovery.sensor_errors.channels import Rate, Sizes, run_slices
-from bayes_greybox.discovery.sensor_errors.late import Late
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect, Rate, Sizes, run_slices
+from bayes_greybox.discovery.sensor_errors.kinematics import KnownError
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
@@ -32,7 +32,7 @@ class Source(ABC):
     Attributes:
         clipped: True at rows where a channel's sensor was at its end, by channel.
         misread: True at rows where a state's or an input's sensor slipped, by channel.
-        late: States that were late against the state that is their rate; they are put right first.
+        known: Errors of states that these and their rates tell; they are put right first.
         sample_noise: Noise on samples that terms are evaluated at.
         n_sensor: Number of sensors that the rows are of.
     """
@@ -41,7 +41,7 @@ class Source(ABC):
         self.model, self.train, self.equation, self.effects = model, train, equation, effects
         self.clipped: Mapping[str, Bool[np.ndarray, " n"]] = {}
         self.misread: Mapping[str, Bool[np.ndarray, " n"]] = {}
-        self.late: Mapping[str, Late] = {}
+        self.known: Mapping[ChannelSuspect, KnownError] = {}
         self.sample_noise: Mapping[str, SampleNoise] = {}
         self.n_sensor = 1
 

@@ -30,12 +30,15 @@ from scipy.interpolate import CubicSpline
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.integration.adaptive_steps import between_samples
 
-from .bends import BEND_ERRORS, BEND_POWERS, Curve
+from .bends import BEND_ERRORS, BEND_POWERS, BEND_SD, Curve
 from .leaps import beside_leaps
 
 DELAY, GAIN, OFFSET, DRIFT, NOISE = ("delay", "gain", "offset", "drift", "noise")
 
-ERRORS = (DELAY, GAIN, OFFSET, DRIFT, NOISE, *BEND_ERRORS)
+DEPARTURE = "departure"
+"""Whatever a state's samples have that the integral of its rate does not."""
+
+ERRORS = (DELAY, GAIN, OFFSET, DRIFT, NOISE, DEPARTURE, *BEND_ERRORS)
 """Kinds of errors of a channel."""
 
 LAG = "lag"
@@ -47,6 +50,9 @@ STATES = "states"
 DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD = 2.0, 0.03, 0.03, 0.1
 """Prior standard deviations of a delay, in sampling steps; of a relative gain error; of an offset or drift of a rate,
 over its RMS; of the zero of a state's or an input's sensor, over the RMS of its channel."""
+
+NEAR_ZERO = 0.2
+"""Share of its range that a sensor may stay away from zero, and still bend about it."""
 
 AtRows = Float[np.ndarray, " n_obs"]
 
@@ -182,6 +188,21 @@ def gain_error(channel: str) -> ChannelSuspect:
 def zero_error(data: Trajectories, name: str) -> ChannelSuspect:
     """Return the offset of the sensor of a state or an input."""
     return ChannelSuspect(OFFSET, name, ZERO_SD * float(np.sqrt(np.mean(data.column(name) ** 2))))
+
+
+def bend_errors(name: str, values: AtRows) -> list[ChannelSuspect]:
+    """Return the bends of a sensor over the range of its values; none if that is a point."""
+    low, high = float(np.min(values)), float(np.max(values))
+    # A tank that starts empty passes zero as well, whatever the noise says.
+    margin = NEAR_ZERO * (high - low)
+    center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
+    furthest = max(high - center, center - low)
+    if not high > low:
+        return []
+    return [
+        ChannelSuspect(kind, name, BEND_SD / furthest ** (power - 1), center=center)
+        for kind, power in BEND_POWERS.items()
+    ]
 
 
 def slope_along(data: Trajectories, rate: Rate, name: str, direction: AtRows) -> AtRows:

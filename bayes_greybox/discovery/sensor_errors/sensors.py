@@ -16,13 +16,13 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 
-from .bends import BEND_POWERS, BEND_SD
+from .bends import BEND_POWERS
 from .channels import (
     DRIFT,
-    ChannelSuspect,
     ErrorColumns,
     Rate,
     Sizes,
+    bend_errors,
     curve_of,
     delay_error,
     gain_error,
@@ -32,9 +32,6 @@ from .channels import (
     with_column,
     zero_error,
 )
-
-NEAR_ZERO = 0.2
-"""Share of its range that a sensor may stay away from zero, and still bend about it."""
 
 
 def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None) -> ErrorColumns:
@@ -53,15 +50,7 @@ def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str,
         ]  # fmt: skip
         if span > 0:
             alone.append((replace(zero, kind=DRIFT), (path.time - np.mean(path.time)) / span))
-        low, high = float(np.min(x)), float(np.max(x))
-        # A tank that starts empty passes zero as well, whatever the noise says.
-        margin = NEAR_ZERO * (high - low)
-        center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
-        furthest = max(high - center, center - low)
-        if high > low:
-            for kind, power in BEND_POWERS.items():
-                bend = ChannelSuspect(kind, name, BEND_SD / furthest ** (power - 1), center=center)
-                alone.append((bend, (x - center) ** power))
+        alone += [(bend, (x - bend.center) ** BEND_POWERS[bend.kind]) for bend in bend_errors(name, x)]
         for error, values in alone:
             table = np.zeros((len(samples.state_names), path.n_obs))
             table[k] = values

@@ -82,8 +82,8 @@ def probabilities(*given, **criteria):
     return Probabilities(weighed(*given), Criteria(**criteria))
 
 
-def verdict(*given, rate_size=1.0, late=False):
-    return decide(probabilities(*given), rate_size, late)
+def verdict(*given, rate_size=1.0, put_right=False):
+    return decide(probabilities(*given), rate_size, put_right)
 
 
 # What an effect may imitate
@@ -239,8 +239,15 @@ def test_sensor_errors_of_an_answer_are_likelier_than_not():
 
 
 def test_a_late_sensor_that_was_put_right_before_is_the_instruments():
-    assert verdict(*codes()["no gap"], late=True).code == "instrument"
-    assert verdict(*codes()["recalibrate"], late=True).code == "recalibrate"
+    assert verdict(*codes()["no gap"], put_right=True).code == "instrument"
+    assert verdict(*codes()["recalibrate"], put_right=True).code == "recalibrate"
+
+
+@pytest.mark.parametrize(
+    ("beside", "code"), [("", "no gap"), ("k", "recalibrate"), ("offset", "instrument"), ("k + offset", "recalibrate")]
+)
+def test_beside_what_is_too_small_to_matter_a_wrong_sensor_is_said(beside, code):
+    assert verdict((beside, 1.0, (LATENT_FORCE, 1.0, 0.009)), rate_size=1.0).code == code
 
 
 # What is negligible
