@@ -52,7 +52,7 @@ def test_noise_on_the_samples_is_in_its_standard_deviation(steps):
 
 @pytest.mark.parametrize(("power", "key"), [(2, "quadratic error"), (3, "cubic error")])
 @pytest.mark.parametrize("size", [0.03, -0.03])
-@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_a_sensor_that_bends_is_found_with_its_size(power, key, size, noise):
     # Of x, and of v: each is some 5 % off at its end.
     error = known(bend=lambda x: x + size * x**power, noise=noise)[f"{key} of x"]
