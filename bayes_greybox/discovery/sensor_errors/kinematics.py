@@ -201,7 +201,7 @@ class _Pair:
         def left(z: np.ndarray) -> np.ndarray:
             return self.departures(dict(zip(errors, z * scale, strict=True))) / np.sqrt(self.variance)
 
-        found = least_squares(left, np.zeros(len(errors)), bounds=(-FURTHEST, FURTHEST), x_scale=0.1)
+        found = least_squares(left, np.zeros(len(errors)), bounds=(-FURTHEST, FURTHEST), x_scale=0.1, xtol=1e-6)
         residual, k = found.fun, len(errors)
         if np.any(np.abs(found.x) > 0.95 * FURTHEST) or self.p(residual * np.sqrt(self.variance), k) < SURELY_WRONG:
             return None
