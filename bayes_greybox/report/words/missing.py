@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayes_greybox.discovery.answer.instrument import LISTED
 from bayes_greybox.discovery.candidates import fault_probability, law_behind, rivals
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.reasons import OF_SHAPE, ONE_LAW, ONE_LAW_AND_MORE
@@ -228,7 +229,11 @@ def _besides(study: StudyResult, sure: Sequence[Row], unsure: Sequence[Row], fau
     lacks = _lacks(study, _added(study, sure))
     if any_of_them >= study.criteria.named and len(candidates) > 1 and not faults:
         return f"{lacks}; something else is missing besides, and which effect is open: {_list(candidates)}."
-    return f"{lacks}, and perhaps {_list(candidates, ' or ')}."
+    # Terms that fit what is left without a name are in the model, and no news.
+    likely_at_all = [each for each in candidates if not each.probability < LISTED]
+    if not likely_at_all:
+        return f"{lacks}; what is added besides is too small beside what is left to have a name."
+    return f"{lacks}, and perhaps {_list(likely_at_all, ' or ')}."
 
 
 def _candidates(study: StudyResult, rows: Sequence[Row]) -> list[Candidate]:
