@@ -80,7 +80,11 @@ class Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Weighed:
-    """All hypotheses of one table, with the log likelihood of each block of the record at each one's mode."""
+    """All hypotheses of one table, with the log likelihood of each block of the record at each one's mode.
+
+    Attributes:
+        outside: Upper bound of the log weight of a hypothesis that was weighed and is not kept.
+    """
 
     table: RegressorTable
     forces: tuple[LatentForce, ...]
@@ -90,6 +94,7 @@ class Weighed:
     hypotheses: tuple[Hypothesis, ...]
     blocks: Float[np.ndarray, "n_hypothesis n_block"]
     prior: SetPrior
+    outside: float = -np.inf
 
     def reweighted(self, shifts: Sequence[float], seed: int) -> "Weighed":
         """Return the hypotheses with shifted log weights; the seed is that of the bagged records."""
@@ -199,11 +204,14 @@ def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, s
     table, precision, floor, prior = weight.table, weight.precision, weight.floor, weight.prior
     regressors, points = table.regressors, weight.products.points
     sets = search(regressors, weight.total, reach)
+    n_kept = len(sets)
     # The user's model is always one of them: the gap is its residual.
     before = table.of_kind(FREE)
     sets += [before] if before not in sets else []
     logs = weight.by_point(sets)
     totals = np.logaddexp.reduce(logs, axis=1)
+    full = n_kept >= reach.kept
+    outside = float(np.min(totals[:n_kept]) if full else np.max(totals[:n_kept]) - reach.window)
     probability = np.exp(totals - np.logaddexp.reduce(totals))
     best = np.argmax(logs, axis=1)
     mode = modes(weight.products, precision, sets, best, floor)
@@ -236,7 +244,7 @@ def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, s
                 against=unnamed * mean * (alone @ overlap[list(members), k]),
             )
         )  # fmt: skip
-    return Weighed(table, forces, weight.products, precision, floor, tuple(hypotheses), block_logs, prior)
+    return Weighed(table, forces, weight.products, precision, floor, tuple(hypotheses), block_logs, prior, outside)
 
 
 def _noise_grid(table: RegressorTable, odds: Odds, floor: float, window: Window | None) -> NoiseGrid:

@@ -39,12 +39,11 @@ class Visit(NamedTuple):
     def log_weight(self) -> float:
         """Return the log weight of the hypothesis that the rows are near, for readings in their own units.
 
-        On its own rows the hypothesis may no longer be kept: then the least weight kept is its upper bound.
+        On its own rows the hypothesis may no longer be kept: then it has the upper bound of those that are not.
         """
         if self.hypothesis is None:
             return -np.inf
-        least = min(h.log_weight for h in self.near.weighed.hypotheses)
-        return self.near.log_weights().get(self.hypothesis, least) - self.near.log_unit
+        return self.near.log_weights().get(self.hypothesis, self.near.weighed.outside) - self.near.log_unit
 
     def stays(self, point: Point) -> bool:
         """Return true if the likeliest hypothesis is that of the rows, at a point that has settled."""
@@ -60,7 +59,7 @@ class Visit(NamedTuple):
 
         Rows are linear near the hypothesis that was visited, and with a further small effect that is nearly the same.
         Of earlier visits, where values are coarser, that very hypothesis alone is known. One that is no longer kept
-        there has the least weight kept, its upper bound.
+        there has the upper bound of those that are not.
         """
         near, shifts = self.near, []
         there = [(other, other.near.log_weights(), other.called) for other in others if other.hypothesis is not None]
@@ -72,7 +71,7 @@ class Visit(NamedTuple):
                 distance = other.distance(names)
                 knows = not distance or (other.turn > self.turn and called.issuperset(names))
                 if distance < closest and knows:
-                    weight = weights.get(names, min(weights.values()))
+                    weight = weights.get(names, other.near.weighed.outside)
                     closest, shift = distance, weight - other.near.log_unit + near.log_unit - logs[names]
             shifts.append(shift)
         return self._replace(near=replace(near, weighed=near.weighed.reweighted(shifts, seed)))

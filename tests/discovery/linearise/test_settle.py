@@ -8,6 +8,9 @@ import pytest
 
 from bayes_greybox.discovery.linearise.visits import Visit, best_of
 
+WINDOW = 12.0
+"""Nats behind the likeliest hypothesis within which others are kept."""
+
 
 @dataclass(frozen=True)
 class Table:
@@ -21,7 +24,9 @@ class Table:
 
     def __post_init__(self):
         hypotheses = [SimpleNamespace(names=names, log_weight=value) for names, value in self.logs.items()]
-        object.__setattr__(self, "weighed", SimpleNamespace(hypotheses=hypotheses, reweighted=self.told))
+        outside = max(self.logs.values()) - WINDOW
+        weighed = SimpleNamespace(hypotheses=hypotheses, reweighted=self.told, outside=outside)
+        object.__setattr__(self, "weighed", weighed)
         called = {*self.more, *(name for names in self.logs for name in names)}
         columns = [SimpleNamespace(called=name) for name in called]
         object.__setattr__(self, "regressors", SimpleNamespace(columns=columns))
@@ -76,9 +81,10 @@ def test_rows_near_no_known_hypothesis_are_left_for_any_others():
     assert best_of([start, then], 0).near.logs == {CUBE: 5.0, LAG: 4.0}
 
 
-def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_the_last_that_is():
-    visit = Visit(Table({LAG: 9.0, NOTHING: 2.0}), CUBE)
-    assert visit.log_weight == 2.0
+def test_what_is_no_longer_kept_near_itself_is_no_likelier_than_what_is_not_kept():
+    # Nothing at all is kept wherever it stands, and says nothing of others.
+    visit = Visit(Table({LAG: 9.0, NOTHING: -200.0}), CUBE)
+    assert visit.log_weight == 9.0 - WINDOW
 
 
 def test_a_table_keeps_its_own_hypotheses_alone():
@@ -90,8 +96,13 @@ def test_one_with_a_further_effect_has_its_weight_from_the_rows_of_what_it_adds_
     # On rows near nothing, whose path follows noise, a lag looks likely with anything beside it.
     flattered = Visit(Table({NOTHING: 6.0, LAG: 15.0, (*LAG, *CUBE): 14.0, CUBE: 3.0}), NOTHING)
     own = Visit(Table({LAG: -30.0, NOTHING: -40.0}, more=CUBE), LAG, turn=1)
-    # Of lag and cube nothing is kept there: it is no likelier than the last that is.
-    assert best_of([flattered, own], 0).near.logs == {NOTHING: 6.0, LAG: -30.0, (*LAG, *CUBE): -40.0, CUBE: 3.0}
+    # Lag and cube are not kept there.
+    assert best_of([flattered, own], 0).near.logs == {
+        NOTHING: 6.0,
+        LAG: -30.0,
+        (*LAG, *CUBE): -30.0 - WINDOW,
+        CUBE: 3.0,
+    }
     # What was not weighed there is not known.
     narrow = Visit(Table({LAG: -30.0, NOTHING: -40.0}), LAG, turn=1)
     assert best_of([flattered, narrow], 0).near.logs[*LAG, *CUBE] == 14.0

@@ -37,6 +37,7 @@ class Table:
         before = SimpleNamespace(names=(), members=(), log_weight=self.force)
         table = SimpleNamespace(columns=np.broadcast_to(0.0, self.n_value))
         without = SimpleNamespace(hypotheses=hypotheses, before=before, prior=None, table=table, forces=(), floor=0.0)
+        without.outside = max(self.logs.values()) - 12.0
         without.grid, without.without_discrepancy = SimpleNamespace(points=()), lambda reach, seed: without
         effects = [SimpleNamespace(label=n, effect=SimpleNamespace(hidden=n == LAG)) for n in (CUBE, LAG, DRAG)]
         for name, value in {
