@@ -64,7 +64,7 @@ def known_errors(
     Of the reasons that suffice, a delay of the state and a bend of either, the one of the largest evidence.
     """
     found: dict[ChannelSuspect, KnownError] = {}
-    for pair in _pairs(data, simulation, noise):
+    for pair in _measured_pairs(data, simulation, noise):
         found |= {error.suspect: error for error in pair.reason()}
     return found
 
@@ -77,7 +77,7 @@ def departing(
     The prior standard deviation of such an error is the RMS of the departure.
     """
     found = {}
-    for pair in _pairs(data, simulation, noise):
+    for pair in _measured_pairs(data, simulation, noise):
         if pair.p(pair.departures({})) < SURELY_WRONG:
             followed = _followed(data, pair.state, pair.rate)
             size = float(np.sqrt(np.mean((followed - data.states[pair.state]) ** 2)))
@@ -92,7 +92,8 @@ def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes)
         rate = simulation.rate_name(error.channel) if error.kind == DEPARTURE else None
         if rate is not None:
             share = np.clip(size / error.sd, 0.0, 1.0)
-            states[error.channel] += share * (_followed(data, error.channel, rate) - states[error.channel])
+            values = states[error.channel]
+            states[error.channel] = values + share * (_followed(data, error.channel, rate) - values)
     return replace(data, states=states)
 
 
@@ -101,8 +102,11 @@ def _followed(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " 
     parts = []
     for rows in run_slices(data.run):
         time = data.time[rows]
+        if len(time) < 2:
+            parts.append(data.states[state][rows])
+            continue
         departure = data.states[state][rows] - running_integral(time, data.states[rate][rows])
-        line = np.polynomial.Polynomial.fit(time, departure, min(1, len(time) - 1))
+        line = np.polynomial.Polynomial.fit(time, departure, 1)
         parts.append(data.states[state][rows] - departure + line(time))
     return np.concatenate(parts)
 
@@ -131,6 +135,14 @@ def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float
         paths = [_Path(data.time[rows], data.states[name][rows], data.states[rate][rows]) for rows in runs]
         if sum(len(path.start) for path in paths) >= FEWEST_WINDOWS:
             yield _Pair(name, rate, paths, noise.get(name, 0.0), noise.get(rate, 0.0))
+
+
+def _measured_pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
+    """Yield the pairs with a sensor each: a rate that a filter computed, or what follows from a start, has none."""
+    for pair in _pairs(data, simulation, noise):
+        computed = data.filter is not None and data.filter.source(pair.rate) == data.filter.source(pair.state)
+        if not computed and not {pair.state, pair.rate} & {*data.computed}:
+            yield pair
 
 
 class _Path:

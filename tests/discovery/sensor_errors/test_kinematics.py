@@ -102,7 +102,9 @@ def test_play_is_a_departure_of_the_position_and_the_integral_of_its_speed_is_wi
     assert suspect.key == "departure of x"
     # The line takes what is slow in the play itself.
     assert np.std(followed - true) < 0.2 * np.std(data.states["x"] - true)
+    given = data.states["x"].copy()
     right = without_departures(data, SIMULATION, {suspect: suspect.sd})
+    np.testing.assert_array_equal(data.states["x"], given)
     np.testing.assert_allclose(right.states["x"], followed, rtol=1e-12)
     np.testing.assert_array_equal(without_departures(data, SIMULATION, {suspect: -0.1}).states["x"], data.states["x"])
 
@@ -110,3 +112,11 @@ def test_play_is_a_departure_of_the_position_and_the_integral_of_its_speed_is_wi
 @pytest.mark.parametrize("about", [{}, {"noise": 0.02, "shaken": 0.02}, {"bend": lambda x: x + 3.0}])
 def test_states_that_agree_do_not_depart(about):
     assert asked(departing, **about) == {}
+
+
+def test_a_speed_that_a_filter_computed_has_no_sensor_of_its_own():
+    t = STEP * np.arange(N)
+    data = Trajectories.from_arrays(t, states={"x": np.sin(3 * t)}, inputs={"F": np.sin(2 * t)})
+    # So long a window flattens the speed.
+    data = data.differentiate(window=31, polyorder=3, rates={"x": "v"})
+    assert known_errors(data, SIMULATION, {}) == {} and departing(data, SIMULATION, {}) == {}
