@@ -1,8 +1,9 @@
 """The table that hypotheses are made of: target and regressors at the rows, each with its prior."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -91,8 +92,27 @@ class RegressorTable:
     @property
     def own(self) -> tuple[int, ...]:
         """Return the columns of the user's own terms that may have any size: those without a stated prior."""
-        return tuple(i for i in self.of_kind(FREE) if self.regressors[i].sd >= FREE_SCALE)
+        return tuple(of_any_size(self.regressors))
 
     def of_kind(self, kind: str) -> tuple[int, ...]:
         """Return the columns of one kind."""
         return tuple(i for i, each in enumerate(self.regressors) if each.kind == kind)
+
+
+class HasPrior(Protocol):
+    """A regressor, or a column that will be one."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of the regressor."""
+        ...
+
+    @property
+    def sd(self) -> float:
+        """Prior standard deviation of its coefficient."""
+        ...
+
+
+def of_any_size(regressors: Sequence[HasPrior]) -> list[int]:
+    """Return the places of the user's own terms without a stated prior."""
+    return [i for i, each in enumerate(regressors) if each.kind == FREE and each.sd >= FREE_SCALE]

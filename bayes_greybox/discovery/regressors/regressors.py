@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, FREE_SCALE, SENSOR
+from bayes_greybox.discovery.grid.table import CORRECTION, EFFECT, FREE, FREE_SCALE, SENSOR, of_any_size
 from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns
 from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.algebra.truncated import log_mass
@@ -95,7 +95,7 @@ class Regressors(EvaluatedColumns):
     @property
     def own(self) -> list[int]:
         """Return the columns of the user's own terms that may have any size: those without a stated prior."""
-        return [i for i in self.of_kind(FREE) if self.columns[i].sd >= FREE_SCALE]
+        return of_any_size(self.columns)
 
     def own_terms(self) -> tuple[tuple[Term, float], ...]:
         """Return the user's own terms of any size, with their coefficients by least squares, user's units."""
