@@ -535,7 +535,7 @@ def test_what_is_sure_is_no_part_of_what_is_one_of_several():
     # A term that only fits what is left is no candidate.
     drag = ("Quadratic drag", 0.001, ())
     assert "0.999), and perhaps pendulum 0.550. Adding cubic" in said("one of", [sure, ("Pendulum", 0.55, ()), drag])
-    assert "0.999); what is added besides is too small beside what is left" in said("one of", [sure, drag])
+    assert "0.999); what is added besides has no name" in said("one of", [sure, drag])
 
 
 def test_the_instrument_is_said_alone_or_beside_what_is_missing():

@@ -14,6 +14,9 @@ AT_END = np.array([5.0, 8.0, -1.0]) / 12
 HAT = np.array([1.0, 10.0, 1.0]) / 12
 """Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
 
+TRANSFORM = 16
+"""Points of a transform over the number of taps: what comes back around it is as small as what is left out."""
+
 
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int, method: str) -> Float[np.ndarray, " n_tap"]:
     """Return the weights s of a filter's taps c; order m is 0, 1 or 2, and a cubic x⁽ᵐ⁾ is exact.
@@ -50,15 +53,15 @@ def _by_transfer(taps: np.ndarray, order: int) -> np.ndarray:
     """
     half = len(taps) // 2
     k = np.arange(-half, half + 1)
-    # C cos(ω k) has phases up to 2 ω half: Gauss's rule needs that many nodes and a few more.
-    nodes, weights = np.polynomial.legendre.leggauss(2 * half + 32)
-    omega, weight = 0.5 * np.pi * (nodes + 1.0), 0.5 * np.pi * weights
-    turned = np.outer(omega, k)
-    response = np.real(np.exp(1j * turned) @ taps / (1j * omega) ** order)
-    mean = (weight * response) @ np.cos(turned) / np.pi
     degrees = np.arange(4)
-    powers = (k / half)[:, None] ** degrees
     # Of x = (k / half)^(p + m), whose derivative is (p + m)! / p! (k / half)^p / half^m
     factors = np.array([math.perm(p + order, order) for p in degrees]) / half**order
     moments = taps @ (k / half)[:, None] ** (degrees + order) / factors
+    n = TRANSFORM * len(taps)
+    omega = 2.0 * np.pi * np.arange(n // 2 + 1) / n
+    # Taps about their centre: C(ω) is the conjugate of the transform of what the centre stands first in.
+    transfer = np.conj(np.fft.rfft(np.roll(np.pad(taps, (0, n - len(taps))), -half)))
+    response = np.concatenate([moments[:1], np.real(transfer[1:] / (1j * omega[1:]) ** order)])
+    mean = np.fft.irfft(response, n)[k]
+    powers = (k / half)[:, None] ** degrees
     return mean + powers @ np.linalg.solve(powers.T @ powers, moments - powers.T @ mean)

@@ -97,8 +97,8 @@ def decide(probabilities: Probabilities, rate_size: float, put_right: bool = Fal
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        code = INSTRUMENT if put_right and code == NO_GAP else code
-        return _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
+        answer = _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
+        return replace(answer, code=INSTRUMENT) if put_right and code == NO_GAP else answer
     if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
         if verdict.code != UNKNOWN_KIND:
@@ -109,9 +109,10 @@ def decide(probabilities: Probabilities, rate_size: float, put_right: bool = Fal
             max((share.probability for share in shares.values()), default=0.0) > criteria.missing
             for shares in (probabilities.by_correction, probabilities.by_sensor)
         )
-        code = RECALIBRATE if corrected else INSTRUMENT if misread or put_right else NO_GAP
+        code = RECALIBRATE if corrected else INSTRUMENT if misread else NO_GAP
         answer = _without_effects(probabilities, code, lambda p, h: 1.0)
-        return replace(answer, left=unknown.left, negligible=True)
+        code = INSTRUMENT if put_right and code == NO_GAP else code
+        return replace(answer, code=code, left=unknown.left, negligible=True)
     return unknown
 
 

@@ -24,7 +24,6 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     delays_of,
     measured_at,
     run_slices,
-    shifted,
     slope_along,
     suspect_columns,
     undone,
@@ -33,6 +32,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
 )
 from bayes_greybox.discovery.sensor_errors.kinematics import (
     departing,
+    free_of,
     in_step,
     known_errors,
     sizes_of,
@@ -69,6 +69,8 @@ class RateRows(Source):
         better, self.misread = _mended(train, equation, self._bare)
         smooth = self._smooth(better)
         noise = {name: each.left for name, each in self.sample_noise.items()}
+        if train.filter is not None:
+            noise = train.filter.noise_of_states(train.row_steps)
         self.known = known_errors(smooth, simulation, noise)
         self._measured = self._right(smooth)
         self._in_step = in_step(self._measured, simulation, noise)
@@ -92,7 +94,7 @@ class RateRows(Source):
         # Errors of sensors act on what the user's own terms do, too, before any hypothesis is at hand.
         own = () if point.added else regressors.own_terms()
         rate = modelled_rate(model, whole, self.equation, (*added, *own))
-        columns = []
+        columns, known = [], {error.key for error in self.known}
         driven = _driven(model, self.equation, rate)
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
@@ -103,7 +105,7 @@ class RateRows(Source):
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
             # No sensor reads what follows from its start.
             seen = error.channel not in whole.computed
-            if seen and point.weighs(error.key) and error not in self.known:
+            if seen and point.weighs(error.key) and error.key not in known:
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
         # Delays were undone, and each is added again as its size times its column.
@@ -159,9 +161,7 @@ class RateRows(Source):
 
     def _right(self, data: Trajectories) -> Trajectories:
         """Return the data without the errors that are known."""
-        sizes = sizes_of(self.known)
-        late = delays_of(sizes)
-        return calibrated(shifted(data, late) if late else data, self.equation, sizes, data)
+        return free_of(data, sizes_of(self.known))
 
     def _beyond(self, data: Trajectories) -> list[Bool[np.ndarray, " n_obs"]]:
         """Return rows at ends of runs that a late state was not measured at."""

@@ -7,20 +7,22 @@ a spring that hardens; these samples do. What has no such reason, as the play of
 where the rate of the speed moves with it; its shape is known, x − ∫ v dt less a straight line.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from functools import cached_property
+from itertools import chain, combinations
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 
 from bayes_greybox.data.runs.resampling import running_integral
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 
+from .bends import BEND_POWERS
 from .channels import (
     DELAY_STEPS,
     DEPARTURE,
@@ -31,7 +33,10 @@ from .channels import (
     delay_error,
     delays_of,
     run_slices,
+    shifted,
+    with_columns,
 )
+from .samples import LARGEST_NOISE
 
 WINDOW_STEPS = 10
 """Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""
@@ -42,8 +47,13 @@ AGREEING = 0.01
 FURTHEST, FEWEST_WINDOWS = 3.0, 5
 """Largest error that is looked for, in prior standard deviations, and least number of windows that say anything."""
 
+FIT_STEPS, NUDGE = 4, 1e-4
+"""Steps of the fit of an error's size, and the nudge that its slopes are taken by, in prior standard deviations."""
+
 SURELY_WRONG = 1e-6
 """p-value below which departures need a reason. An error is that reason if it brings the p-value back above."""
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
@@ -61,12 +71,32 @@ def known_errors(
 ) -> dict[ChannelSuspect, KnownError]:
     """Return the errors without which the samples of states follow those of their rates, as they did not as they came.
 
-    Of the reasons that suffice, a delay of the state and a bend of either, the one of the largest evidence.
+    Of the reasons that suffice, a delay of the state and a bend of either, each beside gains and an offset of the rate
+    or without, it is the one of the largest evidence; none where gains and an offset do as well. Where a filter
+    computed the measured rates, a bend of their state is in these, too, and is not judged.
     """
     found: dict[ChannelSuspect, KnownError] = {}
-    for pair in _measured_pairs(data, simulation, noise):
-        found |= {error.suspect: error for error in pair.reason()}
+    pairs = {pair.state: pair for pair in _pairs(data, simulation, noise)}
+    # A speed is right before the position that it is the rate of is judged.
+    for name in sorted(pairs, key=lambda state: _depth(state, pairs)):
+        for pair in _pairs(free_of(data, sizes_of(found)), simulation, noise):
+            if pair.state == name and pair.reason is not None:
+                before = pair.p(pair.departures({}))
+                each = zip(pair.reason.errors, pair.reason.sizes, pair.reason.sds, strict=True)
+                found |= {error: KnownError(error, size, sd, before) for error, size, sd in each}
     return found
+
+
+def _depth(state: str, pairs: Mapping[str, "_Pair"]) -> int:
+    return 1 + _depth(pairs[state].rate, pairs) if state in pairs else 0
+
+
+def free_of(data: Trajectories, sizes: Sizes) -> Trajectories:
+    """Return the data without delays and bends of states."""
+    late = delays_of(sizes)
+    data = shifted(data, late) if late else data
+    bent = {error.channel for error in sizes if error.kind in BEND_POWERS}
+    return with_columns(data, {name: curve_of(sizes, name).measured(data.column(name)) for name in bent})
 
 
 def departing(
@@ -74,13 +104,13 @@ def departing(
 ) -> dict[ChannelSuspect, Float[np.ndarray, " n_obs"]]:
     """Return the states that depart from the integral of their rates without a known reason, as that integral has them.
 
-    The prior standard deviation of such an error is the RMS of the departure.
+    The prior standard deviation of such an error is the RMS of the departure. States that differ by much are no pair.
     """
     found = {}
-    for pair in _measured_pairs(data, simulation, noise):
-        if pair.p(pair.departures({})) < SURELY_WRONG:
-            followed = _followed(data, pair.state, pair.rate)
-            size = float(np.sqrt(np.mean((followed - data.states[pair.state]) ** 2)))
+    for pair in _pairs(data, simulation, noise):
+        followed, values = _followed(data, pair.state, pair.rate), data.states[pair.state]
+        size = float(np.sqrt(np.mean((followed - values) ** 2)))
+        if pair.reason is None and size < LARGEST_NOISE * np.std(values):
             found[ChannelSuspect(DEPARTURE, pair.state, size)] = followed
     return found
 
@@ -127,22 +157,17 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
 
 
 def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
+    """Yield the pairs with a sensor each: a rate that a filter computed, or what follows from a start, has none."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
-        if rate is None or rate not in data.state_names:
+        if rate is None or rate not in data.state_names or {name, rate} & {*data.computed}:
             continue
-        runs = [rows for rows in (data.run == r for r in range(data.n_run)) if np.sum(rows) > 3 * WINDOW_STEPS]
+        if data.filter is not None and data.filter.source(rate) == data.filter.source(name):
+            continue
+        runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 3 * WINDOW_STEPS]
         paths = [_Path(data.time[rows], data.states[name][rows], data.states[rate][rows]) for rows in runs]
         if sum(len(path.start) for path in paths) >= FEWEST_WINDOWS:
-            yield _Pair(name, rate, paths, noise.get(name, 0.0), noise.get(rate, 0.0))
-
-
-def _measured_pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
-    """Yield the pairs with a sensor each: a rate that a filter computed, or what follows from a start, has none."""
-    for pair in _pairs(data, simulation, noise):
-        computed = data.filter is not None and data.filter.source(pair.rate) == data.filter.source(pair.state)
-        if not computed and not {pair.state, pair.rate} & {*data.computed}:
-            yield pair
+            yield _Pair(name, rate, paths, noise.get(name, 0.0), noise.get(rate, 0.0), data.filter is None)
 
 
 class _Path:
@@ -153,75 +178,114 @@ class _Path:
         margin = int(np.ceil(FURTHEST * DELAY_STEPS)) + 1
         self.start = np.arange(margin, len(time) - WINDOW_STEPS - margin, WINDOW_STEPS)
         self.end = self.start + WINDOW_STEPS
-        self.gained = v[self.end] - v[self.start]
+        self._spline = CubicSpline(time, x)
 
-    def changes(self, x: Float[np.ndarray, " n"], by: float = 0.0) -> Float[np.ndarray, " n_window"]:
-        """Return the change of a state within each window, so much later."""
-        spline = CubicSpline(self.time, x)
-        return spline(self.time[self.end] + by) - spline(self.time[self.start] + by)
+    def change(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_window"]:
+        """Return the change of a state within each window."""
+        return values[self.end] - values[self.start]
 
-    def predicted(self, v: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_window"]:
-        """Return the integral of the rate over each window."""
-        integral = running_integral(self.time, v)
-        return integral[self.end] - integral[self.start]
+    def integral(self, rate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_window"]:
+        """Return the integral of a rate over each window."""
+        return self.change(running_integral(self.time, rate))
+
+    def later(self, by: float) -> Float[np.ndarray, " n_time"]:
+        """Return the state so much later, at the samples."""
+        return self._spline(self.time + by) if by else self.x
 
 
 class _Pair:
     """Pair of a state and the state that is its rate, with the windows of their runs."""
 
-    def __init__(self, state: str, rate: str, paths: list[_Path], noise: float, rate_noise: float) -> None:
-        self.state, self.rate, self.paths = state, rate, paths
+    def __init__(self, state: str, rate: str, paths: list[_Path], noise: float, rate_noise: float, bends: bool) -> None:
+        self.state, self.rate, self.paths, self._bends = state, rate, paths, bends
         self.step = float(np.median(np.concatenate([np.diff(path.time) for path in paths])))
-        changes = np.concatenate([path.changes(path.x) for path in paths])
+        changes = np.concatenate([path.change(path.x) for path in paths])
         shown = 2 * noise**2 + WINDOW_STEPS * (rate_noise * self.step) ** 2
         # Variance of a departure.
         self.variance = shown + AGREEING**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
-        self.gained = float(sum(np.sum(path.gained**2) for path in paths))
+        self.gained = float(sum(np.sum(path.change(path.v) ** 2) for path in paths))
+        # The gain of either, and the offset of the rate: they are weighed with the model.
+        integral = np.concatenate([path.integral(path.v) for path in paths])
+        self._plain = {"gain": integral, "offset": np.concatenate([path.change(path.time) for path in paths])}
 
     def departures(self, sizes: Sizes) -> Float[np.ndarray, " n"]:
         """Return the departures of samples that are free of errors of some sizes."""
         by = delays_of(sizes).get(self.state, 0.0)
         of_state, of_rate = (curve_of(sizes, name) for name in (self.state, self.rate))
-        return np.concatenate(
-            [p.changes(of_state.measured(p.x), by) - p.predicted(of_rate.measured(p.v)) for p in self.paths]
-        )
+        parts = []
+        for path in self.paths:
+            x = path.later(by)
+            ends = np.concatenate([path.start, path.end])
+            start, end = np.split(of_state.measured(x[ends]), 2)
+            parts.append(end - start - path.integral(of_rate.measured(path.v)))
+        return np.concatenate(parts)
 
     def p(self, departures: Float[np.ndarray, " n"], fitted: int = 0) -> float:
         """Return the p-value of departures after so many numbers were fitted to them."""
         return float(chi2.sf(np.sum(departures**2) / self.variance, max(len(departures) - fitted, 1)))
 
-    def reason(self) -> list[KnownError]:
-        """Return the errors that explain the departures, if these need a reason; none where nothing explains them."""
-        before = self.p(self.departures({}))
-        if before >= SURELY_WRONG:
-            return []
-        reasons = [reason for errors in self._candidates() if (reason := self._fitted(errors, before))]
-        return min(reasons, key=lambda each: each[0], default=(0.0, []))[1]
+    @cached_property
+    def reason(self) -> "_Reason | None":
+        """The likeliest of the reasons that suffice for the departures, if these need one; None where none suffices."""
+        candidates = [self._fitted(errors, plain) for errors in self._candidates() for plain in _subsets(self._plain)]
+        plain = min(each.cost for each in candidates if not each.errors)
+        # An error that is known has to be as sure as that something is wrong.
+        surely = plain + 2 * np.log(SURELY_WRONG)
+        enough = [each for each in candidates if each.p >= SURELY_WRONG and (not each.errors or each.cost < surely)]
+        return min(enough, key=lambda each: each.cost, default=None)
 
     def _candidates(self) -> Iterator[Sequence[ChannelSuspect]]:
+        yield ()
+        if self.p(self.departures({})) >= SURELY_WRONG:
+            return
         yield (delay_error(self.state, self.step),)
         x, v = (np.concatenate([getattr(path, name) for path in self.paths]) for name in ("x", "v"))
-        for name, values in ((self.state, x), (self.rate, v)):
-            bends = bend_errors(name, values)
-            for count in range(1, len(bends) + 1):
-                yield from combinations(bends, count)
+        for name, values in ((self.state, x), (self.rate, v)) if self._bends else ():
+            yield from (bends for bends in _subsets(bend_errors(name, values)) if bends)
 
-    def _fitted(self, errors: Sequence[ChannelSuspect], before: float) -> tuple[float, list[KnownError]] | None:
-        """Return −2 log evidence up to a constant (Schwarz 1978), and the errors; None where they do not suffice."""
-        scale = np.array([error.sd for error in errors])
+    def _fitted(self, errors: Sequence[ChannelSuspect], plain: Sequence[str]) -> "_Reason":
+        """Return errors with their sizes beside plain ones, by Gauss and Newton's steps."""
+        scale, root = np.array([error.sd for error in errors]), np.sqrt(self.variance)
+        beside = [self._plain[name] / root for name in plain]
+        sizes, k = np.zeros(len(errors)), len(errors) + len(plain)
+        covariance = np.zeros((k, k))
 
         def left(z: np.ndarray) -> np.ndarray:
-            return self.departures(dict(zip(errors, z * scale, strict=True))) / np.sqrt(self.variance)
+            return self.departures(dict(zip(errors, z * scale, strict=True))) / root
 
-        found = least_squares(left, np.zeros(len(errors)), bounds=(-FURTHEST, FURTHEST), x_scale=0.1, xtol=1e-6)
-        residual, k = found.fun, len(errors)
-        if np.any(np.abs(found.x) > 0.95 * FURTHEST) or self.p(residual * np.sqrt(self.variance), k) < SURELY_WRONG:
-            return None
+        # The last turn is the misfit at the sizes of the one before.
+        for turn in range(FIT_STEPS + 1):
+            residual = left(sizes)
+            slopes = [(left(sizes + h) - residual) / NUDGE for h in NUDGE * np.eye(len(errors))]
+            table = np.column_stack([*slopes, *beside]) if k else np.zeros((len(residual), 0))
+            step = -np.linalg.lstsq(table, residual, rcond=None)[0]
+            residual = residual + table @ step
+            covariance = np.linalg.pinv(table.T @ table)
+            if turn < FIT_STEPS:
+                sizes = np.clip(sizes + step[: len(errors)], -FURTHEST, FURTHEST)
+        # At its limit no size is the right one.
+        inside = bool(np.all(np.abs(sizes) < 0.95 * FURTHEST))
+        square, n = float(np.sum(residual**2)), len(residual)
         # The residual is no white noise where samples are exact: sensors agree to within what they are trusted to.
-        excess = max(float(np.sum(residual**2)) / max(len(residual) - k, 1), 1.0)
-        covariance = np.linalg.pinv(found.jac.T @ found.jac) * excess
-        sds = np.sqrt(np.diag(covariance)) * scale
-        known = [
-            KnownError(*each, before) for each in zip(errors, (found.x * scale).tolist(), sds.tolist(), strict=True)
-        ]
-        return float(np.sum(residual**2)) + k * np.log(len(residual)), known
+        sds = scale * np.sqrt(np.diag(covariance)[: len(errors)] * max(square / max(n - k, 1), 1.0))
+        p = self.p(residual * root, k) if inside else 0.0
+        return _Reason(tuple(errors), (sizes * scale).tolist(), sds.tolist(), p, square + k * np.log(n))
+
+
+class _Reason(NamedTuple):
+    """Errors of one sensor, with sizes, standard deviations and what they leave.
+
+    Attributes:
+        cost: −2 log evidence up to a constant (Schwarz 1978).
+    """
+
+    errors: tuple[ChannelSuspect, ...]
+    sizes: list[float]
+    sds: list[float]
+    p: float
+    cost: float
+
+
+def _subsets(items: Iterable[Item]) -> Iterator[tuple[Item, ...]]:
+    every = tuple(items)
+    return chain.from_iterable(combinations(every, count) for count in range(len(every) + 1))

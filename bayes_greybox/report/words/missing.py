@@ -232,7 +232,7 @@ def _besides(study: StudyResult, sure: Sequence[Row], unsure: Sequence[Row], fau
     # Terms that fit what is left without a name are in the model, and no news.
     likely_at_all = [each for each in candidates if not each.probability < LISTED]
     if not likely_at_all:
-        return f"{lacks}; what is added besides is too small beside what is left to have a name."
+        return f"{lacks}; what is added besides has no name."
     return f"{lacks}, and perhaps {_list(likely_at_all, ' or ')}."
 
 
