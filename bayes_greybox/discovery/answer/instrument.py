@@ -16,6 +16,7 @@ from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.regressors import SENSOR
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, DEPARTURE, GAIN, NOISE, STATES, ChannelSuspect
+from bayes_greybox.discovery.sensor_errors.kinematics import pair_of
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
 from bayes_greybox.physics.units import target_unit
@@ -115,9 +116,11 @@ def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Tr
         unit = data.unit(suspect.channel) or ""
         return row | {"unit": unit, "text": _noisy(suspect.channel, mean, unit)}
     if suspect.kind == DEPARTURE:
-        unit, rate = data.unit(suspect.channel), near.rows.model.simulator(data).rate_name(suspect.channel)
+        unit = data.unit(suspect.channel)
+        state, rate = pair_of(near.rows.model.simulator(data), suspect.channel, data.state_names)
+        other = f"the integral of {rate}" if suspect.channel == state else f"the slope of {state}"
         size = f"{abs(mean):.2g} {unit_text(unit)}".rstrip()
-        return row | {"unit": unit or "", "text": f"{channel} departs from the integral of {rate} by {size} (RMS)"}
+        return row | {"unit": unit or "", "text": f"{channel} departs from {other} by {size} (RMS)"}
     is_rate = suspect.channel not in data.columns
     unit = target_unit(near.regressors.equation, data) if is_rate else data.unit(suspect.channel)
     article = "an" if suspect.kind[0] in "aeiou" else "a"

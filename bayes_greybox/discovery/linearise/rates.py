@@ -1,7 +1,7 @@
 """Rows of measured rates, or of an output: delays are undone in the data, all else is linear."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 
@@ -18,6 +18,10 @@ from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_
 from bayes_greybox.discovery.regressors.regressors import Regressors
 from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
+    DEPARTURE,
+    DRIFT,
+    ChannelSuspect,
+    ErrorColumns,
     Rate,
     Sizes,
     calibrated,
@@ -99,7 +103,7 @@ class RateRows(Source):
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
         noise = noise_columns(whole, quiet, noisy, driven)
-        for error, column in (*suspect_columns(whole, self.equation, driven), *noise):
+        for error, column in (*_drifts(whole, noisy, driven), *suspect_columns(whole, self.equation, driven), *noise):
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -174,6 +178,18 @@ def _driven(model: Program, equation: str, rate: Rate) -> Rate:
     if not model.starts:
         return rate
     return lambda data: rate(model.rows.complete(data, equation, model.simulator(data)))
+
+
+def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) -> ErrorColumns:
+    """Return the drift of each state that departs: a part of its departure is in the line that was taken off this.
+
+    They come before the drift of the rate, which may have the very same column.
+    """
+    span, departing = float(np.ptp(data.time)), [error for error in errors if error.kind == DEPARTURE]
+    if not span > 0:
+        return []
+    along = (data.time - np.mean(data.time)) / span
+    return [(replace(each, kind=DRIFT), -slope_along(data, rate, each.channel, along)) for each in departing]
 
 
 def _gap(regressors: Regressors, floor: float) -> float:

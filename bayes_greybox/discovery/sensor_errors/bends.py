@@ -21,8 +21,8 @@ BEND_POWERS = {QUADRATIC: 2, CUBIC: 3}
 BEND_SD = 0.05
 """Prior standard deviation of a bend where the measured state is furthest from c, over that distance."""
 
-HALVINGS = 60
-"""Number of halvings of the interval that a reading's state is sought in."""
+HALVINGS, NEWTON_STEPS = 30, 2
+"""Numbers of halvings of the interval that a reading's state is sought in, and of steps that give the last digits."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Curve:
         """Return the x of each reading that is free of its offset."""
         if not any(self.errors.values()) or not self.gain > 0:
             return reading / self.gain
-        # Halve an interval about the center that holds every answer; Newton's step gives the last digits.
+        # Halve an interval about the center that holds every answer; Newton's steps give the last digits.
         finite = np.isfinite(reading)
         at = reading[finite] - self.gain * self.center
         reach = float(np.max(np.abs(at), initial=0.0)) / self.gain + np.finfo(float).tiny
@@ -67,10 +67,13 @@ class Curve:
             above = self.shown(middle) > reading
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         x = 0.5 * (low + high)
-        slope = self.gain + self.slope(x)
-        steep = slope > 1e-6 * self.gain
-        better = x + np.where(steep, (reading - self.shown(x)) / np.where(steep, slope, 1.0), 0.0)
-        return np.where(finite, better, reading)
+        for _ in range(NEWTON_STEPS):
+            slope = self.gain + self.slope(x)
+            steep = slope > 1e-6 * self.gain
+            x = x + np.where(
+                steep & finite, (np.where(finite, reading, 0.0) - self.shown(x)) / np.where(steep, slope, 1.0), 0.0
+            )
+        return np.where(finite, x, reading)
 
     @property
     def _turns(self) -> tuple[float, float]:

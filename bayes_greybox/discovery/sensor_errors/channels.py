@@ -36,7 +36,7 @@ from .leaps import beside_leaps
 DELAY, GAIN, OFFSET, DRIFT, NOISE = ("delay", "gain", "offset", "drift", "noise")
 
 DEPARTURE = "departure"
-"""Whatever a state's samples have that the integral of its rate does not."""
+"""Whatever a state's samples have that the integral of its rate, or the slope of its position, does not."""
 
 ERRORS = (DELAY, GAIN, OFFSET, DRIFT, NOISE, DEPARTURE, *BEND_ERRORS)
 """Kinds of errors of a channel."""

@@ -3,8 +3,8 @@
 A position is the integral of its speed. One that is shown d later departs from it, x(t + T) − x(t) − ∫ v dt, by the
 speed's gain within T times d; one whose sensor bends by a (x − c)² + b (x − c)³ departs by the change of that, and a
 bent speed by the integral of its own. The rate of the speed may hardly tell such an error from a wrong damping, or from
-a spring that hardens; these samples do. What has no such reason, as the play of a follower, is an error of the position
-where the rate of the speed moves with it; its shape is known, x − ∫ v dt less a straight line.
+a spring that hardens; these samples do. What has no such reason, as the play of a follower, is weighed as an error of
+either, where the rate of the speed moves with it; its shape is known, x − ∫ v dt less a straight line, or v − ẋ.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,6 +24,7 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .bends import BEND_POWERS
 from .channels import (
+    DELAY,
     DELAY_STEPS,
     DEPARTURE,
     ChannelSuspect,
@@ -102,43 +103,61 @@ def free_of(data: Trajectories, sizes: Sizes) -> Trajectories:
 def departing(
     data: Trajectories, simulation: Simulation, noise: Mapping[str, float]
 ) -> dict[ChannelSuspect, Float[np.ndarray, " n_obs"]]:
-    """Return the states that depart from the integral of their rates without a known reason, as that integral has them.
+    """Return states that disagree without a known reason, as the other one of their pair has them.
 
-    The prior standard deviation of such an error is the RMS of the departure. States that differ by much are no pair.
+    Either may be wrong: the position is then the integral of its rate, or the rate the slope of its position. The prior
+    standard deviation of such an error is the RMS of the departure. States that differ by much are no pair.
     """
-    found = {}
+    found: dict[str, tuple[ChannelSuspect, np.ndarray]] = {}
     for pair in _pairs(data, simulation, noise):
-        followed, values = _followed(data, pair.state, pair.rate), data.states[pair.state]
-        size = float(np.sqrt(np.mean((followed - values) ** 2)))
-        if pair.reason is None and size < LARGEST_NOISE * np.std(values):
-            found[ChannelSuspect(DEPARTURE, pair.state, size)] = followed
-    return found
+        for name, better in ((pair.state, _followed), (pair.rate, _sloped)) if pair.reason is None else ():
+            values, right = data.states[name], better(data, pair.state, pair.rate)
+            size = float(np.sqrt(np.mean((right - values) ** 2)))
+            if size < LARGEST_NOISE * np.std(values):
+                found.setdefault(name, (ChannelSuspect(DEPARTURE, name, size), right))
+    return dict(found.values())
 
 
 def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes) -> Trajectories:
-    """Return states nearer to the integral of their rates, by as large a share as was found on the training data."""
+    """Return states nearer to what the other of their pair says, by as large a share as on the training data."""
     states = dict(data.states)
     for error, size in sizes.items():
-        rate = simulation.rate_name(error.channel) if error.kind == DEPARTURE else None
-        if rate is not None:
-            share = np.clip(size / error.sd, 0.0, 1.0)
-            values = states[error.channel]
-            states[error.channel] = values + share * (_followed(data, error.channel, rate) - values)
+        if error.kind == DEPARTURE:
+            state, rate = pair_of(simulation, error.channel, data.state_names)
+            right = (_followed if error.channel == state else _sloped)(data, state, rate)
+            values = data.states[error.channel]
+            states[error.channel] = values + np.clip(size / error.sd, 0.0, 1.0) * (right - values)
     return replace(data, states=states)
+
+
+def pair_of(simulation: Simulation, name: str, states: Sequence[str]) -> tuple[str, str]:
+    """Return the state and its rate that a state departs from: as the first of the two if it can be both."""
+    rates = {each: simulation.rate_name(each) for each in (name, *states)}
+    state = next(each for each, rate in rates.items() if rate in states and name in (each, rate))
+    return state, str(rates[state])
 
 
 def _followed(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " n_obs"]:
     """Return a state as the integral of its rate, whose start and whose offset fit its samples best."""
     parts = []
     for rows in run_slices(data.run):
-        time = data.time[rows]
-        if len(time) < 2:
-            parts.append(data.states[state][rows])
-            continue
-        departure = data.states[state][rows] - running_integral(time, data.states[rate][rows])
-        line = np.polynomial.Polynomial.fit(time, departure, 1)
-        parts.append(data.states[state][rows] - departure + line(time))
+        time, x = data.time[rows], data.states[state][rows]
+        if len(time) > 1:
+            departure = x - running_integral(time, data.states[rate][rows])
+            x = x - departure + np.polynomial.Polynomial.fit(time, departure, 1)(time)
+        parts.append(x)
     return np.concatenate(parts)
+
+
+def _sloped(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " n_obs"]:
+    """Return a rate as the slope of its state, by the cubic spline through the samples."""
+    slopes = [
+        CubicSpline(data.time[rows], data.states[state][rows])(data.time[rows], 1)
+        if rows.stop - rows.start > 1
+        else data.states[rate][rows]
+        for rows in run_slices(data.run)
+    ]
+    return np.concatenate(slopes)
 
 
 def sizes_of(errors: Mapping[ChannelSuspect, KnownError]) -> dict[ChannelSuspect, float]:
@@ -227,7 +246,7 @@ class _Pair:
     @cached_property
     def reason(self) -> "_Reason | None":
         """The likeliest of the reasons that suffice for the departures, if these need one; None where none suffices."""
-        candidates = [self._fitted(errors, plain) for errors in self._candidates() for plain in _subsets(self._plain)]
+        candidates = [self._fitted(errors, plain) for errors in self._candidates() for plain in self._beside(errors)]
         plain = min(each.cost for each in candidates if not each.errors)
         # An error that is known has to be as sure as that something is wrong.
         surely = plain + 2 * np.log(SURELY_WRONG)
@@ -242,6 +261,21 @@ class _Pair:
         x, v = (np.concatenate([getattr(path, name) for path in self.paths]) for name in ("x", "v"))
         for name, values in ((self.state, x), (self.rate, v)) if self._bends else ():
             yield from (bends for bends in _subsets(bend_errors(name, values)) if bends)
+
+    def _beside(self, errors: Sequence[ChannelSuspect]) -> Sequence[tuple[str, ...]]:
+        """Return the sets of plain errors to fit errors beside: beside bends, which are nearly linear, the best one."""
+        every = list(_subsets(self._plain))
+        if not errors or errors[0].kind == DELAY:
+            return every
+        residual = self.departures({})
+        slopes = [(self.departures({error: NUDGE * error.sd}) - residual) / NUDGE for error in errors]
+
+        def cost(plain: Sequence[str]) -> float:
+            table = np.column_stack([*slopes, *(self._plain[name] for name in plain)])
+            left = residual - table @ np.linalg.lstsq(table, residual, rcond=None)[0]
+            return float(np.sum(left**2)) / self.variance + table.shape[1] * np.log(len(left))
+
+        return [min(every, key=cost)]
 
     def _fitted(self, errors: Sequence[ChannelSuspect], plain: Sequence[str]) -> "_Reason":
         """Return errors with their sizes beside plain ones, by Gauss and Newton's steps."""

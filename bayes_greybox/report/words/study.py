@@ -240,7 +240,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         channels.GAIN: f"±\u00a0{percent_text(channels.GAIN_SD, 0)}",
         **dict.fromkeys((channels.OFFSET, channels.DRIFT), of_rms),
         channels.NOISE: "what smoothing takes off",
-        channels.DEPARTURE: "what the integral of its rate lacks",
+        channels.DEPARTURE: "what the other state of its pair lacks",
         **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"),
     }
     rows = []

@@ -97,9 +97,9 @@ def with_play(x, half=0.1):
 def test_play_is_a_departure_of_the_position_and_the_integral_of_its_speed_is_without_it():
     data = seen(bend=with_play, runs=2)
     assert known_errors(data, SIMULATION, {}) == {}
-    ((suspect, followed),) = departing(data, SIMULATION, {}).items()
+    (suspect, followed), (other, _) = departing(data, SIMULATION, {}).items()
     true = seen(runs=2).states["x"]
-    assert suspect.key == "departure of x"
+    assert (suspect.key, other.key) == ("departure of x", "departure of v")
     # The line takes what is slow in the play itself.
     assert np.std(followed - true) < 0.2 * np.std(data.states["x"] - true)
     given = data.states["x"].copy()
@@ -107,6 +107,33 @@ def test_play_is_a_departure_of_the_position_and_the_integral_of_its_speed_is_wi
     np.testing.assert_array_equal(data.states["x"], given)
     np.testing.assert_allclose(right.states["x"], followed, rtol=1e-12)
     np.testing.assert_array_equal(without_departures(data, SIMULATION, {suspect: -0.1}).states["x"], data.states["x"])
+
+
+def test_a_speed_that_reads_too_much_one_way_is_the_slope_of_its_position():
+    data = seen(rate=lambda v: v * np.where(v > 0, 1.3, 1.0))
+    (suspect, right) = list(departing(data, SIMULATION, {}).items())[1]
+    assert suspect.key == "departure of v"
+    true = seen().states["v"]
+    np.testing.assert_allclose(right[3:-3], true[3:-3], atol=1e-4)
+    mended = without_departures(data, SIMULATION, {suspect: suspect.sd}).states["v"]
+    np.testing.assert_allclose(mended[3:-3], true[3:-3], atol=1e-4)
+
+
+@pytest.mark.parametrize("gain", [1.02, 1.05])
+@pytest.mark.parametrize("about", [{}, {"noise": 0.01}, {"runs": 4}])
+def test_a_gain_is_left_to_the_model(gain, about):
+    assert known(bend=lambda x: gain * x, **about) == {} and asked(departing, bend=lambda x: gain * x, **about) == {}
+
+
+def test_a_speed_that_is_late_is_right_before_its_position_is_judged():
+    simulation = simulation_of({"x": "v", "v": "w", "w": "F - x"}, ("x", "v", "w"), ("F",))
+    t = STEP * np.arange(N)
+    x, late = motion(t)[0], motion(t - STEP)[1]
+    w = -np.sin(t) - 2.116 * np.sin(2.3 * t + 1)
+    data = Trajectories.from_arrays(t, states={"x": x, "v": late, "w": w}, inputs={"F": np.sin(3 * t)})
+    assert {error.key: round(k.size / STEP, 2) for error, k in known_errors(data, simulation, {}).items()} == {
+        "delay of v": 1.0
+    }
 
 
 @pytest.mark.parametrize("about", [{}, {"noise": 0.02, "shaken": 0.02}, {"bend": lambda x: x + 3.0}])
