@@ -26,8 +26,7 @@ def fitted(train: bg.Trajectories, terms: list[str]) -> bg.Fit:
     model = bg.GreyBox(
         simulation={"y": "v"},
         dictionary={"v": terms},
-        # What a cubic spring leaves of 65,030 rows is finer along y than the usual number of features resolves.
-        discrepancy=bg.OrthogonalGP(variables=("y", "v"), features=(21, 17)),
+        discrepancy=bg.OrthogonalGP(variables=("y", "v")),
     )
     return model.fit(train, seed=0, progress=False)
 
