@@ -1,4 +1,7 @@
-"""Weights of the mean of a true rate that a filtered one is: Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} for unit spacing."""
+"""Weights s that write a filtered rate as a mean of the true one at the samples.
+
+Σ_k c_k x_{n+k} = Σ_k s_k x⁽ᵐ⁾_{n+k} at unit spacing, with c the taps of a differentiator of order m.
+"""
 
 import math
 
@@ -9,21 +12,21 @@ BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
 """Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
 
 AT_END = np.array([5.0, 8.0, -1.0]) / 12
-"""The same between the first two of three samples, exact for quadratics."""
+"""Weights of the mean of a function between the first two of three samples, exact for quadratics."""
 
 HAT = np.array([1.0, 10.0, 1.0]) / 12
 """Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
 
-TRANSFORM = 16
-"""Points of a transform over the number of taps: what comes back around it is as small as what is left out."""
+FFT_PADDING = 16
+"""Length of a transform over the number of taps, at which what wraps around is as small as what is cut off."""
 
 
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int, method: str) -> Float[np.ndarray, " n_tap"]:
     """Return the weights s of a filter's taps c; order m is 0, 1 or 2, and a cubic x⁽ᵐ⁾ is exact.
 
-    A Savitzky–Golay filter passes what is slow beside the sampling: its weights go from sample to sample. A
-    band-limited one may pass nearly all up to half the sampling rate, where a cubic between samples is 15 % off; its
-    taps end at nothing, so that its transfer function says s.
+    A Savitzky–Golay filter passes slow signals only, which are cubics between samples. A band-limited one may pass
+    nearly all up to half the sampling rate, where a cubic is 15 % off; its taps fall to zero at their ends, so that s
+    is computed from its transfer function.
     """
     if order == 0:
         return taps
@@ -57,9 +60,9 @@ def _by_transfer(taps: np.ndarray, order: int) -> np.ndarray:
     # Of x = (k / half)^(p + m), whose derivative is (p + m)! / p! (k / half)^p / half^m
     factors = np.array([math.perm(p + order, order) for p in degrees]) / half**order
     moments = taps @ (k / half)[:, None] ** (degrees + order) / factors
-    n = TRANSFORM * len(taps)
+    n = FFT_PADDING * len(taps)
     omega = 2.0 * np.pi * np.arange(n // 2 + 1) / n
-    # Taps about their centre: C(ω) is the conjugate of the transform of what the centre stands first in.
+    # The transform has the opposite sign of ω, hence the conjugate; the roll puts the centre tap first.
     transfer = np.conj(np.fft.rfft(np.roll(np.pad(taps, (0, n - len(taps))), -half)))
     response = np.concatenate([moments[:1], np.real(transfer[1:] / (1j * omega[1:]) ** order)])
     mean = np.fft.irfft(response, n)[k]

@@ -181,9 +181,9 @@ def _driven(model: Program, equation: str, rate: Rate) -> Rate:
 
 
 def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) -> ErrorColumns:
-    """Return the drift of each state that departs: a part of its departure is in the line that was taken off this.
+    """Return a drift of each state with a departure, from which a straight line was taken: it is weighed by itself.
 
-    They come before the drift of the rate, which may have the very same column.
+    It comes before the drift of the rate, which may have the very same column.
     """
     span, departing = float(np.ptp(data.time)), [error for error in errors if error.kind == DEPARTURE]
     if not span > 0:

@@ -1,10 +1,10 @@
 """Errors of a state, or of the state that is its rate, by their samples alone and without any model.
 
-A position is the integral of its speed. One that is shown d later departs from it, x(t + T) − x(t) − ∫ v dt, by the
-speed's gain within T times d; one whose sensor bends by a (x − c)² + b (x − c)³ departs by the change of that, and a
-bent speed by the integral of its own. The rate of the speed may hardly tell such an error from a wrong damping, or from
-a spring that hardens; these samples do. What has no such reason, as the play of a follower, is weighed as an error of
-either, where the rate of the speed moves with it; its shape is known, x − ∫ v dt less a straight line, or v − ẋ.
+A position is the integral of its speed. Within a window of length T its departure is x(t + T) − x(t) − ∫ v dt. If the
+position is d late, that is −d times the change of the speed over the window; if its sensor bends, the change of
+a (x − c)² + b (x − c)³; if the speed's does, minus the integral of its own bend. The rate of the speed may hardly tell
+such an error from a wrong damping, or from a spring that hardens; these samples do. A departure that neither explains,
+as by the play of a follower, is weighed with the model, as an error of the position or of the speed.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -40,7 +40,7 @@ from .channels import (
 from .samples import LARGEST_NOISE
 
 WINDOW_STEPS = 10
-"""Steps of a window: noise on samples counts twice in it, whatever its length, and the rate counts for all of it."""
+"""Length of a window in steps. Noise of the state enters at its two ends alone, noise of the rate at every step."""
 
 AGREEING = 0.01
 """Sensors that are right agree to within this share of the RMS of a state's changes."""
@@ -70,11 +70,11 @@ class KnownError:
 def known_errors(
     data: Trajectories, simulation: Simulation, noise: Mapping[str, float]
 ) -> dict[ChannelSuspect, KnownError]:
-    """Return the errors without which the samples of states follow those of their rates, as they did not as they came.
+    """Return the sensor errors whose removal makes a state agree with the integral of its rate, if it did not before.
 
     Of the reasons that suffice, a delay of the state and a bend of either, each beside gains and an offset of the rate
-    or without, it is the one of the largest evidence; none where gains and an offset do as well. Where a filter
-    computed the measured rates, a bend of their state is in these, too, and is not judged.
+    or without, it is the one of the largest evidence; none where gains and an offset do as well. Bends are
+    not looked for where a filter computed the measured rates, which have the same bend.
     """
     found: dict[ChannelSuspect, KnownError] = {}
     pairs = {pair.state: pair for pair in _pairs(data, simulation, noise)}
@@ -103,10 +103,10 @@ def free_of(data: Trajectories, sizes: Sizes) -> Trajectories:
 def departing(
     data: Trajectories, simulation: Simulation, noise: Mapping[str, float]
 ) -> dict[ChannelSuspect, Float[np.ndarray, " n_obs"]]:
-    """Return states that disagree without a known reason, as the other one of their pair has them.
+    """Return, for each state that disagrees with its pair for no known reason, the values that the other one implies.
 
     Either may be wrong: the position is then the integral of its rate, or the rate the slope of its position. The prior
-    standard deviation of such an error is the RMS of the departure. States that differ by much are no pair.
+    standard deviation of such an error is the RMS of the departure; one too large for a sensor is left out.
     """
     found: dict[str, tuple[ChannelSuspect, np.ndarray]] = {}
     for pair in _pairs(data, simulation, noise):
@@ -131,7 +131,7 @@ def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes)
 
 
 def pair_of(simulation: Simulation, name: str, states: Sequence[str]) -> tuple[str, str]:
-    """Return the state and its rate that a state departs from: as the first of the two if it can be both."""
+    """Return the state and the rate of a channel's pair; of two pairs, that in which it is the state."""
     rates = {each: simulation.rate_name(each) for each in (name, *states)}
     state = next(each for each, rate in rates.items() if rate in states and name in (each, rate))
     return state, str(rates[state])
@@ -166,7 +166,7 @@ def sizes_of(errors: Mapping[ChannelSuspect, KnownError]) -> dict[ChannelSuspect
 
 
 def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, float]:
-    """Return standard deviations of the delay between a state and its rate whose samples agree, for both by name."""
+    """Return, by name, the standard deviation of the delay between a state and its rate, for pairs that agree."""
     spreads: dict[str, float] = {}
     for pair in _pairs(data, simulation, noise):
         if pair.gained > 0 and pair.p(pair.departures({})) >= SURELY_WRONG:
@@ -176,7 +176,7 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
 
 
 def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> Iterator["_Pair"]:
-    """Yield the pairs with a sensor each: a rate that a filter computed, or what follows from a start, has none."""
+    """Yield the pairs of a state and its rate that have a sensor each; what was computed has none."""
     for name in data.state_names:
         rate = simulation.rate_name(name)
         if rate is None or rate not in data.state_names or {name, rate} & {*data.computed}:
@@ -190,7 +190,7 @@ def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float
 
 
 class _Path:
-    """The windows of one run, without those at its ends, which a shift would leave."""
+    """Windows of one run, without those that a shift would move past its ends."""
 
     def __init__(self, time: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
         self.time, self.x, self.v = time, x, v
@@ -208,7 +208,7 @@ class _Path:
         return self.change(running_integral(self.time, rate))
 
     def later(self, by: float) -> Float[np.ndarray, " n_time"]:
-        """Return the state so much later, at the samples."""
+        """Return the state at the samples' times plus some time."""
         return self._spline(self.time + by) if by else self.x
 
 
@@ -245,11 +245,10 @@ class _Pair:
 
     @cached_property
     def reason(self) -> "_Reason | None":
-        """The likeliest of the reasons that suffice for the departures, if these need one; None where none suffices."""
+        """Likeliest of the reasons that suffice for the departures, if these need one; None where none suffices."""
         candidates = [self._fitted(errors, plain) for errors in self._candidates() for plain in self._beside(errors)]
-        plain = min(each.cost for each in candidates if not each.errors)
-        # An error that is known has to be as sure as that something is wrong.
-        surely = plain + 2 * np.log(SURELY_WRONG)
+        # An error is known if its odds over gains and an offset alone are beyond one over that p-value.
+        surely = min(each.cost for each in candidates if not each.errors) + 2 * np.log(SURELY_WRONG)
         enough = [each for each in candidates if each.p >= SURELY_WRONG and (not each.errors or each.cost < surely)]
         return min(enough, key=lambda each: each.cost, default=None)
 
@@ -284,13 +283,13 @@ class _Pair:
         sizes, k = np.zeros(len(errors)), len(errors) + len(plain)
         covariance = np.zeros((k, k))
 
-        def left(z: np.ndarray) -> np.ndarray:
+        def residual_at(z: np.ndarray) -> np.ndarray:
             return self.departures(dict(zip(errors, z * scale, strict=True))) / root
 
         # The last turn is the misfit at the sizes of the one before.
         for turn in range(FIT_STEPS + 1):
-            residual = left(sizes)
-            slopes = [(left(sizes + h) - residual) / NUDGE for h in NUDGE * np.eye(len(errors))]
+            residual = residual_at(sizes)
+            slopes = [(residual_at(sizes + h) - residual) / NUDGE for h in NUDGE * np.eye(len(errors))]
             table = np.column_stack([*slopes, *beside]) if k else np.zeros((len(residual), 0))
             step = -np.linalg.lstsq(table, residual, rcond=None)[0]
             residual = residual + table @ step
