@@ -89,7 +89,11 @@ def known_errors(
 
 
 def _depth(state: str, pairs: Mapping[str, "_Pair"]) -> int:
-    return 1 + _depth(pairs[state].rate, pairs) if state in pairs else 0
+    depth = 0
+    # Two states may be the rate of each other.
+    while state in pairs and depth < len(pairs):
+        state, depth = pairs[state].rate, depth + 1
+    return depth
 
 
 def free_of(data: Trajectories, sizes: Sizes) -> Trajectories:

@@ -147,3 +147,10 @@ def test_a_speed_that_a_filter_computed_has_no_sensor_of_its_own():
     # So long a window flattens the speed.
     data = data.differentiate(window=31, polyorder=3, rates={"x": "v"})
     assert known_errors(data, SIMULATION, {}) == {} and departing(data, SIMULATION, {}) == {}
+
+
+def test_states_that_are_the_rates_of_each_other_are_judged_too():
+    t = STEP * np.arange(100)
+    simulation = simulation_of({"x": "v", "v": "x"}, ("x", "v"), ())
+    data = Trajectories.from_arrays(t, states={"x": np.exp(-t) + 0.01 * np.exp(t), "v": -np.exp(-t) + 0.01 * np.exp(t)})
+    assert known_errors(data, simulation, {}) == {} and departing(data, simulation, {}) == {}
