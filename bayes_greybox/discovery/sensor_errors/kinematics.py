@@ -285,21 +285,22 @@ class _Pair:
         scale, root = np.array([error.sd for error in errors]), np.sqrt(self.variance)
         beside = [self._plain[name] / root for name in plain]
         sizes, k = np.zeros(len(errors)), len(errors) + len(plain)
-        covariance = np.zeros((k, k))
 
         def residual_at(z: np.ndarray) -> np.ndarray:
             return self.departures(dict(zip(errors, z * scale, strict=True))) / root
 
-        # The last turn is the misfit at the sizes of the one before.
-        for turn in range(FIT_STEPS + 1):
-            residual = residual_at(sizes)
-            slopes = [(residual_at(sizes + h) - residual) / NUDGE for h in NUDGE * np.eye(len(errors))]
+        def solved(z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+            """Return the step of all sizes, what it leaves, and the slopes."""
+            residual = residual_at(z)
+            slopes = [(residual_at(z + h) - residual) / NUDGE for h in NUDGE * np.eye(len(errors))]
             table = np.column_stack([*slopes, *beside]) if k else np.zeros((len(residual), 0))
             step = -np.linalg.lstsq(table, residual, rcond=None)[0]
-            residual = residual + table @ step
-            covariance = np.linalg.pinv(table.T @ table)
-            if turn < FIT_STEPS:
-                sizes = np.clip(sizes + step[: len(errors)], -FURTHEST, FURTHEST)
+            return step, residual + table @ step, table
+
+        for _ in range(FIT_STEPS if errors else 0):
+            sizes = np.clip(sizes + solved(sizes)[0][: len(errors)], -FURTHEST, FURTHEST)
+        _, residual, table = solved(sizes)
+        covariance = np.linalg.pinv(table.T @ table)
         # At its limit no size is the right one.
         inside = bool(np.all(np.abs(sizes) < 0.95 * FURTHEST))
         square, n = float(np.sum(residual**2)), len(residual)
