@@ -94,11 +94,16 @@ def decide(probabilities: Probabilities, rate_size: float, put_right: bool = Fal
 
     Where `put_right`, a sensor's error was undone before hypotheses were weighed.
     """
+    verdict = _of_hypotheses(probabilities, rate_size)
+    return replace(verdict, code=INSTRUMENT) if put_right and verdict.code == NO_GAP else verdict
+
+
+def _of_hypotheses(probabilities: Probabilities, rate_size: float) -> Verdict:
+    """Return the verdict on the data as they were weighed."""
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
-        answer = _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
-        return replace(answer, code=INSTRUMENT) if put_right and code == NO_GAP else answer
+        return _without_effects(probabilities, code, lambda p, h: 1 - p.remains(h))
     if by_kind[EFFECTS] > by_kind[UNKNOWN_KIND]:
         verdict = _with_effects(probabilities, _answering_set(probabilities))
         if verdict.code != UNKNOWN_KIND:
@@ -111,8 +116,7 @@ def decide(probabilities: Probabilities, rate_size: float, put_right: bool = Fal
         )
         code = RECALIBRATE if corrected else INSTRUMENT if misread else NO_GAP
         answer = _without_effects(probabilities, code, lambda p, h: 1.0)
-        code = INSTRUMENT if put_right and code == NO_GAP else code
-        return replace(answer, code=code, left=unknown.left, negligible=True)
+        return replace(answer, left=unknown.left, negligible=True)
     return unknown
 
 

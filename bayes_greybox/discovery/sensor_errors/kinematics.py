@@ -8,7 +8,7 @@ as by the play of a follower, is weighed with the model, as an error of the posi
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations
 from typing import NamedTuple, TypeVar
@@ -52,7 +52,8 @@ FIT_STEPS, NUDGE = 4, 1e-4
 """Steps of the fit of an error's size, and the nudge that its slopes are taken by, in prior standard deviations."""
 
 SURELY_WRONG = 1e-6
-"""p-value below which departures need a reason. An error is that reason if it brings the p-value back above."""
+"""p-value below which departures need a reason. An error is that reason if it brings the p-value back above, and its
+odds over gains and an offset alone are beyond one over this."""
 
 Item = TypeVar("Item")
 
@@ -82,7 +83,7 @@ def known_errors(
     for name in sorted(pairs, key=lambda state: _depth(state, pairs)):
         for pair in _pairs(free_of(data, sizes_of(found)), simulation, noise):
             if pair.state == name and pair.reason is not None:
-                before = pair.p(pair.departures({}))
+                before = pair.p(pair.as_shown)
                 each = zip(pair.reason.errors, pair.reason.sizes, pair.reason.sds, strict=True)
                 found |= {error: KnownError(error, size, sd, before) for error, size, sd in each}
     return found
@@ -124,14 +125,14 @@ def departing(
 
 def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes) -> Trajectories:
     """Return states nearer to what the other of their pair says, by as large a share as on the training data."""
-    states = dict(data.states)
+    states = {}
     for error, size in sizes.items():
         if error.kind == DEPARTURE:
             state, rate = pair_of(simulation, error.channel, data.state_names)
             right = (_followed if error.channel == state else _sloped)(data, state, rate)
             values = data.states[error.channel]
             states[error.channel] = values + np.clip(size / error.sd, 0.0, 1.0) * (right - values)
-    return replace(data, states=states)
+    return with_columns(data, states)
 
 
 def pair_of(simulation: Simulation, name: str, states: Sequence[str]) -> tuple[str, str]:
@@ -173,7 +174,7 @@ def in_step(data: Trajectories, simulation: Simulation, noise: Mapping[str, floa
     """Return, by name, the standard deviation of the delay between a state and its rate, for pairs that agree."""
     spreads: dict[str, float] = {}
     for pair in _pairs(data, simulation, noise):
-        if pair.gained > 0 and pair.p(pair.departures({})) >= SURELY_WRONG:
+        if pair.gained > 0 and pair.p(pair.as_shown) >= SURELY_WRONG:
             sd = float(np.sqrt(pair.variance / pair.gained))
             spreads |= {each: min(sd, spreads.get(each, sd)) for each in (pair.state, pair.rate)}
     return spreads
@@ -243,6 +244,11 @@ class _Pair:
             parts.append(end - start - path.integral(of_rate.measured(path.v)))
         return np.concatenate(parts)
 
+    @cached_property
+    def as_shown(self) -> Float[np.ndarray, " n"]:
+        """Departures of the samples as they are."""
+        return self.departures({})
+
     def p(self, departures: Float[np.ndarray, " n"], fitted: int = 0) -> float:
         """Return the p-value of departures after so many numbers were fitted to them."""
         return float(chi2.sf(np.sum(departures**2) / self.variance, max(len(departures) - fitted, 1)))
@@ -258,7 +264,7 @@ class _Pair:
 
     def _candidates(self) -> Iterator[Sequence[ChannelSuspect]]:
         yield ()
-        if self.p(self.departures({})) >= SURELY_WRONG:
+        if self.p(self.as_shown) >= SURELY_WRONG:
             return
         yield (delay_error(self.state, self.step),)
         x, v = (np.concatenate([getattr(path, name) for path in self.paths]) for name in ("x", "v"))
@@ -270,7 +276,7 @@ class _Pair:
         every = list(_subsets(self._plain))
         if not errors or errors[0].kind == DELAY:
             return every
-        residual = self.departures({})
+        residual = self.as_shown
         slopes = [(self.departures({error: NUDGE * error.sd}) - residual) / NUDGE for error in errors]
 
         def cost(plain: Sequence[str]) -> float:

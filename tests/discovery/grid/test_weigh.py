@@ -38,6 +38,13 @@ def test_probabilities_and_blocks_belong_to_each_hypothesis(two):
     assert two.blocks.shape == (len(p), 8) and two.hypotheses[0].members == (0,)
 
 
+def test_what_is_not_kept_is_bounded_by_the_window_and_the_model_without_effects_is_not(two):
+    # The data are far from the empty set, which is kept all the same.
+    best, least = two.hypotheses[0].log_weight, min(h.log_weight for h in two.hypotheses)
+    assert two.outside == pytest.approx(best - Reach().window) and least == two.before.log_weight < two.outside
+    assert all(h.log_weight >= two.outside for h in two.hypotheses if h is not two.before)
+
+
 def test_what_is_told_better_moves_probabilities_order_and_agreement(two):
     first = two.hypotheses[0]
     shifts = [-30.0 * (h is first) for h in two.hypotheses]
