@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -99,6 +99,7 @@ class RegressorTable:
         return tuple(i for i, each in enumerate(self.regressors) if each.kind == kind)
 
 
+@runtime_checkable
 class HasPrior(Protocol):
     """A regressor, or a column that will be one."""
 
