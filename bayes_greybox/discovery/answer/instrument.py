@@ -30,6 +30,9 @@ NOISY, CLIPPING, MISREAD = "noisy state", "clipping", "misreadings"
 IN_MODEL = "in the model"
 """Status of errors that belong to the answer."""
 
+LARGE_GAIN = 0.5
+"""Error of a gain that no sensor has: it is said as a factor."""
+
 LISTED = 0.01
 """Probability below which an error is not listed."""
 
@@ -107,6 +110,8 @@ def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Tr
         text = f"{channel} {are} {size} {'late' if mean >= 0 else 'early'} ({abs(steps):.2g} samples)"
         in_samples = {"lower_samples": low / suspect.step, "upper_samples": high / suspect.step}
         return row | {"unit": time, "samples": steps, **in_samples, "text": text}
+    if suspect.kind == GAIN and abs(mean) > LARGE_GAIN:
+        return row | {"text": f"{channel} reads {1 + mean:.3g} times what it should (check its units)"}
     if suspect.kind == GAIN:
         return row | {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
     if suspect.kind in BEND_POWERS:

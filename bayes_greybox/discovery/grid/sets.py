@@ -20,23 +20,29 @@ from bayes_greybox.discovery.ties import ranked
 
 from .table import CORRECTION, EFFECT, FREE, SENSOR, Regressor
 
+SURELY_WRONG = 1e-6
+"""p-value below which samples of two sensors that disagree need a reason."""
+
 
 @dataclass(frozen=True)
 class SetPrior:
     """Log prior of sets.
 
     P(S) = P(number of effects) · P(which) · Π sensor errors · P(corrections). P(which) is shared equally by names, and
-    the share of a name by its places.
+    the share of a name by its places. Where samples of two sensors disagree, sets without any error that may be why are
+    as unlikely as such samples are of sensors that are right.
 
     Attributes:
         by_size: Log prior of each number of effects, over the summed weights of the sets of that size.
         ways: Log number of groups of each name.
+        sure: Names of errors of which one at least is sure to be there.
     """
 
     regressors: tuple[Regressor, ...]
     odds: Odds
     by_size: tuple[float, ...]
     ways: Mapping[str, float]
+    sure: tuple[str, ...] = ()
 
     def among(self, regressors: Sequence[Regressor]) -> "SetPrior":
         """Return the same prior for fewer effects and sensor errors, with all free terms and corrections."""
@@ -56,7 +62,10 @@ class SetPrior:
         shares = np.array([odds.another**k for k in range(max(most, 1))])
         shares = np.log(shares / shares.sum()) + log(odds.effects)
         by_size = (0.0, *(float(shares[k - 1]) - log(sums[k]) for k in range(1, most + 1)))
-        return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()})
+        # An error that has no column cannot be ruled out by sets without the others.
+        sure = Counter(each.sure for each in regressors if each.sure)
+        several = tuple(name for name, n in sure.items() if n > 1)
+        return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()}, several)
 
     def logs(self, sets: Sequence[Sequence[int]]) -> Float[np.ndarray, "n_set 2"]:
         """Return the log prior of each set without a discrepancy, and beside one."""
@@ -67,6 +76,9 @@ class SetPrior:
         odds, n_correction = self.odds, sum(each.kind == CORRECTION for each in self.regressors)
         effects, corrections = np.rint(effects).astype(int), np.rint(corrections)
         total = weights + np.array(self.by_size)[effects]
+        for name in self.sure:
+            reasons = [i for i, each in enumerate(self.regressors) if each.sure == name]
+            total = total + np.where(np.isin(padded, reasons).any(axis=1), 0.0, log(SURELY_WRONG))
         beside = corrections * log(odds.correction) + (n_correction - corrections) * log1p(-odds.correction)
         # Which coefficients are off, given that some are.
         some = beside - (log(-np.expm1(n_correction * log1p(-odds.correction))) if n_correction else 0.0)

@@ -31,6 +31,7 @@ class Regressor:
         sign: Sign that physics expects of its coefficient; 0 where it expects none.
         expected: Expected size of its coefficient; 0 where nothing is known.
         limits: Least and largest value of its coefficient, in prior standard deviations; infinite where there is none.
+        sure: Name that it shares with other errors of sensors, of which one at least is sure to be there; "" for none.
     """
 
     kind: str
@@ -43,6 +44,7 @@ class Regressor:
     sign: int = 0
     expected: float = 0.0
     limits: tuple[float, float] = (-math.inf, math.inf)
+    sure: str = ""
 
     @property
     def ranged(self) -> bool:

@@ -269,13 +269,15 @@ def as_regressor(column: Column, size: float) -> Regressor:
             tuple(sorted(set(effect.names.values()))), bool(column.inner), column.log_weight, column.sign,
             column.expected,
         )  # fmt: skip
-    limits, log_weight = column.limits, column.log_weight
+    limits, log_weight, expected, sure = column.limits, column.log_weight, 0.0, ""
     if column.suspect is not None:
+        expected, sure = column.sd * column.suspect.expected / column.suspect.sd, column.suspect.sure
         limit = LARGEST_DELAY if column.suspect.kind == DELAY else LARGEST_ERROR
         limits = (-limit, limit)
         if column.suspect.kind in (NOISE, DEPARTURE):
             # These have no sign: all of their prior is above zero.
             limits, log_weight = (0.0, limit), log_weight + math.log(2)
     return Regressor(
-        column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=log_weight, limits=limits
-    )
+        column.kind, f"{column.kind}:{column.called}", column.called, column.sd, log_weight=log_weight,
+        expected=expected, limits=limits, sure=sure,
+    )  # fmt: skip

@@ -20,6 +20,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
     DELAY,
     DEPARTURE,
     DRIFT,
+    GAIN,
     ChannelSuspect,
     ErrorColumns,
     Rate,
@@ -36,6 +37,7 @@ from bayes_greybox.discovery.sensor_errors.channels import (
 )
 from bayes_greybox.discovery.sensor_errors.kinematics import (
     departing,
+    disagreeing,
     free_of,
     in_step,
     known_errors,
@@ -80,6 +82,7 @@ class RateRows(Source):
         self._in_step = in_step(self._measured, simulation, noise)
         # What smoothing, or the integral of a rate, makes of channels whose samples have something besides.
         self._better = {**noisy_inputs(self._measured), **departing(self._measured, simulation, noise)}
+        self._sure = disagreeing(self._measured, simulation, noise)
         self._out = (*self.clipped.values(), *self.misread.values(), *self._beyond(train))
         self._gap = 0.0
 
@@ -103,7 +106,13 @@ class RateRows(Source):
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
         noise = noise_columns(whole, quiet, noisy, driven)
-        for error, column in (*_drifts(whole, noisy, driven), *suspect_columns(whole, self.equation, driven), *noise):
+        drifting = [replace(error, kind=DRIFT) for error in noisy if error.kind == DEPARTURE]
+        drifting += [error for error in self._sure.values() if error.kind == DRIFT]
+        drifts = _drifts(whole, drifting, driven)
+        for error, column in (*drifts, *suspect_columns(whole, self.equation, driven), *noise):
+            error = self._sure.get(error.key, error)
+            if error.sure and error.kind == GAIN:
+                column = _secant(whole, driven, error)
             if error.kind == DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -111,7 +120,7 @@ class RateRows(Source):
             seen = error.channel not in whole.computed
             if seen and point.weighs(error.key) and error.key not in known:
                 columns.append((error, column[used]))
-        regressors.add_sensor_errors(columns, [error.key for error in point.sensors])
+        regressors.add_sensor_errors(columns, [*(error.key for error in point.sensors), *self._sure])
         # Delays were undone, and each is added again as its size times its column.
         late = {error.key: size for error, size in point.sensors.items() if error.kind == DELAY}
         regressors.freed = [*regressors.freed, *late]
@@ -181,15 +190,18 @@ def _driven(model: Program, equation: str, rate: Rate) -> Rate:
 
 
 def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) -> ErrorColumns:
-    """Return a drift of each state with a departure, from which a straight line was taken: it is weighed by itself.
-
-    It comes before the drift of the rate, which may have the very same column.
-    """
-    span, departing = float(np.ptp(data.time)), [error for error in errors if error.kind == DEPARTURE]
+    """Return drifts of states with their columns: they come before that of the rate, which may have the very same."""
+    span = float(np.ptp(data.time))
     if not span > 0:
         return []
     along = (data.time - np.mean(data.time)) / span
-    return [(replace(each, kind=DRIFT), -slope_along(data, rate, each.channel, along)) for each in departing]
+    return [(each, -slope_along(data, rate, each.channel, along)) for each in errors]
+
+
+def _secant(data: Trajectories, rate: Rate, error: ChannelSuspect) -> np.ndarray:
+    """Return the change of the rate per unit of a gain, between none and the expected one: units may be mistaken."""
+    right = data.column(error.channel) / (1.0 + error.expected)
+    return (rate(with_columns(data, {error.channel: right})) - rate(data)) / error.expected
 
 
 def _gap(regressors: Regressors, floor: float) -> float:

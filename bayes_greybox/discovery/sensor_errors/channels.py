@@ -68,6 +68,8 @@ class ChannelSuspect:
         channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
         sd: Prior standard deviation of its size, in the unit of the size.
         center: Middle of a bend, see `bends`.
+        expected: Size that it has if it is there; 0 where nothing is known.
+        sure: Name that it shares with other errors, of which one at least is sure to be there; "" where none is.
     """
 
     kind: str
@@ -75,6 +77,8 @@ class ChannelSuspect:
     sd: float
     step: float = 1.0
     center: float = 0.0
+    expected: float = 0.0
+    sure: str = ""
 
     @property
     def key(self) -> str:

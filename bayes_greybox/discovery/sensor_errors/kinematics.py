@@ -8,7 +8,7 @@ as by the play of a follower, is weighed with the model, as an error of the posi
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, combinations
 from typing import NamedTuple, TypeVar
@@ -20,6 +20,7 @@ from scipy.stats import chi2
 
 from bayes_greybox.data.runs.resampling import running_integral
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.grid.sets import SURELY_WRONG
 from bayes_greybox.physics.simulation.protocol import Simulation
 
 from .bends import BEND_POWERS
@@ -27,12 +28,16 @@ from .channels import (
     DELAY,
     DELAY_STEPS,
     DEPARTURE,
+    DRIFT,
+    GAIN,
+    OFFSET,
     ChannelSuspect,
     Sizes,
     bend_errors,
     curve_of,
     delay_error,
     delays_of,
+    gain_error,
     run_slices,
     shifted,
     with_columns,
@@ -50,10 +55,6 @@ FURTHEST, FEWEST_WINDOWS = 3.0, 5
 
 FIT_STEPS, NUDGE = 4, 1e-4
 """Steps of the fit of an error's size, and the nudge that its slopes are taken by, in prior standard deviations."""
-
-SURELY_WRONG = 1e-6
-"""p-value below which departures need a reason. An error is that reason if it brings the p-value back above, and its
-odds over gains and an offset alone are beyond one over this."""
 
 Item = TypeVar("Item")
 
@@ -121,6 +122,29 @@ def departing(
             if size < LARGEST_NOISE * np.std(values):
                 found.setdefault(name, (ChannelSuspect(DEPARTURE, name, size), right))
     return dict(found.values())
+
+
+def disagreeing(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, ChannelSuspect]:
+    """Return, by their keys, errors of which one at least is there: gains of a state and of its rate that do not agree.
+
+    x₁ − x₀ = (1 + γ) ∫ v dt + o T: the state's gain is γ, or the rate's 1/(1 + γ) − 1; the rate has an offset −o, or
+    the state drifts by o times the time. The samples cannot tell which. A number is there if without it the best of all
+    reasons is less likely than with it by the p-value of departures that need one.
+    """
+    found: dict[str, ChannelSuspect] = {}
+    span = float(np.ptp(data.time))
+    for pair in _pairs(data, simulation, noise):
+        sizes, every = pair.plain_sizes, []
+        if GAIN in sizes:
+            ratio = 1.0 + sizes[GAIN]
+            every += [(gain_error(pair.state), ratio - 1.0), (gain_error(pair.rate), 1.0 / ratio - 1.0)]
+        if OFFSET in sizes:
+            offset = ChannelSuspect(OFFSET, pair.rate, 0.0)
+            every += [(offset, -sizes[OFFSET]), (ChannelSuspect(DRIFT, pair.state, 0.0), sizes[OFFSET] * span)]
+        for error, size in every:
+            sure = f"{GAIN if error.kind == GAIN else OFFSET} of {pair.state} and {pair.rate}"
+            found.setdefault(error.key, replace(error, sd=max(error.sd, abs(size)), expected=size, sure=sure))
+    return found
 
 
 def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes) -> Trajectories:
@@ -230,7 +254,7 @@ class _Pair:
         self.gained = float(sum(np.sum(path.change(path.v) ** 2) for path in paths))
         # The gain of either, and the offset of the rate: they are weighed with the model.
         integral = np.concatenate([path.integral(path.v) for path in paths])
-        self._plain = {"gain": integral, "offset": np.concatenate([path.change(path.time) for path in paths])}
+        self._plain = {GAIN: integral, OFFSET: np.concatenate([path.change(path.time) for path in paths])}
 
     def departures(self, sizes: Sizes) -> Float[np.ndarray, " n"]:
         """Return the departures of samples that are free of errors of some sizes."""
@@ -256,11 +280,25 @@ class _Pair:
     @cached_property
     def reason(self) -> "_Reason | None":
         """Likeliest of the reasons that suffice for the departures, if these need one; None where none suffices."""
-        candidates = [self._fitted(errors, plain) for errors in self._candidates() for plain in self._beside(errors)]
         # An error is known if its odds over gains and an offset alone are beyond one over that p-value.
-        surely = min(each.cost for each in candidates if not each.errors) + 2 * np.log(SURELY_WRONG)
-        enough = [each for each in candidates if each.p >= SURELY_WRONG and (not each.errors or each.cost < surely)]
+        surely = min(each.cost for each in self._every if not each.errors) + 2 * np.log(SURELY_WRONG)
+        enough = [each for each in self._every if each.p >= SURELY_WRONG and (not each.errors or each.cost < surely)]
         return min(enough, key=lambda each: each.cost, default=None)
+
+    @property
+    def plain_sizes(self) -> dict[str, float]:
+        """Return the gain and the offset that no reason does without, as the likeliest reason has them."""
+        if self.reason is None or self.p(self.as_shown) >= SURELY_WRONG:
+            return {}
+        surely, sizes = self.reason.cost - 2 * np.log(SURELY_WRONG), {}
+        for name, size in zip(self.reason.plain, self.reason.plain_sizes, strict=True):
+            if min(each.cost for each in self._every if name not in each.plain) > surely:
+                sizes[name] = size
+        return sizes
+
+    @cached_property
+    def _every(self) -> list["_Reason"]:
+        return [self._fitted(errors, plain) for errors in self._candidates() for plain in self._beside(errors)]
 
     def _candidates(self) -> Iterator[Sequence[ChannelSuspect]]:
         yield ()
@@ -305,7 +343,7 @@ class _Pair:
 
         for _ in range(FIT_STEPS if errors else 0):
             sizes = np.clip(sizes + solved(sizes)[0][: len(errors)], -FURTHEST, FURTHEST)
-        _, residual, table = solved(sizes)
+        step, residual, table = solved(sizes)
         covariance = np.linalg.pinv(table.T @ table)
         # At its limit no size is the right one.
         inside = bool(np.all(np.abs(sizes) < 0.95 * FURTHEST))
@@ -313,7 +351,9 @@ class _Pair:
         # The residual is no white noise where samples are exact: sensors agree to within what they are trusted to.
         sds = scale * np.sqrt(np.diag(covariance)[: len(errors)] * max(square / max(n - k, 1), 1.0))
         p = self.p(residual * root, k) if inside else 0.0
-        return _Reason(tuple(errors), (sizes * scale).tolist(), sds.tolist(), p, square + k * np.log(n))
+        beside_sizes = (-step[len(errors) :]).tolist()
+        cost = square + k * np.log(n)
+        return _Reason(tuple(errors), (sizes * scale).tolist(), sds.tolist(), p, cost, tuple(plain), beside_sizes)
 
 
 class _Reason(NamedTuple):
@@ -321,6 +361,7 @@ class _Reason(NamedTuple):
 
     Attributes:
         cost: −2 log evidence up to a constant (Schwarz 1978).
+        plain: Gain or offset that are fitted beside, with their sizes: x₁ − x₀ = (1 + gain) ∫ v dt + offset T.
     """
 
     errors: tuple[ChannelSuspect, ...]
@@ -328,6 +369,8 @@ class _Reason(NamedTuple):
     sds: list[float]
     p: float
     cost: float
+    plain: tuple[str, ...] = ()
+    plain_sizes: Sequence[float] = ()
 
 
 def _subsets(items: Iterable[Item]) -> Iterator[tuple[Item, ...]]:

@@ -65,6 +65,21 @@ def test_each_kind_has_its_odds_and_names_share_equally():
     assert p[of_sensor].sum() == pytest.approx(odds.suspect)
 
 
+@pytest.mark.parametrize("names", [("one",), ("one", "other")])
+def test_sets_without_an_error_that_is_sure_are_a_millionth_as_likely(names):
+    pair = tuple(Regressor(SENSOR, f"sensor:{name}", name, 0.1, sure="pair") for name in names)
+    bare = tuple(Regressor(SENSOR, each.group, each.name, 0.1) for each in pair)
+    sets = [(), (0,), (4,), (9,), *([(10,), (4, 10), (9, 10)] if len(names) > 1 else [])]
+    prior = SetPrior.of((*CATALOGUE[:9], *pair), Odds(), 3)
+    change = prior.logs(sets) - SetPrior.of((*CATALOGUE[:9], *bare), Odds(), 3).logs(sets)
+    missing = [len(names) > 1 and not {9, 10} & set(s) for s in sets]
+    # One that is alone may stand beside another without a column.
+    np.testing.assert_allclose(change, np.where(missing, np.log(1e-6), 0.0)[:, None] * np.ones(2))
+    # Nor is it known less once the other one has been left out.
+    alone = prior.among(prior.regressors[:10]).logs([()])
+    np.testing.assert_allclose(alone, prior.logs([()]))
+
+
 def test_without_effects_or_corrections_the_rest_is_as_likely_as_it_was():
     only = (Regressor(FREE, "free:x", "x", 10.0),)
     logs = SetPrior.of(only, Odds(), 3).logs([(0,), ()])

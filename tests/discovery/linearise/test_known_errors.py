@@ -14,7 +14,7 @@ def motion(t):
     return np.sin(t) + 0.4 * np.sin(2.3 * t + 1), np.cos(t) + 0.92 * np.cos(2.3 * t + 1)
 
 
-def rows(late=0.0, bend=0.0, play=0.0):
+def rows(late=0.0, bend=0.0, play=0.0, gain=1.0):
     rng, t = np.random.default_rng(3), STEP * np.arange(N)
     (x, v), shown = motion(t), motion(t - late * STEP)[0]
     for k in range(1, N) if play else ():
@@ -22,7 +22,7 @@ def rows(late=0.0, bend=0.0, play=0.0):
     force = np.sin(3 * t)
     data = bg.Trajectories.from_arrays(
         t,
-        states={"x": shown + bend * shown**3 + 0.002 * rng.standard_normal(N), "v": v},
+        states={"x": shown + bend * shown**3 + 0.002 * rng.standard_normal(N), "v": gain * v},
         inputs={"F": force},
         derivatives={"v": force - 2 * x - 0.3 * v + 0.01 * rng.standard_normal(N)},
     )
@@ -46,3 +46,17 @@ def test_a_departure_is_weighed_with_a_drift_of_its_state():
     assert not source.known and {"departure of x", "departure of v", "drift of x"} <= set(called)
     # It has the same column, and comes first.
     assert "drift of d(v)/dt" not in called
+
+
+@pytest.mark.parametrize("gain", [1.05, 3.6])
+def test_a_speed_in_other_units_is_weighed_with_its_exact_column(gain):
+    # 0.3 v too much at 1.05 is a damping of 0.3/1.05, and at 3.6 one of 0.3/3.6, which the simulation may have as well.
+    source = rows(gain=gain)
+    near = source.near(Point()).regressors
+    (column,) = [c for c in near.columns if c.called == "gain of v"]
+    assert column.suspect.expected == pytest.approx(gain - 1, rel=0.01)
+    v = motion(source.train.time)[1]
+    exact = -0.3 * v - -0.3 * gain * v
+    np.testing.assert_allclose(column.values, exact / np.sqrt(np.mean(exact**2)), atol=0.01)
+    # Times the size it is the whole error.
+    assert column.scale * (gain - 1) == pytest.approx(np.sqrt(np.mean(exact**2)), rel=0.01)

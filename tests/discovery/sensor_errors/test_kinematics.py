@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.sensor_errors.kinematics import departing, in_step, known_errors, without_departures
+from bayes_greybox.discovery.sensor_errors.kinematics import (
+    departing,
+    disagreeing,
+    in_step,
+    known_errors,
+    without_departures,
+)
 from bayes_greybox.physics.simulation.reading import simulation_of
 
 STEP, N = 0.05, 500
@@ -123,6 +129,28 @@ def test_a_speed_that_reads_too_much_one_way_is_the_slope_of_its_position():
 @pytest.mark.parametrize("about", [{}, {"noise": 0.01}, {"runs": 4}])
 def test_a_gain_is_left_to_the_model(gain, about):
     assert known(bend=lambda x: gain * x, **about) == {} and asked(departing, bend=lambda x: gain * x, **about) == {}
+
+
+@pytest.mark.parametrize("about", [{}, {"noise": 0.01}, {"runs": 4}, {"by": 1.0}])
+@pytest.mark.parametrize(("gain", "offset"), [(1.05, 0.0), (1.0, 0.1), (3.6, 0.0), (-0.9, -0.2)])
+def test_a_gain_or_an_offset_is_an_error_of_one_of_the_two(gain, offset, about):
+    found = asked(disagreeing, rate=lambda v: gain * v + offset, **about)
+    span = 40.0 * (about.get("runs", 1) - 1) + STEP * (N - 1)
+    gains = {"gain of x": 1 / gain - 1, "gain of v": gain - 1} if gain != 1 else {}
+    # Beside a gain that is the position's, as far as an offset knows.
+    zeros = {"offset of v": offset / gain, "drift of x": -offset / gain * span} if offset else {}
+    assert {*found} == {*gains, *zeros}
+    for key, size in {**gains, **zeros}.items():
+        assert found[key].expected == pytest.approx(size, rel=0.02) and found[key].sd >= abs(found[key].expected)
+    assert {found[key].sure for key in gains} <= {"gain of x and v"}
+    assert {found[key].sure for key in zeros} <= {"offset of x and v"}
+
+
+@pytest.mark.parametrize(
+    "about", [{}, {"noise": 0.02, "shaken": 0.02}, {"by": 1.0}, {"bend": lambda x: x + 0.03 * x**3}]
+)
+def test_states_that_agree_but_for_a_delay_or_a_bend_have_no_gain(about):
+    assert asked(disagreeing, **about) == {}
 
 
 def test_a_speed_that_is_late_is_right_before_its_position_is_judged():
