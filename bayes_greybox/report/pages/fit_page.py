@@ -35,7 +35,7 @@ from bayes_greybox.report.words.formatting import (
 )
 
 from ..words.fit import LIKELY_TO_MATTER, is_learned, row_label, rows_text, size_text, stated_text, term_probability
-from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
+from .page import Badge, Card, Cards, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
 _CHECKS = {
@@ -44,9 +44,6 @@ _CHECKS = {
     "linearity": "Samples are linear enough in what was learned",
     "prior sensitivity": "The data decide, not the prior",
 }
-
-_TESTS = ("LOO-PIT", "whiteness")
-"""Checks whose value is a p-value."""
 
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
@@ -81,8 +78,7 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
         equations=equations_block(fitted_system(fit)),
-        cards=_cards(fit, shares),
-        cards_title=f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes",
+        opening=[_shares(fit, shares)],
         sections=sections,
         footer=footer(str(fit.idata.attrs.get("inference_library_version", ""))),
     )
@@ -100,12 +96,11 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     for name in fit.model.equations:
         rows = table.loc[name]
         terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
-        matter = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
-        discrepancy = ""
+        text = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
         if fit.model.discrepancy:
             left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
-            discrepancy = f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {row_label(fit, name)}, {matter}{discrepancy}.")
+            text += f"; {left} of the variance is left to the discrepancy"
+        sentences.append(f"In {row_label(fit, name)}, {text}.")
     return " ".join(sentences)
 
 
@@ -122,19 +117,20 @@ def _facts(fit: Posterior) -> list[str]:
     ]
 
 
-def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
+def _shares(fit: Posterior, shares: pd.DataFrame) -> Section:
     cards = []
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
         where = f" in {row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
-        if row["simulation"] != 0:
-            cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
-        cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
+        share = "Share of the variance"
+        parts = {"Simulation": (row["simulation"], ".")} if row["simulation"] != 0 else {}
+        parts["Dictionary"] = row["dictionary"], "."
         if fit.model.discrepancy is not None:
             span = share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
-            about = f"Share of the variance that no term explains; 90\u00a0% interval {span}."
-            cards.append(Card(f"Discrepancy{where}", about, share_text(max(row["discrepancy"], 0.0))))
-        cards.append(Card(f"Noise{where}", "Share of the variance.", share_text(row["noise"])))
-    return cards
+            parts["Discrepancy"] = max(row["discrepancy"], 0.0), f" that no term explains; 90\u00a0% interval {span}."
+        parts["Noise"] = row["noise"], "."
+        cards += [Card(f"{part}{where}", f"{share}{rest}", share_text(size)) for part, (size, rest) in parts.items()]
+    title = f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes"
+    return Section("numbers", title, "", [Cards(cards)])
 
 
 def _study(fit: Posterior) -> list[Section]:
@@ -168,16 +164,14 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
 
-    def matters(row: Any) -> bool:
-        return row[column] > LIKELY_TO_MATTER
-
     captions = (
         "Terms more likely to matter than not",
         "Terms that are likely absent, or too small to matter",
         "{} no more likely to matter than not",
     )
     nothing = "No term is more likely to matter than not."
-    blocks = folded(records_of(table), matters, columns, fit.model.equations, captions, nothing)
+    records, equations = records_of(table), fit.model.equations
+    blocks = folded(records, lambda row: row[column] > LIKELY_TO_MATTER, columns, equations, captions, nothing)
     if any(table[column] > LIKELY_TO_MATTER):
         drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
@@ -239,7 +233,8 @@ def _checks(fit: Posterior) -> Section:
     def value(row: Any) -> str:
         if math.isnan(row["value"]):
             return ""
-        return probability_text(row["value"]) if row["check"] in _TESTS else number(row["value"], 2)
+        p_value = row["check"] in ("LOO-PIT", "whiteness")
+        return probability_text(row["value"]) if p_value else number(row["value"], 2)
 
     columns = {
         "check": lambda row: _CHECKS[row["check"]],

@@ -17,17 +17,12 @@ from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
 
 from ..words.formatting import estimate, formula, interval, known_share, number, probability_text, unit_text
-from .page import Badge, Card, Page, Pictures, Section, Words, time_picture, write_page
+from .page import Badge, Card, Cards, Page, Pictures, Section, Words, time_picture, write_page
 from .shared import footer
 
 
 def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str] | None = None) -> None:
-    """Write the report of a fleet as one HTML file that needs no network.
-
-    Args:
-        fleet: The fleet.
-        path: Destination.
-        pages: Path of each asset's own report, from the folder of this one.
+    """Write the report of a fleet as one HTML file that needs no network, with links to the `pages` of its assets.
 
     Raises:
         InputError: The destination cannot be written.
@@ -48,8 +43,7 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
         badges=[badge],
         facts=_facts(fleet),
         alerts=alerts,
-        cards=_cards(cause),
-        cards_title="" if cause is None else shared_text(cause),
+        opening=_pooled_numbers(cause),
         sections=[_shared(fleet), _assets(fleet, pages)],
         footer=footer(versions()["bayes-greybox"]),
     )
@@ -79,18 +73,19 @@ def _badge(fleet: Fleet) -> Badge:
     return Badge("No sure cause", "warn", "?") if fleet.suspected else Badge("Several causes", "warn", "≈")
 
 
-def _cards(cause: Shared | None) -> list[Card]:
+def _pooled_numbers(cause: Shared | None) -> list[Section]:
     if cause is None or cause.whole is None:
         return []
     whole, unit = cause.whole, f" {unit_text(cause.unit)}".rstrip()
     mean, between = f"{number(whole.mean)}{unit}", f"{number(whole.between)}{unit}"
     span = f"{number(whole.between_lower)} to {number(whole.between_upper)}"
     about = "standard deviation of their coefficients, 90\u00a0% interval"
-    return [
+    cards = [
         Card("Mean", "of the assets that lack it, 90\u00a0% interval", mean, note=interval(whole.lower, whole.upper)),
         Card("Between assets", about, between, note=span),
         Card("One coefficient for all", "probability, 0.5 beforehand", probability_text(whole.same)),
     ]
+    return [Section("numbers", shared_text(cause), "", [Cards(cards)])]
 
 
 def _shared(fleet: Fleet) -> Section:

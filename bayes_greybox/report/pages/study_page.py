@@ -1,6 +1,7 @@
 """The page of a missing-effect study: the verdict first, then the ladder of evidence that leads to it."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from bayes_greybox.report.words.sentence import statements
 from bayes_greybox.report.words.study import METRICS, closed_text, in_noise, metric_value, metric_words
 
 from . import study_sections as rungs
-from .page import Badge, Card, Cards, Finding, Findings, Page, Section, Words, write_page
+from .page import Badge, Card, Cards, Findings, Page, Section, Words, write_page
 from .shared import equations_block, footer, made_section, verdict_blocks
 
 BADGES = {
@@ -28,9 +29,6 @@ BADGES = {
     "partly named": Badge("Partly named", "warn", "◐"),
     "unknown": Badge("Unknown", "bad", "?"),
 }
-MOST_CARDS = 6
-ABOUT = ("name", "date")
-"""Settings that the head of a page shows."""
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
@@ -51,7 +49,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     rest = (rungs.measurement, rungs.corrections, rungs.how_much, rungs.gap_numbers, _convergence)
     made = made_section("Settings, seed, versions and times", settings, config or study.config)
     sections = [*ladder, *(rung(study) for rung in rest), made]
-    about = ["bayes_greybox", "missing-effect study", *(str(settings[key]) for key in ABOUT if key in settings)]
+    about = ["bayes_greybox", "missing-effect study", *(str(settings[k]) for k in ("name", "date") if k in settings)]
     name = f"{settings['name']}: " if "name" in settings else ""
     return Page(
         title=f"{name}missing-effect study: {study.verdict}",
@@ -81,10 +79,8 @@ def _badges(study: StudyResult) -> list[Badge]:
 
 def _checks(study: StudyResult) -> Section:
     """Return the section of findings, those first that speak against the verdict."""
-    tones, found = {True: "bad", None: "quiet", False: "good"}, doubts(study)
-    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in found]
-    ordered = sorted(findings, key=lambda finding: finding.tone != "bad")
-    return Section("against", doubts_title(found), "", [Findings(ordered)])
+    found = [replace(each, text=unbroken(each.text)) for each in doubts(study)]
+    return Section("against", doubts_title(found), "", [Findings(sorted(found, key=lambda each: not each.against))])
 
 
 def _facts(study: StudyResult) -> list[str]:
@@ -129,7 +125,7 @@ def _numbers(study: StudyResult) -> Section | None:
             cards.append(Card(title, about, **ends, note=note, left=None if left is None else min(left, 1.0)))
     measured_on = "held-out data" if part == "test" else "the training data (none were held out)"
     title = f"The gap before and after, on {measured_on}"
-    return Section("numbers", title, "", [Cards(cards[:MOST_CARDS])]) if cards else None
+    return Section("numbers", title, "", [Cards(cards[:6])]) if cards else None
 
 
 def _convergence(study: StudyResult) -> Section:

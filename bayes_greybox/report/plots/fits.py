@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.calibration.calibrate import Calibration
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.checks.sensitivity import SENSITIVITY_THRESHOLD
@@ -50,16 +49,10 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
 
 
 def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
-    """Draw the coefficients with their probabilities, beside the true values if they are known.
-
-    Args:
-        fit: Fit.
-        truth: True coefficients, {equation: {term: value}}.
-        level: Probability of the intervals.
-        least: Terms that are less probable are not drawn.
+    """Draw the coefficients with their intervals of probability `level`, and true values, {equation: {term: value}}.
 
     Raises:
-        InputError: No term is as probable as that.
+        InputError: No term is as probable as `least`.
     """
     table: Any = inclusion(fit, level)
     return plot_coefficients(table[table[probability_column(table)] >= least], truth=truth)
@@ -82,13 +75,7 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
-    """Draw a state as measured and as the fitted model runs it from its start alone.
-
-    Args:
-        run: Result of `fit.simulate(data)`.
-        state: Name of the state.
-        width: Width of the figure in inches.
-    """
+    """Draw a state as measured and as the fitted model runs it from its start alone, by `fit.simulate(data)`."""
     data, band = run.data, run.states[state]
     return plot_free_run(
         data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
@@ -109,7 +96,7 @@ def discrepancy_over_states(
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Draw the posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
-    band: Band = predict(fit, fit.data, level)[equation].discrepancy
+    band = predict(fit, fit.data, level)[equation].discrepancy
     about = {"sigma": _noise(fit, equation), "level": level, **_along_time(fit, equation)}
     return plot_discrepancy_over_time(fit.data.time, band.mean, band.lower, band.upper, **about)
 

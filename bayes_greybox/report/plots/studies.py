@@ -31,23 +31,11 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.words.formatting import formula
 from bayes_greybox.report.words.study import name_of, set_label
 from bayes_greybox.running.errors import InputError
 
+from ..words.formatting import formula, shorter
 from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
-
-MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
-"""Hypotheses in the ranking's figure; a table has them all."""
-
-LEAST_PROBABLE = 0.001
-"""Beyond the fewest, hypotheses that are less probable are not drawn."""
-
-MOST_ASSETS = 60
-"""Largest number of assets in one figure; of more, as many from the smallest to the largest."""
-
-LONGEST_ASSET_NAME, LONGEST_SET_NAME = 28, 400
-"""Letters of an asset's name, and of a set's, in a figure."""
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
@@ -58,9 +46,9 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
         figures[f"gap_map{suffix}"] = gap_map(study, equation)
         if equation in study.traces:
             figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
-        if equation in _equations(study.hypotheses):
+        if equation in study.hypotheses.index.unique(0):
             figures[f"ranking{suffix}"] = ranking(study, equation)
-        if equation in _equations(study.rounds):
+        if equation in study.rounds.index.unique(0):
             figures[f"rounds{suffix}"] = rounds(study, equation)
     if added(study).size:
         figures["added_coefficients"] = added_coefficients(study)
@@ -88,13 +76,8 @@ def gap_map(
 ) -> Figure:
     """Draw the gap over the state space before and after, on one scale; curves where it is over one variable.
 
-    Colours go to the threshold at least: what is small beside the noise is pale.
-
-    Args:
-        study: The study.
-        equation: Learned state.
-        parts: Which of "before" and "after", by default `gap_parts`; curves always show both.
-        axes: Axes to draw into, one a part or one for curves.
+    Colours go to the threshold at least: what is small beside the noise is pale. `parts` are "before", "after" or
+    both, by default `gap_parts`, each on axes of its own; curves always show both.
     """
     gap = study.maps[equation]
     parts = parts or gap_parts(study, equation)
@@ -133,27 +116,18 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
 def ranking(
     study: StudyResult,
     equation: str,
-    most: int = MOST_HYPOTHESES,
-    letters: int = LONGEST_SET_NAME,
+    most: int = 10,
+    letters: int = 400,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the hypotheses about one equation, most probable first.
-
-    Args:
-        study: The study.
-        equation: Learned state or output.
-        most: Largest number of hypotheses.
-        letters: Letters of a name.
-        axes: One axes to draw into.
-    """
+    """Draw the `most` probable hypotheses about one equation, likeliest first, by names of so many `letters`."""
 
     def label(slug: str) -> str:
-        name = name_of(study, slug)
-        return name if len(name) <= letters else f"{name[: letters - 1]}…"
+        return shorter(name_of(study, slug), letters)
 
     table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
-    likely = int((table["probability"] >= LEAST_PROBABLE).sum())
-    table = table.head(min(most, max(likely, FEWEST_HYPOTHESES)))
+    # Three at least, of others those that are not next to impossible.
+    table = table.head(min(most, max(int((table["probability"] >= 0.001).sum()), 3)))
     tied = tied_sets(study, equation)
     return plot_hypotheses(
         [label(slug) for slug in table.index],
@@ -201,12 +175,7 @@ def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -
     """Draw the responses of each sensor of an experiment under each explanation; figures by file name.
 
     Bands hold 90 % of the simulated outcomes, without noise; below, their difference from the likeliest explanation's
-    median.
-
-    Args:
-        found: The answer of `Study.next_experiment`.
-        place: Number of the experiment among those that are to be done together.
-        width: Width of the figures in inches.
+    median. `place` is the number of the experiment among those that are to be done together.
 
     Raises:
         InputError: Nothing was predicted, or fewer experiments were.
@@ -230,7 +199,8 @@ def plot_pooled(
 ) -> Figure:
     """Draw a forest of one coefficient: its mean and standard deviation in each asset, the pooled ones, their mean."""
     order = np.argsort(mean)
-    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
+    # Of more than 60, as many from the smallest to the largest.
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(60, len(order))).round().astype(int))]
     figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
@@ -240,7 +210,7 @@ def plot_pooled(
     own_bars, pooled_bars = INTERVAL_REACH * sds, INTERVAL_REACH * pooled_sds
     ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
     ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
-    ax.set_yticks(place, [style.shortened(str(names[int(i)]), LONGEST_ASSET_NAME) for i in order])
+    ax.set_yticks(place, [style.plain(shorter(str(names[int(i)]), 28)) for i in order])
     ax.set(ylim=(-0.7, len(order) - 0.3), xlabel=style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)
     return figure
@@ -259,7 +229,3 @@ def band_rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
 def _runs(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
     about = {"time_unit": data.unit("t") or ""}
     return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}
-
-
-def _equations(table: Any) -> list[str]:
-    return list(dict.fromkeys(table.index.get_level_values(0))) if len(table) else []

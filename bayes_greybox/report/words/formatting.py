@@ -257,6 +257,11 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
+def shorter(name: str, most: int) -> str:
+    """Return a name with at most so many letters."""
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
 def listed(words: Sequence[str]) -> str:
     """Return words as a sentence lists them: a, b and c."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
