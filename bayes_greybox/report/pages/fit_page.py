@@ -3,13 +3,12 @@
 import json
 import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
@@ -21,20 +20,18 @@ from bayes_greybox.report import plots as figures
 from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.words.formatting import (
-    PROBABILITIES,
-    formula,
-    interval,
-    listed,
-    number,
-    probability_column,
-    probability_text,
-    quantity,
-    share_interval,
-    share_text,
-)
+from bayes_greybox.report.words import formatting as fmt
 
-from ..words.fit import LIKELY_TO_MATTER, is_learned, row_label, rows_text, size_text, stated_text, term_probability
+from ..words.fit import (
+    LIKELY_TO_MATTER,
+    ends_text,
+    is_learned,
+    row_label,
+    rows_text,
+    size_text,
+    stated_text,
+    term_probability,
+)
 from .page import Badge, Card, Cards, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
@@ -47,11 +44,7 @@ _CHECKS = {
 
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a fit, with the text of its configuration file, as one HTML file that needs no network.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a fit, with the text of its configuration file, as one HTML file; see `write_page`."""
     write_page(fit_page(fit, config), path)
 
 
@@ -70,11 +63,12 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         made_section("Model, sampler, seed and versions", fit_settings(fit), config or written),
     ]
     doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
+    badge = Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")
     return Page(
         title="Fit: converged" if verdict.mixed else "Fit: not converged",
         kind="bayes_greybox · fit",
         headline=_headline(fit, terms, shares),
-        badges=[_badge(verdict)],
+        badges=[Badge("Converged, few draws", "warn", "✓") if verdict.short else badge],
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
         equations=equations_block(fitted_system(fit)),
@@ -84,21 +78,15 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
     )
 
 
-def _badge(verdict: Verdict) -> Badge:
-    if verdict.short:
-        return Badge("Converged, few draws", "warn", "✓")
-    return Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")
-
-
 def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
-    column = probability_column(table)
+    column = fmt.probability_column(table)
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
-        terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
-        text = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
+        terms = [fmt.formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
+        text = f"{fmt.listed(terms) if terms else 'no term'} {'matter' if len(terms) > 1 else 'matters'}"
         if fit.model.discrepancy:
-            left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
+            left = fmt.share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             text += f"; {left} of the variance is left to the discrepancy"
         sentences.append(f"In {row_label(fit, name)}, {text}.")
     return " ".join(sentences)
@@ -125,10 +113,12 @@ def _shares(fit: Posterior, shares: pd.DataFrame) -> Section:
         parts = {"Simulation": (row["simulation"], ".")} if row["simulation"] != 0 else {}
         parts["Dictionary"] = row["dictionary"], "."
         if fit.model.discrepancy is not None:
-            span = share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
+            span = fmt.share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
             parts["Discrepancy"] = max(row["discrepancy"], 0.0), f" that no term explains; 90\u00a0% interval {span}."
         parts["Noise"] = row["noise"], "."
-        cards += [Card(f"{part}{where}", f"{share}{rest}", share_text(size)) for part, (size, rest) in parts.items()]
+        cards += [
+            Card(f"{part}{where}", f"{share}{rest}", fmt.share_text(size)) for part, (size, rest) in parts.items()
+        ]
     title = f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes"
     return Section("numbers", title, "", [Cards(cards)])
 
@@ -144,22 +134,19 @@ def _study(fit: Posterior) -> list[Section]:
 
 
 def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
-    column = probability_column(table)
+    column = fmt.probability_column(table)
     priors = {name: fit.model.stated(name, fit.data).priors for name in fit.model.equations}
 
     def prior(row: Any) -> Coefficient | None:
         return priors[row["equation"]].get(row["term"])
 
-    def learned(text: Callable[[Any], str], otherwise: Callable[[Any], str] = lambda row: "–") -> Callable[[Any], str]:
-        return lambda row: (text if is_learned(prior(row)) else otherwise)(row)
-
     columns = {
-        "`term": lambda row: formula(str(row["term"])),
+        "`term": lambda row: fmt.formula(str(row["term"])),
         "equation": lambda row: row_label(fit, str(row["equation"])),
-        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
+        f"#{fmt.PROBABILITIES[column]}": lambda row: term_probability(row, column),
         "#coefficient": lambda row: size_text(row, prior(row)),
-        "#90 % interval": learned(lambda row: interval(row["lower"], row["upper"])),
-        "#shrinkage": learned(lambda row: number(row["shrinkage"], 2)),
+        "#90 % interval": lambda row: ends_text(row, prior(row)),
+        "#shrinkage": lambda row: fmt.number(row["shrinkage"], 2) if is_learned(prior(row)) else "–",
     }
     if "stated" in table:
         columns["stated"] = lambda row: stated_text(prior(row))
@@ -195,12 +182,12 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
             blocks += [Words(f"The data do not tell f of {label} from zero."), Details(f"f of {label} anyway", [shown])]
     columns = {
         "equation": lambda row: row_label(fit, row["equation"]),
-        "#share": lambda row: share_text(row["discrepancy"]),
-        "#90 % interval": lambda row: share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
-        "#RMS of f": lambda row: quantity(row["rms"], target_unit(row["equation"], fit.data)),
-        "#noise SD": lambda row: quantity(row["sigma"], target_unit(row["equation"], fit.data)),
-        "#trade-off with θ": lambda row: f"{number(row['correlation'], 2)} ({formula(row['term'])})",
-        "#without orthogonality": lambda row: number(row["correlation_none"], 2),
+        "#share": lambda row: fmt.share_text(row["discrepancy"]),
+        "#90 % interval": lambda row: fmt.share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
+        "#RMS of f": lambda row: fmt.quantity(row["rms"], target_unit(row["equation"], fit.data)),
+        "#noise SD": lambda row: fmt.quantity(row["sigma"], target_unit(row["equation"], fit.data)),
+        "#trade-off with θ": lambda row: f"{fmt.number(row['correlation'], 2)} ({fmt.formula(row['term'])})",
+        "#without orthogonality": lambda row: fmt.number(row["correlation_none"], 2),
     }
     caption = "The discrepancy beside the noise and the terms"
     blocks.append(table_of(records_of(shares), columns, caption, equations=fit.model.equations))
@@ -222,7 +209,7 @@ def _predicted(fit: Posterior) -> Section:
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{row_label(fit, str(name))} {share_text(value)}" for name, value in errors.items())
+    text = ", ".join(f"{row_label(fit, str(name))} {fmt.share_text(value)}" for name, value in errors.items())
     words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
     return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
 
@@ -234,14 +221,14 @@ def _checks(fit: Posterior) -> Section:
         if math.isnan(row["value"]):
             return ""
         p_value = row["check"] in ("LOO-PIT", "whiteness")
-        return probability_text(row["value"]) if p_value else number(row["value"], 2)
+        return fmt.probability_text(row["value"]) if p_value else fmt.number(row["value"], 2)
 
     columns = {
         "check": lambda row: _CHECKS[row["check"]],
         "equation": lambda row: row_label(fit, row["equation"]),
         "result": lambda row: "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
         "#value": value,
-        "#limit": lambda row: "" if math.isnan(row["limit"]) else number(row["limit"], 2),
+        "#limit": lambda row: "" if math.isnan(row["limit"]) else fmt.number(row["limit"], 2),
     }
     blocks: list[Any] = []
     if results.reasons:
@@ -259,10 +246,10 @@ def _checks(fit: Posterior) -> Section:
             shown.append(picture(figures.predictive(fit, name), words, wide=True))
         blocks.append(Pictures(shown))
     columns = {
-        "`quantity": lambda row: formula(str(row["quantity"])),
+        "`quantity": lambda row: fmt.formula(str(row["quantity"])),
         "equation": lambda row: row_label(fit, row["equation"]),
-        "#to the prior": lambda row: number(row["prior"], 2),
-        "#to the likelihood": lambda row: number(row["likelihood"], 2),
+        "#to the prior": lambda row: fmt.number(row["prior"], 2),
+        "#to the likelihood": lambda row: fmt.number(row["likelihood"], 2),
         "diagnosis": lambda row: row["diagnosis"],
     }
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]

@@ -5,9 +5,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from matplotlib.figure import Figure
-
-from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.fleet.shared import AssetStudy, Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
@@ -22,11 +19,7 @@ from .shared import footer
 
 
 def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str] | None = None) -> None:
-    """Write the report of a fleet as one HTML file that needs no network, with links to the `pages` of its assets.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a fleet, with links to the `pages` of its assets, as one HTML file; see `write_page`."""
     write_page(fleet_page(fleet, pages or {}), path)
 
 
@@ -36,23 +29,19 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
     alerts += [f"The sampler did not converge for {e.asset}." for e in fleet.studied if e.converged is False]
     cause = fleet.causes[0] if len(fleet.causes) == 1 else None
     badge = _badge(fleet)
+    others = {"wrong coefficient": fleet.recalibrated, "fault of the measurement": fleet.mismeasured}
+    counts = {"Assets": len(fleet.assets), "lacking something": fleet.lacking, **{k: n for k, n in others.items() if n}}
     return Page(
         title=f"Fleet: {badge.text.lower()}",
         kind="bayes_greybox · fleet of studies",
         headline=fleet_sentence(fleet),
         badges=[badge],
-        facts=_facts(fleet),
+        facts=[f"{name}: {n}" for name, n in {**counts, "failed": len(fleet.failed)}.items()],
         alerts=alerts,
         opening=_pooled_numbers(cause),
         sections=[_shared(fleet), _assets(fleet, pages)],
         footer=footer(versions()["bayes-greybox"]),
     )
-
-
-def _facts(fleet: Fleet) -> list[str]:
-    others = {"wrong coefficient": fleet.recalibrated, "fault of the measurement": fleet.mismeasured}
-    counts = {"Assets": len(fleet.assets), "lacking something": fleet.lacking, **{k: n for k, n in others.items() if n}}
-    return [f"{name}: {n}" for name, n in {**counts, "failed": len(fleet.failed)}.items()]
 
 
 def _badge(fleet: Fleet) -> Badge:
@@ -111,7 +100,9 @@ def _shared(fleet: Fleet) -> Section:
     for each in fleet.shared[:4]:
         if each.whole is not None:
             alt = f"Coefficient of {within(each.name)} in each asset, its own and pooled"
-            drawn.append(time_picture(partial(_pooled, each, each.whole), alt, shared_text(each)))
+            label = with_unit(f"coefficient of {formula(each.expression)}", each.unit)
+            draw = partial(plot_pooled, each.assets, each.mean, each.sd, each.whole, label)
+            drawn.append(time_picture(draw, alt, shared_text(each)))
     lead = (
         "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
         "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "
@@ -120,11 +111,6 @@ def _shared(fleet: Fleet) -> Section:
     )
     table = table_of(fleet.shared, columns, "Effects and their coefficients")
     return Section("lacks", "What they lack", lead, [table, *map(Words, not_pooled(fleet)), Pictures(drawn)])
-
-
-def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:
-    label = with_unit(f"coefficient of {formula(shared.expression)}", shared.unit)
-    return plot_pooled(shared.assets, shared.mean, shared.sd, whole, label, width)
 
 
 def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:

@@ -169,11 +169,7 @@ def render(page: Page) -> str:
 
 
 def require_place(path: str | os.PathLike[str]) -> None:
-    """Refuse the destination of a page that cannot be written, before the work for it.
-
-    Raises:
-        InputError: There is no such folder, or nothing can be written to it.
-    """
+    """Refuse the destination of a page that cannot be written, before the work for it."""
     try:
         with tempfile.TemporaryFile(dir=Path(path).parent):
             pass
@@ -182,7 +178,7 @@ def require_place(path: str | os.PathLike[str]) -> None:
 
 
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
-    """Write a page beside its destination, then rename it, so that it is never half-written.
+    """Write a page, which needs no network, beside its destination, then rename it: it is never half-written.
 
     Raises:
         InputError: The destination cannot be written.

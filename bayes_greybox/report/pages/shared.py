@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import band_sources
 from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
-from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trial import trial
@@ -188,11 +187,6 @@ def trial_sections(fit: Posterior) -> list[Section]:
         return [free_run_section(title, lead, {}, [], blocks)]
     lead += " The model is started where the measurements start and then left alone."
     drawn = {state: partial(figures.simulated, run, state) for state in run.states}
-    return [free_run_section(title, lead, drawn, [run.holds], [*blocks, *map(Words, _failures(run))])]
-
-
-def _failures(run: FreeRun) -> list[str]:
-    """Return the runs that blew up, and when, as a sentence."""
     data, unit = run.data, run.data.unit("t") or ""
     failed = [
         f"{percent_text(float(share))} of the draws{f' in run {name}' if data.n_run > 1 else ''} after "
@@ -200,4 +194,5 @@ def _failures(run: FreeRun) -> list[str]:
         for k, (name, share, at) in enumerate(zip(data.run_names, run.failed, run.failed_at, strict=True))
         if share > 0
     ]
-    return [f"The free run blows up: {listed(failed)}."] if failed else []
+    blocks += [Words(f"The free run blows up: {listed(failed)}.")] if failed else []
+    return [free_run_section(title, lead, drawn, [run.holds], blocks)]

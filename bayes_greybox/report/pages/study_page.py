@@ -32,11 +32,7 @@ BADGES = {
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a study, with the text of its configuration file, as one HTML file that needs no network.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a study, with the text of its configuration file, as one HTML file; see `write_page`."""
     write_page(study_page(study, config), path)
 
 
@@ -51,6 +47,9 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     sections = [*ladder, *(rung(study) for rung in rest), made]
     about = ["bayes_greybox", "missing-effect study", *(str(settings[k]) for k in ("name", "date") if k in settings)]
     name = f"{settings['name']}: " if "name" in settings else ""
+    # Of chains that agree the findings say what more draws would do.
+    reasons = "" if study.fit is None else " ".join(convergence(study.fit).reasons)
+    alerts = [f"The sampler did not converge; do not rely on these numbers. {reasons}"]
     return Page(
         title=f"{name}missing-effect study: {study.verdict}",
         kind=" · ".join(about),
@@ -58,7 +57,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         remarks=unbroken(" ".join(others)),
         badges=_badges(study),
         facts=_facts(study),
-        alerts=_alerts(study),
+        alerts=alerts if study.fit is not None and not convergence(study.fit).mixed else [],
         equations=equations_block(studied_system(study)),
         opening=[section for section in opening if section is not None],
         sections=[section for section in sections if section is not None],
@@ -78,7 +77,6 @@ def _badges(study: StudyResult) -> list[Badge]:
 
 
 def _checks(study: StudyResult) -> Section:
-    """Return the section of findings, those first that speak against the verdict."""
     found = [replace(each, text=unbroken(each.text)) for each in doubts(study)]
     return Section("against", doubts_title(found), "", [Findings(sorted(found, key=lambda each: not each.against))])
 
@@ -93,15 +91,7 @@ def _facts(study: StudyResult) -> list[str]:
     return [*facts, *data_remarks(study.train, study.test)]
 
 
-def _alerts(study: StudyResult) -> list[str]:
-    # Of chains that agree the findings say what more draws would do.
-    if study.fit is None or convergence(study.fit).mixed:
-        return []
-    return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
-
-
 def _numbers(study: StudyResult) -> Section | None:
-    """Return the section of the measures of the gap, before and after."""
     part = shown_part(study)
     table = study.gap.xs(part, level=0)
     denied = is_denied(study)
@@ -129,7 +119,6 @@ def _numbers(study: StudyResult) -> Section | None:
 
 
 def _convergence(study: StudyResult) -> Section:
-    """Return the section of the convergence of the extended model's fit."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
         text = "The extended model was not sampled: its numbers are those of the Laplace approximation."

@@ -5,14 +5,13 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.answer.where import GapMap
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.learned import shown_effects
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
@@ -31,10 +30,11 @@ from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.words.study import name_of, set_label
+from bayes_greybox.report.words.study import name_of
 from bayes_greybox.running.errors import InputError
 
 from ..words.formatting import formula, shorter
+from .fits import band_rows, runs_of
 from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
 
 
@@ -109,7 +109,7 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
     return plot_gap_over_time(
         trace.time, *trace_bands(trace),
         equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
-        **_runs(study.train, trace.run),
+        **runs_of(study.train, trace.run),
     )  # fmt: skip
 
 
@@ -143,7 +143,8 @@ def rounds(study: StudyResult, equation: str) -> Figure:
     labels, left = ["the simulation as given"], [1.0]
     for row in table.to_dict("records"):
         if row["verdict"] != "no gap":
-            labels.append(set_label(study, row["verdict"]))
+            name = name_of(study, row["verdict"])
+            labels.append(f"no effect: {name}" if row["verdict"] in STOPS else name)
             left.append(float(row["share_left"]))
     title = f"Likeliest sets of each size, {study.train.target_label(equation)}"
     return plot_rounds(labels, np.array(left, float), title=title)
@@ -167,7 +168,7 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     return plot_free_run(
         path.time, path.measured, band_rows(path.before), band_rows(path.after),
         state=state, holds=path.holds, seen_as=seen_as(data, state), unit=data.unit(state), width=width,
-        **_runs(data, path.run),
+        **runs_of(data, path.run),
     )  # fmt: skip
 
 
@@ -219,13 +220,3 @@ def plot_pooled(
 def run_data(study: StudyResult) -> Trajectories:
     """Return the data that free runs are compared with."""
     return study.train if study.test is None or shown_part(study) == "train" else study.test
-
-
-def band_rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
-    """Return mean, lower and upper end of a band as rows."""
-    return np.stack([band.mean, band.lower, band.upper])
-
-
-def _runs(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
-    about = {"time_unit": data.unit("t") or ""}
-    return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}

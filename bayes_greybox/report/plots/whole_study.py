@@ -12,9 +12,10 @@ from bayes_greybox.discovery.summary import changed, support, trace_bands
 from bayes_greybox.report.plots import style
 from bayes_greybox.running.errors import InputError
 
+from .fits import band_rows
 from .gap.before_after import UNSEEN_STATE, plot_free_run, plot_gap_over_time, seen_as
 from .posterior.over_states import fade_outside, finish_map
-from .studies import band_rows, gap_limit, gap_map, ranking, run_data
+from .studies import gap_limit, gap_map, ranking, run_data
 
 QUESTIONS = ("Where do simulation and measurements disagree?", "What is missing?", "Does adding it help?")
 """Titles of the panels."""
@@ -48,7 +49,12 @@ def overview(study: StudyResult, equation: str | None = None, wide: bool = True)
     _where(where, study, equation)
     if equation in study.hypotheses.index.unique(0):
         ranking(study, equation, most=4, letters=44, axes=[what.subplots()])
-    state = _furthest(study) if changed(study.maps[equation]) else None
+    off: dict[str, float] = {}
+    for name, path in study.paths.items() if changed(study.maps[equation]) else ():
+        error = np.abs(path.before.mean - path.measured)
+        # Where a run failed it is off beyond all bounds.
+        off[name] = float(np.mean(np.nan_to_num(error, nan=np.inf))) / (float(np.std(path.measured)) or 1.0)
+    state = max(off, key=lambda name: off[name]) if off else None
     if state is None:
         _along_time(helps, study, equation)
     else:
@@ -77,16 +83,6 @@ def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
         ax.set_title(title)
         ax.label_outer()
     panel.colorbar(meshes[-1], ax=list(axes), label=style.with_unit("gap", gap.unit))
-
-
-def _furthest(study: StudyResult) -> str | None:
-    """Return the state whose free run was off most before, on the scale of its measurements; none without a run."""
-    off: dict[str, float] = {}
-    for state, path in study.paths.items():
-        error = np.abs(path.before.mean - path.measured)
-        # Where a run failed it is off beyond all bounds.
-        off[state] = float(np.mean(np.nan_to_num(error, nan=np.inf))) / (float(np.std(path.measured)) or 1.0)
-    return max(off, key=lambda state: off[state]) if off else None
 
 
 def _free_run(panel: SubFigure, study: StudyResult, state: str) -> None:

@@ -4,10 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import pandas as pd
-
 from bayes_greybox.discovery.candidates import found_of_sensors, rivals
-from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.vetoes import worse_in_words
 from bayes_greybox.discovery.study import StudyResult
@@ -27,14 +24,6 @@ from bayes_greybox.physics.catalogue.names import within
 from .formatting import estimate, formula, listed, number, numbers_in, probability_text, share_text, unit_text
 from .missing import Closed, likely, missing_in_words
 from .study import closed_share, name_of, remembered, risen
-
-STOP_TEXTS = {
-    NO_GAP: "that nothing is missing",
-    UNKNOWN_KIND: "something that the catalogue does not have",
-    RECALIBRATE: "a coefficient of the simulation that is off",
-    INSTRUMENT: "an error of the measurement",
-}
-"""Words for hypotheses without effects, as an explanation."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -71,11 +60,14 @@ def _next_likeliest(study: StudyResult) -> list[str]:
     (equation,) = study.maps
     # Delays are put right before hypotheses are weighed: no gap then means the same.
     others = [each for each in rivals(study, equation) if (study.verdict, each[0]) != (INSTRUMENT, NO_GAP)]
-    return [f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})." for name, q in others[:1]]
-
-
-def _explanation(study: StudyResult, name: str) -> str:
-    return STOP_TEXTS[name] if name in STOPS else within(name_of(study, name))
+    stops = {
+        NO_GAP: "that nothing is missing",
+        UNKNOWN_KIND: "something that the catalogue does not have",
+        RECALIBRATE: "a coefficient of the simulation that is off",
+        INSTRUMENT: "an error of the measurement",
+    }
+    texts = [(stops[name] if name in STOPS else within(name_of(study, name)), q) for name, q in others[:1]]
+    return [f"Next likeliest: {text} ({probability_text(q)})." for text, q in texts]
 
 
 def measurement_in_words(study: StudyResult) -> list[str]:
@@ -83,11 +75,6 @@ def measurement_in_words(study: StudyResult) -> list[str]:
     found = found_of_sensors(study)
     # Several equations may be judged on the samples of one sensor.
     return [numbers_in(text) for text in dict.fromkeys(found["text"])] if len(found) else []
-
-
-def closed_in_words(gap: pd.DataFrame, what: str = "the rate", criteria: Criteria = CRITERIA) -> str:
-    """Return what became of the gap, on held-out data where the rates were measured there."""
-    return _closed(gap_change(gap, criteria), what).text
 
 
 def _closed(change: GapChange, what: str) -> Closed:
@@ -188,7 +175,6 @@ def tied_parameters(study: StudyResult) -> str:
 
 
 def _by_one_factor(study: StudyResult, each: CommonFactor) -> str:
-    """Return the right coefficients of an equation that are all off by one factor."""
     gains = "".join(f", or else {numbers_in(row['text'])}, which does the same" for row in each.gains)
     right = listed([f"{formula(row['term'])} {number(row['nominal'] + row['mean'], 4)}" for row in each.rows])
     factor = f"{number(each.factor, 4)} times what they are"

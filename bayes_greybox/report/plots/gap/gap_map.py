@@ -53,8 +53,9 @@ def plot_gap_map(
         fade_outside(ax, grid, seen)
         bold = outline(ax, grid, probability, SURE_GAP, seen) or bold
         finish_map(ax, grid, variables, units, samples)
-        ax.set_title(title, **({} if colour is None else {"color": colour, "fontweight": "bold"}))
+        ax.set_title(title)
         if colour is not None:
+            ax.set_title(title, color=colour, fontweight="bold")
             ax.spines[:].set(visible=True, edgecolor=colour, linewidth=2.0)
     event = style.plain(f"around P(|gap| > {quantity(threshold, unit)}) > {SURE_GAP:g}")
     handles = [legend_mark("outline", event)] if bold else []

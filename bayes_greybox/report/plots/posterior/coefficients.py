@@ -41,16 +41,22 @@ def plot_coefficients(
         InputError: a column is missing, the table is empty, or it does not hold the equation.
     """
     names = _equations(table, equation)
-    blocks = [table.xs(name, level=0) for name in names]
+    blocks: list[Any] = [table.xs(name, level=0) for name in names]
     units_of = {
         name: _texts(block, "unit") | _for_equation(units, name) for name, block in zip(names, blocks, strict=True)
     }
     if axes is None:
         parts = [part for pair in zip(names, blocks, strict=True) for part in _by_unit(*pair, units_of[pair[0]])]
         names, blocks = [name for name, _ in parts], [block for _, block in parts]
-    sources = [_probability_column(block) for block in blocks]
+    sources = [next((c for c in PROBABILITIES if c in block and not block[c].isna().any()), None) for block in blocks]
     with_bars = any(source is not None for source in sources)
-    pairs = _own_axes(blocks, with_bars) if axes is None else _their_axes(axes, len(names), with_bars)
+    if axes is None:
+        pairs = _own_axes(blocks, with_bars)
+    elif with_bars:
+        flat = style.given_axes(axes, 2 * len(names), "coefficients and bars of each equation")
+        pairs = list(zip(flat[::2], flat[1::2], strict=True))
+    else:
+        pairs = [(ax, None) for ax in style.given_axes(axes, len(names), "one an equation")]
     for k, (name, block, source, (forest, bars)) in enumerate(zip(names, blocks, sources, pairs, strict=True)):
         _draw_forest(forest, block, _for_equation(truth, name), units_of[name], scale)
         if k == 0 or names[k - 1] != name:
@@ -79,17 +85,10 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     return names if equation is None else [equation]
 
 
-def _by_unit(name: str, block: pd.DataFrame, units: Mapping[str, Any]) -> list[tuple[str, pd.DataFrame]]:
+def _by_unit(name: str, block: pd.DataFrame, units: Mapping[str, Any]) -> list[tuple[str, Any]]:
     """Return an equation's terms by the unit of their coefficients, in the order in which the units come."""
     of = [unit_text(units.get(str(term))) for term in block.index]
     return [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
-
-
-def _probability_column(block: pd.DataFrame) -> str | None:
-    for column in PROBABILITIES:
-        if column in block.columns and not np.isnan(block[column].to_numpy(dtype=float)).any():
-            return column
-    return None
 
 
 def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, Axes | None]]:
@@ -102,13 +101,6 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
     return [(row[0], row[1] if with_bars else None) for row in grid]
 
 
-def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
-    if not with_bars:
-        return [(ax, None) for ax in style.given_axes(axes, n_equation, "one an equation")]
-    flat = style.given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
-    return list(zip(flat[::2], flat[1::2], strict=True))
-
-
 def _for_equation(values: Mapping[Any, Any] | None, equation: str) -> dict[str, Any]:
     values = values or {}
     if isinstance(values.get(equation), Mapping):
@@ -117,8 +109,8 @@ def _for_equation(values: Mapping[Any, Any] | None, equation: str) -> dict[str, 
 
 
 def _texts(block: pd.DataFrame, name: str) -> dict[str, Any]:
-    """Return the texts in a column by their terms."""
-    return {str(term): value for term, value in block.get(name, pd.Series()).items() if isinstance(value, str)}
+    column: Any = block.get(name, {})
+    return {str(term): value for term, value in column.items() if isinstance(value, str)}
 
 
 def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: dict[str, Any], scale: str) -> None:

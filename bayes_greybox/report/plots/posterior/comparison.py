@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.words.formatting import pareto, weight_text
+from bayes_greybox.report.words.formatting import pareto
 from bayes_greybox.running.errors import InputError
 
 
@@ -52,7 +52,7 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     beside = right.get_yaxis_transform()
     right.text(1.03, 1.0, "weight", transform=right.transAxes, va="bottom", fontsize=9, color=style.DARK)
     for row, (share, k, bad) in enumerate(zip(weight, worst_k, suspect, strict=True)):
-        right.text(1.03, row, weight_text(share), transform=beside, va="center", fontsize=9, color=style.DARK)
+        right.text(1.03, row, f"{share:.2f}", transform=beside, va="center", fontsize=9, color=style.DARK)
         if bad:
             warning = f"▲ worst k = {pareto(k)}"
             right.text(1.18, row, warning, transform=beside, va="center", fontsize=9, color=style.ORANGE)

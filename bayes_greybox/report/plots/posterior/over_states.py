@@ -149,8 +149,9 @@ def legend_mark(kind: str, label: str) -> Artist:
     """Return a legend's entry for the outline of a map, its marked data rows, or where there are none ("outside")."""
     if kind == "outside":
         return Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label=label)
-    dot: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 2.5}
-    return Line2D([], [], color=style.DARK, label=label, **(dot if kind == "data" else {"linewidth": 2.0}))
+    dot = {"marker": "o", "linestyle": "none", "markersize": 2.5}
+    look: dict[str, Any] = dot if kind == "data" else {"linewidth": 2.0}
+    return Line2D([], [], color=style.DARK, label=label, **look)
 
 
 def outline(ax: Axes, grid: Sequence[np.ndarray], values: np.ndarray, level: float, seen: np.ndarray) -> bool:
