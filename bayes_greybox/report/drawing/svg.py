@@ -141,10 +141,7 @@ def _short_path(commands: str) -> str:
 
 
 def _dots(uses: Sequence[Element], shapes: Mapping[str, Element]) -> tuple[str, str] | None:
-    """Return many copies of one round marker as a single path, and its style; None for other copies.
-
-    A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy.
-    """
+    """Return many copies of one round marker as a single path, and its style; None for other copies."""
     names, styles = {one.get(_LINK, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
     if len(names) != 1 or len(styles) != 1:
         return None
@@ -159,6 +156,7 @@ def _dots(uses: Sequence[Element], shapes: Mapping[str, Element]) -> tuple[str, 
     stroke = f"stroke: {inside[1]}; stroke-width: {width:.2f}; stroke-linecap: round; fill: none"
     if opacity := re.search(r"(?:fill-)?opacity: ([\d.]+)", style):
         stroke += f"; stroke-opacity: {opacity[1]}"
+    # A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy.
     path = "".join(f"M{_short(float(one.get('x', 0)))} {_short(float(one.get('y', 0)))}h0" for one in uses)
     return path, stroke
 

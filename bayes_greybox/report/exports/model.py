@@ -191,10 +191,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
 
 
 def _factors(system: LearnedSystem, names: Sequence[str]) -> tuple[Factor, ...]:
-    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike.
-
-    Parameters keep their names, but for those that mean something in a language.
-    """
+    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
     learned = {name: system.learned[name] for name in names if name in system.learned}
     every = [(name, term) for name, equation in learned.items() for term in (*equation.given, *equation.terms)]
     short = [_readable(term.name) for _, term in every]
@@ -204,6 +201,7 @@ def _factors(system: LearnedSystem, names: Sequence[str]) -> tuple[Factor, ...]:
     ]
     taken = {*system.states, *system.inputs, *system.names}
     called = distinct([text[:40] for text in wanted], taken)
+    # Parameters keep their names, but for those that mean something in a language.
     reserved = {*taken, *called, *PYTHON_WORDS, *C_WORDS, *MODELICA_WORDS}
     parameters = identifiers([each.name for each in system.parameters], reserved)
     about = {True: "", False: "given, not estimated"}

@@ -20,18 +20,9 @@ from bayes_greybox.report import plots as figures
 from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
+from bayes_greybox.report.words import fit as words
 from bayes_greybox.report.words import formatting as fmt
 
-from ..words.fit import (
-    LIKELY_TO_MATTER,
-    ends_text,
-    is_learned,
-    row_label,
-    rows_text,
-    size_text,
-    stated_text,
-    term_probability,
-)
 from .page import Badge, Card, Cards, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
@@ -83,18 +74,18 @@ def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
-        terms = [fmt.formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
+        terms = [fmt.formula(str(term)) for term in rows.index[rows[column] > words.LIKELY_TO_MATTER]]
         text = f"{fmt.listed(terms) if terms else 'no term'} {'matter' if len(terms) > 1 else 'matters'}"
         if fit.model.discrepancy:
             left = fmt.share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
             text += f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {row_label(fit, name)}, {text}.")
+        sentences.append(f"In {words.row_label(fit, name)}, {text}.")
     return " ".join(sentences)
 
 
 def _facts(fit: Posterior) -> list[str]:
     data, sampling = fit.data, fit.sampling
-    rows = rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
+    rows = words.rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
         f"data: {rows if fit.whole is None else fit.rows_in_words}",
@@ -108,7 +99,7 @@ def _facts(fit: Posterior) -> list[str]:
 def _shares(fit: Posterior, shares: pd.DataFrame) -> Section:
     cards = []
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
-        where = f" in {row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
+        where = f" in {words.row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
         share = "Share of the variance"
         parts = {"Simulation": (row["simulation"], ".")} if row["simulation"] != 0 else {}
         parts["Dictionary"] = row["dictionary"], "."
@@ -129,8 +120,8 @@ def _study(fit: Posterior) -> list[Section]:
     if not text:
         return []
     found = json.loads(text)
-    words = Words(f"{found['sentence']} (Verdict: {found['verdict']}.)")
-    return [Section("study", "The study that made this model", "", [words])]
+    said = Words(f"{found['sentence']} (Verdict: {found['verdict']}.)")
+    return [Section("study", "The study that made this model", "", [said])]
 
 
 def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
@@ -142,14 +133,14 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
 
     columns = {
         "`term": lambda row: fmt.formula(str(row["term"])),
-        "equation": lambda row: row_label(fit, str(row["equation"])),
-        f"#{fmt.PROBABILITIES[column]}": lambda row: term_probability(row, column),
-        "#coefficient": lambda row: size_text(row, prior(row)),
-        "#90 % interval": lambda row: ends_text(row, prior(row)),
-        "#shrinkage": lambda row: fmt.number(row["shrinkage"], 2) if is_learned(prior(row)) else "–",
+        "equation": lambda row: words.row_label(fit, str(row["equation"])),
+        f"#{fmt.PROBABILITIES[column]}": lambda row: words.term_probability(row, column),
+        "#coefficient": lambda row: words.size_text(row, prior(row)),
+        "#90 % interval": lambda row: words.ends_text(row, prior(row)),
+        "#shrinkage": lambda row: fmt.number(row["shrinkage"], 2) if words.is_learned(prior(row)) else "–",
     }
     if "stated" in table:
-        columns["stated"] = lambda row: stated_text(prior(row))
+        columns["stated"] = lambda row: words.stated_text(prior(row))
 
     captions = (
         "Terms more likely to matter than not",
@@ -158,9 +149,9 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
     )
     nothing = "No term is more likely to matter than not."
     records, equations = records_of(table), fit.model.equations
-    blocks = folded(records, lambda row: row[column] > LIKELY_TO_MATTER, columns, equations, captions, nothing)
-    if any(table[column] > LIKELY_TO_MATTER):
-        drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
+    blocks = folded(records, lambda row: row[column] > words.LIKELY_TO_MATTER, columns, equations, captions, nothing)
+    if any(table[column] > words.LIKELY_TO_MATTER):
+        drawn = figures.coefficients(fit, least=words.LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
         blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
@@ -172,7 +163,7 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     draws = {"over the states": figures.discrepancy_over_states, "along time": figures.discrepancy_over_time}
     learned = fitted_system(fit).learned
     for name in fit.model.equations:
-        label, f = row_label(fit, name), learned[name].discrepancy
+        label, f = words.row_label(fit, name), learned[name].discrepancy
         alt = f"Discrepancy in {label}"
         shown = Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()])
         if f is not None and f.left:
@@ -181,7 +172,7 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
             # A map of nothing shows patterns all the same.
             blocks += [Words(f"The data do not tell f of {label} from zero."), Details(f"f of {label} anyway", [shown])]
     columns = {
-        "equation": lambda row: row_label(fit, row["equation"]),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
         "#share": lambda row: fmt.share_text(row["discrepancy"]),
         "#90 % interval": lambda row: fmt.share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
         "#RMS of f": lambda row: fmt.quantity(row["rms"], target_unit(row["equation"], fit.data)),
@@ -191,9 +182,9 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     }
     caption = "The discrepancy beside the noise and the terms"
     blocks.append(table_of(records_of(shares), columns, caption, equations=fit.model.equations))
+    alt = "Posterior trade-off of f with a coefficient of {}"
     trades = [
-        picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {row_label(fit, name)}")
-        for name in fit.model.equations
+        picture(figures.trade_off(fit, name), alt.format(words.row_label(fit, name))) for name in fit.model.equations
     ]
     blocks.append(Details("Trade-off between coefficients and discrepancy", [Pictures(trades)]))
     lead = (
@@ -205,13 +196,13 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
 
 def _predicted(fit: Posterior) -> Section:
     shown = [
-        picture(figures.predicted(fit, name), f"Predicted and measured {row_label(fit, name)}", wide=True)
+        picture(figures.predicted(fit, name), f"Predicted and measured {words.row_label(fit, name)}", wide=True)
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{row_label(fit, str(name))} {fmt.share_text(value)}" for name, value in errors.items())
-    words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
-    return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
+    text = ", ".join(f"{words.row_label(fit, str(name))} {fmt.share_text(value)}" for name, value in errors.items())
+    said = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
+    return Section("predicted", "Predicted and measured", "", [Pictures(shown), said])
 
 
 def _checks(fit: Posterior) -> Section:
@@ -225,7 +216,7 @@ def _checks(fit: Posterior) -> Section:
 
     columns = {
         "check": lambda row: _CHECKS[row["check"]],
-        "equation": lambda row: row_label(fit, row["equation"]),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
         "result": lambda row: "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
         "#value": value,
         "#limit": lambda row: "" if math.isnan(row["limit"]) else fmt.number(row["limit"], 2),
@@ -236,18 +227,18 @@ def _checks(fit: Posterior) -> Section:
     caption, equations = "Checks that did not pass are marked", fit.model.equations
     blocks.append(table_of(records_of(results.table), columns, caption, lambda row: not row["ok"], equations))
     for name in fit.equations:
-        rate = row_label(fit, name)
+        rate = words.row_label(fit, name)
         shown = [
             picture(figures.loo_pit(fit, name), f"Leave-one-out predictions of {rate} against a uniform distribution"),
             picture(figures.autocorrelation(fit, name), f"Autocorrelation of the whitened residuals of {rate}"),
         ]
         if "prior_predictive" in fit.idata:
-            words = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
-            shown.append(picture(figures.predictive(fit, name), words, wide=True))
+            alt = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
+            shown.append(picture(figures.predictive(fit, name), alt, wide=True))
         blocks.append(Pictures(shown))
     columns = {
         "`quantity": lambda row: fmt.formula(str(row["quantity"])),
-        "equation": lambda row: row_label(fit, row["equation"]),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
         "#to the prior": lambda row: fmt.number(row["prior"], 2),
         "#to the likelihood": lambda row: fmt.number(row["likelihood"], 2),
         "diagnosis": lambda row: row["diagnosis"],

@@ -41,10 +41,10 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     first, *others = statements(study)
     settings = study.settings
     opening = [rungs.to_do(study), rungs.free_runs(study), _numbers(study)]
-    ladder = [rungs.where(study), rungs.what(study), _checks(study)]
     rest = (rungs.measurement, rungs.corrections, rungs.how_much, rungs.gap_numbers, _convergence)
     made = made_section("Settings, seed, versions and times", settings, config or study.config)
-    sections = [*ladder, *(rung(study) for rung in rest), made]
+    ladder = (rungs.where, rungs.what, _checks, *rest)
+    sections = [*(rung(study) for rung in ladder), made]
     about = ["bayes_greybox", "missing-effect study", *(str(settings[k]) for k in ("name", "date") if k in settings)]
     name = f"{settings['name']}: " if "name" in settings else ""
     # Of chains that agree the findings say what more draws would do.

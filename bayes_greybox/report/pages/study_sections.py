@@ -26,6 +26,9 @@ from bayes_greybox.report.words.doubts import doubts
 
 from .page import Code, Details, Picture, Pictures, Section, Words, picture, time_picture
 
+ADOPTED = ("named", "recalibrate")
+"""Verdicts that ask to take over what was found."""
+
 
 def to_do(study: StudyResult) -> Section:
     """Return the section of what the verdict asks of the reader, with commands and the simulation to copy."""
@@ -34,10 +37,6 @@ def to_do(study: StudyResult) -> Section:
     for each in asked(study, STUDY_FILE if "configuration" in study.settings else ""):
         blocks += [Words(fmt.unbroken(each.text)), *([Code(each.command)] if each.command else [])]
     return Section("to-do", "What to do now", "", blocks + (_simulation(study) if study.verdict in ADOPTED else []))
-
-
-ADOPTED = ("named", "recalibrate")
-"""Verdicts that ask to take over what was found."""
 
 
 def _simulation(study: StudyResult) -> list[Code]:

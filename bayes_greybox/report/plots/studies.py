@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery import summary
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.answer.where import GapMap
 from bayes_greybox.discovery.decision.probabilities import STOPS
@@ -16,16 +17,6 @@ from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.learned import shown_effects
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import (
-    added,
-    added_draws,
-    answer,
-    changed,
-    shown_part,
-    support,
-    tied_sets,
-    trace_bands,
-)
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
@@ -50,7 +41,7 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
             figures[f"ranking{suffix}"] = ranking(study, equation)
         if equation in study.rounds.index.unique(0):
             figures[f"rounds{suffix}"] = rounds(study, equation)
-    if added(study).size:
+    if summary.added(study).size:
         figures["added_coefficients"] = added_coefficients(study)
     figures |= {f"free_run_{state}": free_run(study, state) for state in study.paths}
     return figures
@@ -58,12 +49,12 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
 
 def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
     """Return the parts of the gap map, "before" and "after"; the first alone where nothing was changed."""
-    return ("before", "after") if changed(study.maps[equation]) else ("before",)
+    return ("before", "after") if summary.changed(study.maps[equation]) else ("before",)
 
 
 def gap_limit(gap: GapMap) -> float:
     """Return the end of the colour range of a gap before and after: what is small beside the noise is pale."""
-    inside = support(gap)
+    inside = summary.support(gap)
     seen = inside if inside.any() else np.ones_like(inside)
     return max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)))
 
@@ -81,7 +72,7 @@ def gap_map(
     """
     gap = study.maps[equation]
     parts = parts or gap_parts(study, equation)
-    inside = support(gap)
+    inside = summary.support(gap)
     if len(gap.variables) == 1:
         values = (np.ravel(v) for v in (gap.before, gap.after, gap.probability, gap.after_probability))
         return plot_gap_curve(
@@ -107,7 +98,7 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
     """Draw the gap along the training data before and after, with its 90 % bands."""
     trace = study.traces[equation]
     return plot_gap_over_time(
-        trace.time, *trace_bands(trace),
+        trace.time, *summary.trace_bands(trace),
         equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
         **runs_of(study.train, trace.run),
     )  # fmt: skip
@@ -128,11 +119,11 @@ def ranking(
     table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
     # Three at least, of others those that are not next to impossible.
     table = table.head(min(most, max(int((table["probability"] >= 0.001).sum()), 3)))
-    tied = tied_sets(study, equation)
+    tied = summary.tied_sets(study, equation)
     return plot_hypotheses(
         [label(slug) for slug in table.index],
         table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
-        chosen=[label(answer(study, equation))], tied=[label(slug) for slug in tied],
+        chosen=[label(summary.answer(study, equation))], tied=[label(slug) for slug in tied],
         title=f"Hypotheses about {study.train.target_label(equation)}", axes=axes,
     )  # fmt: skip
 
@@ -152,12 +143,12 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 
 def added_coefficients(study: StudyResult) -> Figure:
     """Draw the posterior of the coefficient of each effect that was added."""
-    chosen = shown_effects(study).loc[added(study)]
+    chosen = shown_effects(study).loc[summary.added(study)]
     coefficients = []
     for place, row in enumerate(chosen.to_dict("records")):
         numbers: dict[str, Any] = {name: float(row[name]) for name in ("mean", "sd", "lower", "upper")}
         about = {"name": row["name"], "term": formula(row["expression"]), "unit": row["unit"]}
-        coefficients.append(Coefficient(**about, **numbers, draws=added_draws(study, place)))
+        coefficients.append(Coefficient(**about, **numbers, draws=summary.added_draws(study, place)))
     return plot_posteriors(coefficients)
 
 
@@ -219,4 +210,4 @@ def plot_pooled(
 
 def run_data(study: StudyResult) -> Trajectories:
     """Return the data that free runs are compared with."""
-    return study.train if study.test is None or shown_part(study) == "train" else study.test
+    return study.train if study.test is None or summary.shown_part(study) == "train" else study.test

@@ -5,19 +5,11 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from bayes_greybox.discovery import summary
 from bayes_greybox.discovery.answer.gap import NMSES, SHARE, within_noise
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE
 from bayes_greybox.discovery.sensor_errors import bends, channels
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import (
-    LEAST_CLOSED,
-    QUANTITY,
-    channels_weighed,
-    is_denied,
-    remainders,
-    rows_by_part,
-    same_as,
-)
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing, slug_and_columns
 
@@ -95,9 +87,9 @@ def remembered(study: StudyResult, equation: str) -> str:
         "memory": "remembers",
     }
     laws, texts = [], []
-    for each in remainders(study, equation):
+    for each in summary.remainders(study, equation):
         p = fmt.probability_text(each.probability)
-        if each.kind == QUANTITY:
+        if each.kind == summary.QUANTITY:
             laws.append(f"a law of {each.of.replace(', ', ' and ')} (probability {p})")
         elif each.of:
             texts.append(f"{of_channel.get(each.kind, 'remembers')} ({each.kind} of {each.of}, probability {p})")
@@ -133,7 +125,7 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
 
 def closed_share(closed: float) -> str:
     """Return the closed share of the gap, never 100 %; by how much it grew stand before and after beside it."""
-    if abs(closed) < LEAST_CLOSED:
+    if abs(closed) < summary.LEAST_CLOSED:
         return "unchanged"
     # What is left of it may only be hidden by the noise.
     return "grew" if closed < 0 else fmt.percent_text(min(closed, 0.9999))
@@ -141,7 +133,7 @@ def closed_share(closed: float) -> str:
 
 def closed_heading(study: StudyResult) -> str:
     """Return the heading of the shares by which errors shrank: nothing is called closed that is denied."""
-    return "lower by" if is_denied(study) else "closed"
+    return "lower by" if summary.is_denied(study) else "closed"
 
 
 def closed_cell(study: StudyResult, part: str, row: Mapping[str, Any]) -> str:
@@ -151,7 +143,7 @@ def closed_cell(study: StudyResult, part: str, row: Mapping[str, Any]) -> str:
 
 def in_noise(study: StudyResult, part: str, row: Mapping[str, Any]) -> bool:
     """Return whether a row of the gap table is of a misfit that was within the noise before."""
-    n_row = rows_by_part(study).get(part)
+    n_row = summary.rows_by_part(study).get(part)
     of_gap = row["metric"] in (SHARE, NAMES_ALONE, MISFIT, *NMSES)
     return of_gap and within_noise(study.gap, part, row["variable"], n_row)
 
@@ -195,7 +187,7 @@ def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
 
 def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     """Return every weighed sensor error and kind of noise, with its prior probability and size."""
-    weighed = channels_weighed(study)
+    weighed = summary.channels_weighed(study)
     if not weighed:
         return []
     odds, labels = study.settings["prior odds"], [study.train.target_label(name) for name in study.maps]
@@ -220,7 +212,7 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
         where = f" in {rate}" if len(labels) > 1 else ""
         rows += [
             (f"{key.capitalize()}{where}", f"as {other['what']}, which does the same")
-            for key, other in same_as(study, equation).items()
+            for key, other in summary.same_as(study, equation).items()
         ]
     return [*rows, ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each")]
 

@@ -213,13 +213,11 @@ def extreme_rows(values: Float[np.ndarray, " n_obs"]) -> Int[np.ndarray, " n_kep
 
 
 def _outer_band(time: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record.
-
-    Each bin of neighbouring rows has its lowest lower and its highest upper edge, drawn at its first and its last row.
-    """
+    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record."""
     n_obs = len(time)
     if n_obs <= 2 * RECORD_BINS:
         return time, lower, upper
+    # Each bin has its lowest lower and its highest upper edge, at its first and its last row.
     starts, ends = (edges := _edges(n_obs))[:-1], edges[1:] - 1
     return (
         np.stack([time[starts], time[ends]], axis=1).ravel(),
