@@ -17,7 +17,7 @@ from bayes_greybox.report.tables import Table, records_of, table_of
 from ..words.fit import LIKELY_TO_MATTER, compared, ends_text, is_learned, rows_text, size_text, term_probability
 from ..words.formatting import PROBABILITIES, count_text, formula, listed, nats, number, probability_column
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import fit_settings, folded, footer, settings_rows, settings_section, settings_table, summary_table
+from .shared import fit_settings, folded, footer, settings_rows, settings_section, summary_table
 
 
 def comparison_html(
@@ -234,8 +234,9 @@ def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: st
         blocks = [Words("Prior, kernel, data and sampler are the same for all models.")]
     if partly:
         blocks.append(Details("Settings that only some of the models have", [drawn(partly, "Settings of some models")]))
+    by_package = "Versions by package"
     blocks += [
         Details("Settings that all models share", [drawn(shared, "Settings of all models", ("value",))]),
-        Details("Versions that made the comparison", [settings_table(made, "Versions by package")]),
+        Details("Versions that made the comparison", [Table(("setting", "value"), settings_rows(made), by_package)]),
     ]
     return settings_section("What do the models differ in?", blocks, config)

@@ -1,7 +1,7 @@
 """The page of a fleet: what assets lack together, each effect pooled over them, and all assets by their gap."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
@@ -80,6 +80,10 @@ def _pooled_numbers(cause: Shared | None) -> list[Section]:
 def _shared(fleet: Fleet) -> Section:
     if not fleet.shared:
         return Section("lacks", "What they lack", blocks=[Words("No effect was added to the model of any asset.")])
+
+    def span(ends: Iterable[float]) -> str:
+        return " to ".join(dict.fromkeys(map(number, ends)))
+
     columns: dict[str, Callable[[Shared], str]] = {
         "effect": lambda each: each.name,
         "equation": lambda each: each.equation,
@@ -93,7 +97,7 @@ def _shared(fleet: Fleet) -> Section:
         "#mean": lambda each: "–" if each.whole is None else estimate(each.whole.mean, each.whole.sd),
         "#between assets": lambda each: "–" if each.whole is None else number(each.whole.between),
         "#P(one for all)": lambda each: "–" if each.whole is None else probability_text(each.whole.same),
-        "nonlinear parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
+        "nonlinear parameters": lambda each: ", ".join(f"{k} {span(v)}" for k, v in each.inner.items()) or "–",
         "unit": unit_of,
     }
     drawn = []
@@ -129,7 +133,3 @@ def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     links = [pages.get(each.asset, "") for each in fleet.assets]
     table = replace(table_of(fleet.assets, columns, "All assets"), links=links)
     return Section("assets", "Assets by their gap", lead, [table])
-
-
-def _range(low: float, high: float) -> str:
-    return number(low) if number(low) == number(high) else f"{number(low)} to {number(high)}"

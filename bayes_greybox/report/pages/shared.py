@@ -34,12 +34,8 @@ def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> S
 
 def made_section(opens: str, settings: Mapping[str, Any], config: str | None) -> Section:
     """Return the last section of the page of one result, whose settings the line `opens` opens."""
-    return settings_section("How this was made", [Details(opens, [settings_table(settings)])], config)
-
-
-def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name") -> Table:
-    """Return nested settings as rows of name and value."""
-    return Table(("setting", "value"), settings_rows(settings), caption)
+    table = Table(("setting", "value"), settings_rows(settings), "Settings by name")
+    return settings_section("How this was made", [Details(opens, [table])], config)
 
 
 def settings_rows(settings: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:

@@ -55,7 +55,14 @@ def study_tables(study: StudyResult, file: str = "") -> Iterator[RenderableType]
     if IN_MODEL in set(study.instrument["status"]):
         yield _measurement(study)
     if len(study.where):
-        yield _where(study)
+        columns = {
+            "where": lambda row: numbers_in(row["description"]),
+            "equation": lambda row: row["equation"],
+            "#P": lambda row: probability_text(row["probability"]),
+            "#of the gap": lambda row: share_text(row["gap_share"]),
+            "#of the samples": lambda row: share_text(row["sample_share"]),
+        }
+        yield _table(study, study.where, columns, "Where the gap is")
     if len(study.effects):
         yield _effects(study)
     yield _gap(study)
@@ -84,17 +91,6 @@ def _measurement(study: StudyResult) -> Group:
         "#90 % interval": lambda row: suspect_size(row)[1],
     }
     return _table(study, shown, columns, "The measurement (+ in the model)")
-
-
-def _where(study: StudyResult) -> Group:
-    columns = {
-        "where": lambda row: numbers_in(row["description"]),
-        "equation": lambda row: row["equation"],
-        "#P": lambda row: probability_text(row["probability"]),
-        "#of the gap": lambda row: share_text(row["gap_share"]),
-        "#of the samples": lambda row: share_text(row["sample_share"]),
-    }
-    return _table(study, study.where, columns, "Where the gap is")
 
 
 def _effects(study: StudyResult) -> Group:
