@@ -78,7 +78,6 @@ class Notes:
         discrepancy: Share of f in each equation, in words.
         starts: Hidden states with known starts: the state whose value they have there, or "" at rest.
         states: States of the model; None: all that the equations have.
-        estimated: Starts of states that were estimated with the coefficients.
     """
 
     verdict: str = ""
@@ -91,19 +90,16 @@ class Notes:
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """A model that is exported, of a "fit" or a "study".
+    """A model that is exported, of a "fit" or a "study"; a unit is "" where it is not known.
 
     Attributes:
         states: In the order of x.
         inputs: In the order of u: the inputs, then states without an equation.
         outputs: Quantities that follow from x and u without a derivative.
-        factors: Coefficients, given ones too.
         inner: Nonlinear parameters of terms, by equation; they stand in the formulas as numbers.
         rates: Formulas of the states, in order; `given` are those of the outputs.
         code: Description of a simulation that is code, whose rates stand in formulas as the symbols
             `rate_symbol(k)`; "" for formulas.
-        time: Unit of time; "" where it is not known.
-        rule: Rule by which terms stand in an equation.
         correlations: Pairs of coefficients with their posterior correlation, where that is large.
     """
 
