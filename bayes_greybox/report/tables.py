@@ -38,14 +38,10 @@ def table_of(
     marked: Callable[[Any], bool] | None = None,
     equations: Sequence[str] | None = None,
 ) -> Table:
-    """Return the table of some records, a row each.
+    """Return the table of some records, such as `records_of` gives, a row each.
 
-    Args:
-        records: Rows of a table as `records_of` gives them, or any other objects.
-        columns: Functions from a record to its cell, by headings as `Table` has them.
-        caption: Title of the table.
-        marked: Test of whether the row of a record is stressed.
-        equations: Equations of the report: where there is one only, the column "equation" is left out.
+    `columns` are functions from a record to its cell, by headings as `Table` has them; rows of `marked` records
+    are stressed. Where the report has one equation only, the column "equation" is left out.
     """
     records = list(records)
     if equations is not None and len(equations) < 2:

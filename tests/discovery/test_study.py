@@ -3,12 +3,10 @@
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.discovery.subject import studied_equations
-from bayes_greybox.report.words.sentence import closed_in_words
 
 N_OBS, STEP, NOISE = 400, 0.075, 0.05
 
@@ -256,26 +254,6 @@ def test_what_cannot_be_used_is_refused_before_the_search():
             bg.Odds(**{field: value})
     with pytest.raises(bg.InputError, match="they are parts of 1"):
         bg.Odds(effects=0.9)
-
-
-@pytest.mark.parametrize(
-    ("before", "after", "said"),
-    [
-        (0.4, 0.1, "closes 75.0 % of the gap on held-out data"),
-        (0.4, 0.5, "widens the gap on held-out data by 25.0 %"),
-        (0.0, 0.0, "closes no gap on held-out data, which show none"),
-        (0.0, 0.1, "leaves 10.0 % of the rate on held-out data unexplained, where nothing was before"),
-        (np.nan, np.nan, "closes 88.9 % of the gap on the training data"),
-    ],
-)
-def test_what_became_of_the_gap_is_said_as_it_is(before, after, said):
-    index = pd.MultiIndex.from_tuples(
-        [("train", "unexplained share", "v"), ("test", "unexplained share", "v"), ("test", "free-run NRMSE", "v")],
-        names=["data", "metric", "variable"],
-    )
-    gap = pd.DataFrame({"before": [0.9, before, 3.0], "after": [0.1, after, 2.0]}, index=index)
-    gap[["lower", "upper"]] = gap[["after", "after"]].to_numpy()
-    assert closed_in_words(gap).replace("\u00a0", " ") == said
 
 
 @pytest.mark.slow

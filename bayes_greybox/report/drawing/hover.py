@@ -10,9 +10,6 @@ import numpy as np
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-FEWEST_POINTS = 8
-"""Points of a line that is worth reading."""
-
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-_"
 """Digits of the values of maps, 64 to a place."""
 
@@ -24,8 +21,7 @@ def readings(figure: Figure) -> list[dict[str, Any]]:
     """
     width, height = (72.0 * size for size in figure.get_size_inches())
     axes_read = []
-    axes: list[Any] = list(figure.axes)
-    for k, ax in enumerate(axes):
+    for k, ax in enumerate(figure.axes):
         lines, shown = _lines(ax, k), _map(ax)
         if not (lines or shown) or ax.get_xscale() != "linear" or ax.get_yscale() != "linear":
             continue
@@ -46,7 +42,8 @@ def _lines(ax: Any, k: int) -> dict[str, str]:
     labels = {}
     for j, line in enumerate(ax.get_lines()):
         label, x = str(line.get_label()), np.asarray(line.get_xdata(orig=False), float)
-        if not label.startswith("_") and len(x) >= FEWEST_POINTS and line.get_transform() == ax.transData:
+        # A line of fewer points is not worth reading.
+        if not label.startswith("_") and len(x) >= 8 and line.get_transform() == ax.transData:
             finite = x[np.isfinite(x)]
             if np.all(np.diff(finite) >= 0) and np.ptp(finite) > 0:
                 line.set_gid(f"line{k}x{j}")

@@ -54,7 +54,10 @@ class _Drawing:
 
     def __init__(self, root: Element, prefix: str, kept: list[str]) -> None:
         self._shapes = {one.get("id", ""): one for one in root.iter() if one.get("id")}
-        used = [name for one in root.iter() for name in _references(one)]
+        used: list[str] = []
+        for one in root.iter():
+            used += [one.get(_LINK, "")[1:]] if one.get(_LINK, "").startswith("#") else []
+            used += re.findall(r"url\(#([\w-]+)\)", f"{one.get('clip-path', '')} {one.get('style', '')}")
         self._names = {name: f"{prefix}{k}" for k, name in enumerate(dict.fromkeys([*used, *kept]))}
 
     def renamed(self, read: list[dict]) -> list[dict]:
@@ -69,7 +72,7 @@ class _Drawing:
             return ""
         uses = [child for child in one if child.tag == f"{_SPACE}use"]
         inside = str(escape((one.text or "").strip())) if tag in ("text", "tspan") else ""
-        merged = dots(uses, self._shapes, _LINK) if len(uses) > 1 else None
+        merged = _dots(uses, self._shapes) if len(uses) > 1 else None
         for child in one:
             if merged is not None and child in uses:
                 if child is uses[0]:
@@ -94,7 +97,7 @@ class _Drawing:
             elif name == "clip-path":
                 yield name, f"url(#{self._names[value[5:-1]]})"
             elif name == "d":
-                yield name, short_path(value)
+                yield name, _short_path(value)
             elif name == "style":
                 if style := _style(value):
                     yield name, re.sub(r"url\(#([\w-]+)\)", lambda match: f"url(#{self._names[match[1]]})", style)
@@ -110,15 +113,9 @@ class _Drawing:
                 yield name, str(escape(value))
 
 
-def _references(one: Element) -> list[str]:
-    inside = f"{one.get('clip-path', '')} {one.get('style', '')}"
-    return [one.get(_LINK, "")[1:]] * one.get(_LINK, "").startswith("#") + re.findall(r"url\(#([\w-]+)\)", inside)
-
-
 def _style(text: str) -> str:
-    parts = [tuple(part.strip() for part in one.split(":", 1)) for one in text.split(";") if ":" in one]
     kept = []
-    for name, value in parts:
+    for name, value in [map(str.strip, one.split(":", 1)) for one in text.split(";") if ":" in one]:
         if name == "font":
             name, value = "font-size", re.findall(r"[\d.]+px", value)[0]
         if name not in _IDLE and (name, value) not in _DEFAULT:
@@ -131,14 +128,11 @@ def _rounded(text: str, decimals: int) -> str:
     return re.sub(r"-?\d+\.\d+", lambda match: f"{round(float(match[0]), decimals):g}", text)
 
 
-_SMALL_SHAPE = 12.0
-"""Shapes no wider than this many points, such as markers, keep hundredths."""
-
-
-def short_path(commands: str) -> str:
+def _short_path(commands: str) -> str:
     """Return the attribute `d` of a path, in points, in fewer characters."""
     numbers = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", commands)]
-    small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= _SMALL_SHAPE
+    # Shapes no wider than this, such as markers, keep hundredths.
+    small = bool(numbers) and max(numbers[::2]) - min(numbers[::2]) <= 12.0
     if small or re.search(r"[A-KN-Ya-kn-y]", commands.replace("e-", "")):
         places = 2 if small else 1
         text = re.sub(r"-?\d+\.\d+(?:e-?\d+)?", lambda match: _short(float(match[0]), places), commands)
@@ -146,37 +140,25 @@ def short_path(commands: str) -> str:
     return "".join(_strokes(commands))
 
 
-def dots(uses: Sequence[Element], shapes: Mapping[str, Element], link: str) -> tuple[str, str] | None:
-    """Return many copies of one round marker as a single path, and its style; None for other copies.
-
-    A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy. Copies name
-    their shape, one of `shapes` by id, in the attribute `link`.
-    """
-    names, styles = {one.get(link, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
+def _dots(uses: Sequence[Element], shapes: Mapping[str, Element]) -> tuple[str, str] | None:
+    """Return many copies of one round marker as a single path, and its style; None for other copies."""
+    names, styles = {one.get(_LINK, "")[1:] for one in uses}, {one.get("style", "") for one in uses}
     if len(names) != 1 or len(styles) != 1:
         return None
     (name,), (style,) = names, styles
-    shape = shapes.get(name)
+    shape = "" if name not in shapes else shapes[name].get("d", "")
+    inside, edge = (re.search(rf"(?<![\w-]){part}: (#[0-9a-f]{{6}})", style) for part in ("fill", "stroke"))
     # A circle is eight curves, as matplotlib draws it; what has an outline of its own colour stays as it is.
-    if shape is None or shape.get("d", "").count("C") != 8 or "fill: none" in style or "stroke: #" in _outline(style):
+    if shape.count("C") != 8 or "fill: none" in style or inside is None or (edge and edge[1] != inside[1]):
         return None
-    across = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", shape.get("d", ""))[::2]]
-    colour = re.search(r"fill: (#[0-9a-f]{6})", style)
-    opacity = re.search(r"(?:fill-)?opacity: ([\d.]+)", style)
-    if colour is None:
-        return None
+    across = [float(number) for number in re.findall(r"-?\d+(?:\.\d+)?", shape)[::2]]
     width = max(across) - min(across)
-    stroke = f"stroke: {colour[1]}; stroke-width: {width:.2f}; stroke-linecap: round; fill: none"
-    if opacity:
+    stroke = f"stroke: {inside[1]}; stroke-width: {width:.2f}; stroke-linecap: round; fill: none"
+    if opacity := re.search(r"(?:fill-)?opacity: ([\d.]+)", style):
         stroke += f"; stroke-opacity: {opacity[1]}"
+    # A stroke without length but with round ends is a dot, which takes a tenth of the characters of a copy.
     path = "".join(f"M{_short(float(one.get('x', 0)))} {_short(float(one.get('y', 0)))}h0" for one in uses)
     return path, stroke
-
-
-def _outline(style: str) -> str:
-    """Return the part of a style that draws an outline in another colour than the inside."""
-    inside, outside = (re.search(rf"(?<![\w-]){name}: (#[0-9a-f]{{6}})", style) for name in ("fill", "stroke"))
-    return f"stroke: {outside[1]}" if outside and (inside is None or inside[1] != outside[1]) else ""
 
 
 def _strokes(commands: str):

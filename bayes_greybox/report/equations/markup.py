@@ -8,26 +8,21 @@ breaks between summands at the width of a phone.
 import re
 from html import escape
 
-from bayes_greybox.equations.learned import LearnedParameter, LearnedSystem
+from bayes_greybox.equations.learned import LearnedSystem
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.printing import WORD_GAP, to_latex, to_mathml
 from bayes_greybox.report.equations.text import Piece, pieces
 from bayes_greybox.report.words.formatting import concise, exact, unit_text
 
-_POWER_DIGITS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
-
 
 def equations_latex(system: LearnedSystem) -> str:
     """Return all equations of the model, also those of the simulation alone, in an `aligned` environment."""
     rows = [f"{left_latex(system, name)} &= {right_latex(system, name)}" for name in system.names]
-    rows += [_parameter_latex(each) for each in system.parameters]
+    for each in system.parameters:
+        negative, size = concise(each.value.mean, each.value.sd) if each.learned else exact(each.value.mean)
+        value = _latex(Piece(negative, size, unit_text(each.unit), None, not each.learned))
+        rows.append(f"{to_latex(symbol(each.name))} &= {'-' if negative else ''}{value}")
     return "\n".join([r"\begin{aligned}", " \\\\\n".join(rows), r"\end{aligned}"])
-
-
-def _parameter_latex(each: LearnedParameter) -> str:
-    negative, size = concise(each.value.mean, each.value.sd) if each.learned else exact(each.value.mean)
-    value = _latex(Piece(negative, size, unit_text(each.unit), None, not each.learned))
-    return f"{to_latex(symbol(each.name))} &= {'-' if negative else ''}{value}"
 
 
 def left_latex(system: LearnedSystem, name: str) -> str:
@@ -52,7 +47,10 @@ def _latex(piece: Piece) -> str:
         if piece.given:
             words.append(r"\,(\mathrm{given})\,")
         if piece.unit:
-            words.append(rf"\,[\mathrm{{{_latex_unit(piece.unit)}}}]\,")
+            digits = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
+            unit = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{{{match[0].translate(digits)}}}", piece.unit)
+            unit = unit.replace("%", r"\%").replace(" ", r"\ ").replace("·", r"\cdot ")
+            words.append(rf"\,[\mathrm{{{unit}}}]\,")
     if piece.expr is not None:
         shown = to_latex(piece.expr)
         if words and not piece.unit and shown.startswith(r"\mathrm"):
@@ -61,22 +59,14 @@ def _latex(piece: Piece) -> str:
     return " ".join(words)
 
 
-def _latex_unit(unit: str) -> str:
-    raised = re.sub("[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+", lambda match: f"^{{{match[0].translate(_POWER_DIGITS)}}}", unit)
-    return raised.replace("%", r"\%").replace(" ", r"\ ").replace("·", r"\cdot ")
-
-
-_D = '<mi mathvariant="normal">d</mi>'
-
-
 def equation_mathml(system: LearnedSystem, name: str) -> list[str]:
     """Return one equation as formulas that a line may break between: left-hand side, then each signed summand."""
-    shown = to_mathml(symbol(name))
+    shown, d = to_mathml(symbol(name)), '<mi mathvariant="normal">d</mi>'
     if not system.is_output(name):
         time = to_mathml(symbol(system.data.time_name))
         # A word after the d would be read as one with it.
         gap = f'<mspace width="{WORD_GAP}"/>' if "normal" in shown else ""
-        shown = f"<mfrac><mrow>{_D}{gap}{shown}</mrow><mrow>{_D}{time}</mrow></mfrac>"
+        shown = f"<mfrac><mrow>{d}{gap}{shown}</mrow><mrow>{d}{time}</mrow></mfrac>"
     formulas = [_math(f"{shown}<mo>=</mo>")]
     for k, piece in enumerate(pieces(system, name)):
         # Without a summand before it a sign belongs to the number: "prefix" keeps it close.

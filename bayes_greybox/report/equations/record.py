@@ -6,7 +6,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from bayes_greybox.equations.learned import INTERVAL_LEVEL, LearnedEquation, LearnedSystem, LearnedTerm
+from bayes_greybox.equations.learned import INTERVAL_LEVEL, LearnedSystem, LearnedTerm
 from bayes_greybox.physics.formula.printing import to_text
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.report.equations.markup import left_latex, right_latex
@@ -17,9 +17,6 @@ from .text import equation_text
 RECORD_FORMAT = 1
 """Version of the record; it grows where a reader of the one before would be misled."""
 
-CODE = "a function (t, x, u) -> dx/dt, which cannot be written down: its rates add to the terms"
-"""What stands for a simulation that is code."""
-
 
 def equations_record(system: LearnedSystem) -> dict[str, Any]:
     """Return equations with terms, coefficients, units, nonlinear parameters and hidden states.
@@ -29,6 +26,7 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
     fixed. Formulas are those of configuration files, at the means of the `parameters`.
     """
     data, code = system.data, any(system.simulation.formula(name).atoms(AppliedUndef) for name in system.names)
+    called = "a function (t, x, u) -> dx/dt, which cannot be written down: its rates add to the terms"
     names = (*system.states, *system.inputs)
     return plain_values(
         {
@@ -41,7 +39,7 @@ def equations_record(system: LearnedSystem) -> dict[str, Any]:
             "inputs": list(system.inputs),
             "hidden_states": list(system.hidden),
             "units": {name: data.unit(name) for name in ("t", *names)},
-            "simulation": CODE if code else "formulas",
+            "simulation": called if code else "formulas",
             "parameters": [asdict(each) for each in system.parameters],
             "equations": [_equation(system, name) for name in system.names],
         }
@@ -64,7 +62,10 @@ def _equation(system: LearnedSystem, name: str) -> dict[str, Any]:
         "learned": learned is not None,
         "pattern_probability": None if learned is None else learned.pattern,
         **{key: [_term(each) for each in getattr(learned, key, ())] for key in ("given", "terms", "left_out")},
-        "inner_parameters": [] if learned is None else _inner(learned),
+        "inner_parameters": [
+            {"name": i.name, "effect": i.effect, "meaning": i.meaning, **asdict(i.value), "unit": i.unit or None}
+            for i in getattr(learned, "inner", ())
+        ],
         "discrepancy": None if f is None else {"left": f.left, "variables": list(f.variables)},
         "text": equation_text(system, name),
         "latex": f"{left_latex(system, name)} = {right_latex(system, name)}",
@@ -80,10 +81,3 @@ def _term(each: LearnedTerm) -> dict[str, Any]:
         "inclusion": each.probability,
         "stated": None if each.stated is None else each.stated.record(),
     }
-
-
-def _inner(learned: LearnedEquation) -> list[dict[str, Any]]:
-    return [
-        {"name": i.name, "effect": i.effect, "meaning": i.meaning, **asdict(i.value), "unit": i.unit or None}
-        for i in learned.inner
-    ]

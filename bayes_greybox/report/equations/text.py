@@ -20,15 +20,7 @@ FORMULA_DIGITS = 6
 
 @dataclass(frozen=True)
 class Piece:
-    """One summand, sign · coefficient [unit] · formula.
-
-    Attributes:
-        negative: True if it is subtracted.
-        factor: The coefficient's size and standard deviation; None of a part of the simulation, and of f.
-        unit: Unit of the coefficient, as people write it; "" for a plain number.
-        expr: The formula; None where the coefficient stands alone.
-        given: True if the coefficient was given and not estimated.
-    """
+    """One summand, sign · coefficient [unit] · formula; without coefficient it is of the simulation or f."""
 
     negative: bool
     factor: Concise | None
@@ -85,14 +77,8 @@ def _called(letter: str, arguments: tuple[str, ...], system: LearnedSystem, name
     return sympy.Function(f"{letter}{index}")(*map(symbol, arguments))
 
 
-NOTATION = "1.23(4) is 1.23 ± 0.04."
-"""Notation of a coefficient with its standard deviation."""
-
 GIVEN_MARK = "(given)"
 """Stands where the standard deviation of a coefficient would, that was fixed."""
-
-GIVEN_NOTE = "Numbers marked (given) were not estimated."
-"""Meaning of the mark."""
 
 
 def equations_text(system: LearnedSystem) -> str:
@@ -143,7 +129,9 @@ def note(system: LearnedSystem) -> str:
     given = any(piece.given for name in system.shown for piece in pieces(system, name))
     given = given or not all(each.learned for each in shown_parameters(system))
     shown = any(each.terms for each in system.learned.values()) or parameter_text(system)
-    return " ".join(text for text in (system.rule, NOTATION if shown else "", GIVEN_NOTE if given else "") if text)
+    notation = ["1.23(4) is 1.23 ± 0.04."] if shown else []
+    not_learned = ["Numbers marked (given) were not estimated."] if given else []
+    return " ".join([*([system.rule] if system.rule else []), *notation, *not_learned])
 
 
 def as_simulation(system: LearnedSystem) -> str:
@@ -158,9 +146,11 @@ def as_simulation(system: LearnedSystem) -> str:
             return ""
         text = "" if expr == 0 else _readable(expr)
         for each in system.learned[name].terms if name in system.learned else ():
-            size = _justified(abs(each.value.mean), each.value.sd)
+            size, sd = abs(each.value.mean), each.value.sd
+            # Without a spread nothing says which digits are idle.
+            digits = 10 if not sd > 0 else min(8, max(2, math.ceil(math.log10(max(size, 1e-300) / sd)) + 2))
             factor = _readable(each.term.expr)
-            product = f"{size}*({factor})" if each.term.expr.is_Add else f"{size}*{factor}"
+            product = f"{size:.{digits}g}*{f'({factor})' if each.term.expr.is_Add else factor}"
             sign = "-" if each.value.mean < 0 else "+"
             text = f"{text} {sign} {product}" if text else f"{'-' if sign == '-' else ''}{product}"
         lines.append(f'{name} = "{text or 0}"')
@@ -186,9 +176,3 @@ def _expression(expr: Any) -> str:
 
 def _readable(expr: Any) -> str:
     return to_text(expr, blanks=True)
-
-
-def _justified(size: float, sd: float) -> str:
-    # Without a spread nothing says which digits are idle.
-    digits = 10 if not sd > 0 else min(8, max(2, math.ceil(math.log10(max(size, 1e-300) / sd)) + 2))
-    return f"{size:.{digits}g}"

@@ -1,7 +1,6 @@
 """Export of learned equations to a file, whose ending says the language."""
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 from bayes_greybox.equations.learned import LearnedSystem
@@ -10,14 +9,9 @@ from bayes_greybox.running.whole_files import whole_file
 
 from .fmu.archive import fmu_archive
 from .languages import c_program, modelica_program, python_program
-from .model import ExportedModel, Notes, exported_model
+from .model import Notes, exported_model
 
-
-def _text(program: Callable[[ExportedModel, str], str]) -> Callable[[ExportedModel, str], bytes]:
-    return lambda model, name: program(model, name).encode()
-
-
-LANGUAGES = {".py": _text(python_program), ".c": _text(c_program), ".mo": _text(modelica_program), ".fmu": fmu_archive}
+LANGUAGES = {".py": python_program, ".c": c_program, ".mo": modelica_program, ".fmu": fmu_archive}
 """Functions that write a model under a name, by the ending of a file."""
 
 
@@ -34,17 +28,13 @@ def export_system(system: LearnedSystem, path: str | os.PathLike[str], notes: No
     content = LANGUAGES[file.suffix](exported_model(system, notes), file.stem)
     try:
         with whole_file(file) as part:
-            part.write_bytes(content)
+            part.write_bytes(content.encode() if isinstance(content, str) else content)
     except OSError as error:
         raise InputError(f'"{file}" cannot be written ({error.strerror}); choose another file.') from None
 
 
 def require_ending(path: Path) -> None:
-    """Refuse a file whose ending is no language's.
-
-    Raises:
-        InputError: Another ending than those of `LANGUAGES`.
-    """
+    """Refuse a file whose ending is no language's by an `InputError`."""
     if path.suffix not in LANGUAGES:
         endings = ", ".join(LANGUAGES)
         raise InputError(f'"{path}" has no ending of a language that models are exported to: use one of {endings}.')

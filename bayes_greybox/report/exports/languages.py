@@ -46,6 +46,16 @@ def python_program(model: ExportedModel, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+C_HELPERS = {
+    "sign_of": "static double sign_of(double v) { return v > 0.0 ? 1.0 : v < 0.0 ? -1.0 : v; }",
+    "max_of": "static double max_of(double a, double b) { return a != a || a > b ? a : b; }",
+    "min_of": "static double min_of(double a, double b) { return a != a || a < b ? a : b; }",
+    "step_of": "static double step_of(double v, double at_zero)\n"
+    "{\n    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;\n}",
+}
+"""Functions of a program in C, which stand in it where it calls them."""
+
+
 def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     """Return C99 with `void NAME_rhs(double t, const double *x, const double *u, double *dxdt)`.
 
@@ -64,16 +74,8 @@ def c_program(model: ExportedModel, name: str, tunable: bool = False) -> str:
     heading = header(model, names, ("x[{}]", "u[{}]"), in_seconds=tunable)
     lines = ["/*", *(part for line in heading for part in comment(within_c(line), " * ")), " */"]
     lines += ["#include <math.h>", ""]
-    bodies = [(each, _sum(printer, each)) for each in model.formulas]
-    every = " ".join(text for _, text in bodies)
-    if "sign_of(" in every:
-        lines += ["static double sign_of(double v) { return v > 0.0 ? 1.0 : v < 0.0 ? -1.0 : v; }", ""]
-    for called_as, sign in (("max_of", ">"), ("min_of", "<")):
-        if f"{called_as}(" in every:
-            lines += [f"static double {called_as}(double a, double b) {{ return a != a || a {sign} b ? a : b; }}", ""]
-    if "step_of(" in every:
-        lines += ["static double step_of(double v, double at_zero)",
-                  "{", "    return v > 0.0 ? 1.0 : v < 0.0 ? 0.0 : v == 0.0 ? at_zero : v;", "}", ""]  # fmt: skip
+    every = " ".join(_sum(printer, each) for each in model.formulas)
+    lines += [part for helper, text in C_HELPERS.items() if f"{helper}(" in every for part in (text, "")]
     for k, each in enumerate(model.factors):
         lines += comment(within_c(uncertainty(each)), "/* ", " */")
         value = f"{each.name} = {float(each.value.mean)!r}"
@@ -146,10 +148,6 @@ def _require_formulas(model: ExportedModel, language: str) -> None:
         )
 
 
-COMMENT_WIDTH = 100
-"""Characters of a line of comments."""
-
-
 def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], in_seconds: bool = False) -> list[str]:
     """Return the lines of the header; without a date, so that the same model gives the same text.
 
@@ -187,8 +185,8 @@ def header(model: ExportedModel, names: dict[str, str], slots: tuple[str, str], 
 
 
 def comment(text: str, mark: str, end: str = "") -> list[str]:
-    """Return text as lines of a comment between `mark` and `end`, none of them longer than `COMMENT_WIDTH`."""
-    lines = textwrap.wrap(text, COMMENT_WIDTH - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
+    """Return text as lines of a comment between `mark` and `end`, none of them longer than 100 characters."""
+    lines = textwrap.wrap(text, 100 - len(mark) - len(end), break_long_words=False, break_on_hyphens=False)
     return [f"{mark}{line}{end}" for line in lines or [""]]
 
 

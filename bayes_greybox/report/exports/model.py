@@ -6,8 +6,9 @@ f is not in it: it has no formula.
 """
 
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import Any, cast
 
 import numpy as np
@@ -20,9 +21,6 @@ from bayes_greybox.physics.units import derivative_unit, per_second, target_unit
 from bayes_greybox.report.exports.printers import distinct, identifiers
 from bayes_greybox.report.exports.reserved import C_WORDS, MODELICA_WORDS, PYTHON_WORDS
 from bayes_greybox.running.errors import InputError
-
-LONGEST_FACTOR_NAME = 40
-"""Largest number of characters in the name of a coefficient."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Factor:
     """A coefficient, by its identifier in the program, with its term, its posterior in `unit` and its probability.
 
     A unit is "1" for a plain number, "" where it is not known. `correction` says that it corrects one of the
-    simulation. A `parameter` of the simulation stands in the formulas by that name.
+    simulation. A `parameter` of the simulation, which has no `term`, stands in the formulas by that name.
     """
 
     name: str
@@ -57,6 +55,7 @@ class Factor:
     about: str
     correction: bool = False
     parameter: str = ""
+    term: LearnedTerm | None = None
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,6 @@ class Notes:
         discrepancy: Share of f in each equation, in words.
         starts: Hidden states with known starts: the state whose value they have there, or "" at rest.
         states: States of the model; None: all that the equations have.
-        estimated: Starts of states that were estimated with the coefficients.
     """
 
     verdict: str = ""
@@ -92,22 +90,17 @@ class Notes:
 
 @dataclass(frozen=True)
 class ExportedModel:
-    """A model that is exported.
+    """A model that is exported, of a "fit" or a "study"; a unit is "" where it is not known.
 
     Attributes:
-        origin: "fit" or "study".
         states: In the order of x.
         inputs: In the order of u: the inputs, then states without an equation.
         outputs: Quantities that follow from x and u without a derivative.
-        factors: Coefficients, given ones too.
         inner: Nonlinear parameters of terms, by equation; they stand in the formulas as numbers.
-        formulas: Formulas of the states, in order, then of the outputs.
+        rates: Formulas of the states, in order; `given` are those of the outputs.
         code: Description of a simulation that is code, whose rates stand in formulas as the symbols
             `rate_symbol(k)`; "" for formulas.
-        time: Unit of time; "" where it is not known.
-        rule: Rule by which terms stand in an equation.
         correlations: Pairs of coefficients with their posterior correlation, where that is large.
-        notes: Further remarks.
     """
 
     origin: str
@@ -116,7 +109,8 @@ class ExportedModel:
     outputs: tuple[Quantity, ...]
     factors: tuple[Factor, ...]
     inner: tuple[tuple[str, InnerValue], ...]
-    formulas: tuple[Formula, ...]
+    rates: tuple[Formula, ...]
+    given: tuple[Formula, ...]
     code: str
     time: str
     rule: str
@@ -124,19 +118,14 @@ class ExportedModel:
     notes: Notes
 
     @property
-    def rates(self) -> tuple[Formula, ...]:
-        """Formulas of the states."""
-        return self.formulas[: len(self.states)]
-
-    @property
     def per_second(self) -> float:
         """Units of the data's time in a second, by which rates are multiplied where time must be in seconds."""
         return per_second(self.time)
 
     @property
-    def given(self) -> tuple[Formula, ...]:
-        """Formulas of the outputs."""
-        return self.formulas[len(self.states) :]
+    def formulas(self) -> tuple[Formula, ...]:
+        """Formulas of the states, then of the outputs."""
+        return (*self.rates, *self.given)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -162,11 +151,9 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
         raise InputError("There is no equation to export: fit a model with a dictionary, or give a simulation.")
     kept = [name for name in system.states if notes.states is None or name in notes.states]
     names = [name for name in system.names if name in kept or system.is_output(name)]
-    factors = _named(system, names)
+    factors = _factors(system, names)
     states = [name for name in kept if name in names]
-    formulas = {
-        name: _formula(system, states, name, [each for each in factors if each[0].equation == name]) for name in names
-    }
+    formulas = {name: _formula(system, states, name, factors) for name in names}
     parts = [part for each in formulas.values() for part in (each.known, *(phi for _, phi in each.added))]
     used = {symbol for part in parts for symbol in symbol_names(part) if not symbol.startswith("#")}
     follows = {**notes.starts, **system.simulation.starts}
@@ -174,8 +161,7 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
     drives = "state without an equation, which drives the others"
     driving = dict.fromkeys((name for name in kept if name not in formulas and name in used), drives)
     driving = {**dict.fromkeys(system.inputs, "input"), **driving}
-    named = [factor.parameter for factor, _ in factors if factor.parameter]
-    unknown = sorted(used - {*states, *driving, *named})
+    unknown = sorted(used - {*states, *driving, *(each.parameter for each in factors)})
     if unknown:
         raise InputError(
             f"The equations use {unknown[0]!r}, which is neither a state nor an input of the model, and cannot be "
@@ -188,26 +174,20 @@ def exported_model(system: LearnedSystem, notes: Notes) -> ExportedModel:
         states=tuple(_state(system, name, notes) for name in states),
         inputs=tuple(Quantity(name, _unit(system, name), about) for name, about in driving.items()),
         outputs=tuple(Quantity(name, target_unit(name, system.data), "output") for name in outputs),
-        factors=tuple(factor for factor, _ in factors),
+        factors=factors,
         inner=tuple((name, inner) for name in names if name in system.learned for inner in system.learned[name].inner),
-        formulas=tuple(formulas[name] for name in (*states, *outputs)),
+        rates=tuple(formulas[name] for name in states),
+        given=tuple(formulas[name] for name in outputs),
         code=system.simulation.code if coded else "",
         time=system.data.units.get("t", ""),
         rule=system.rule,
-        correlations=_correlations(system, factors),
+        correlations=tuple(_correlations(system, factors)),
         notes=notes,
     )
 
 
-Factors = list[tuple[Factor, LearnedTerm | None]]
-"""Coefficients with their terms; parameters of the simulation have none."""
-
-
-def _named(system: LearnedSystem, names: Sequence[str]) -> Factors:
-    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike.
-
-    Parameters keep their names, but for those that mean something in a language.
-    """
+def _factors(system: LearnedSystem, names: Sequence[str]) -> tuple[Factor, ...]:
+    """Return coefficients with distinct names: of the effect or the term, with the equation where two are alike."""
     learned = {name: system.learned[name] for name in names if name in system.learned}
     every = [(name, term) for name, equation in learned.items() for term in (*equation.given, *equation.terms)]
     short = [_readable(term.name) for _, term in every]
@@ -216,29 +196,24 @@ def _named(system: LearnedSystem, names: Sequence[str]) -> Factors:
         for text, (name, _) in zip(short, every, strict=True)
     ]
     taken = {*system.states, *system.inputs, *system.names}
-    called = distinct([text[:LONGEST_FACTOR_NAME] for text in wanted], taken)
-    factors: Factors = [(each, None) for each in _parameters(system, {*taken, *called})]
-    for new, (name, term) in zip(called, every, strict=True):
-        about = _about(system, name, term, term in learned[name].given)
-        factor = Factor(new, name, term.term.text, term.value, term.unit, term.probability, *about)
-        factors.append((factor, term))
-    return factors
-
-
-def _parameters(system: LearnedSystem, taken: Collection[str]) -> list[Factor]:
-    reserved = {*taken, *PYTHON_WORDS, *C_WORDS, *MODELICA_WORDS}
-    called = identifiers([each.name for each in system.parameters], reserved)
+    called = distinct([text[:40] for text in wanted], taken)
+    # Parameters keep their names, but for those that mean something in a language.
+    reserved = {*taken, *called, *PYTHON_WORDS, *C_WORDS, *MODELICA_WORDS}
+    parameters = identifiers([each.name for each in system.parameters], reserved)
     about = {True: "", False: "given, not estimated"}
-    return [
-        Factor(called[p.name], "", p.name, p.value, p.unit, None, about[p.learned], parameter=p.name)
+    factors = [
+        Factor(parameters[p.name], "", p.name, p.value, p.unit, None, about[p.learned], parameter=p.name)
         for p in system.parameters
     ]
+    for new, (name, term) in zip(called, every, strict=True):
+        words = _about(system, name, term, term in learned[name].given)
+        factors.append(Factor(new, name, term.term.text, term.value, term.unit, term.probability, *words, term=term))
+    return tuple(factors)
 
 
 def _readable(text: str) -> str:
     """Return a term or a slug as a part of an identifier: y**3*abs(v) becomes y3_abs_v."""
-    plain = re.sub(r"[^A-Za-z0-9_]+", "_", text.replace("**", "")).strip("_")
-    return plain or "term"
+    return re.sub(r"[^A-Za-z0-9_]+", "_", text.replace("**", "")).strip("_") or "term"
 
 
 def _about(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> tuple[str, bool]:
@@ -251,9 +226,7 @@ def _about(system: LearnedSystem, name: str, each: LearnedTerm, given: bool) -> 
     return each.name if each.name != each.term.name else "", False
 
 
-def _formula(
-    system: LearnedSystem, states: Sequence[str], name: str, factors: Iterable[tuple[Factor, LearnedTerm | None]]
-) -> Formula:
+def _formula(system: LearnedSystem, states: Sequence[str], name: str, factors: Sequence[Factor]) -> Formula:
     simulation = system.simulation
     # Terms with given coefficients are those of the learned equation.
     names = [each.name for each in system.parameters]
@@ -262,7 +235,8 @@ def _formula(
     if calls and name not in states:
         raise InputError(f"The output {name!r} is given by an FMU: it has no formula, and cannot be exported.")
     known = known.xreplace({call: sympy.Symbol(rate_symbol(states.index(name)), real=True) for call in calls})
-    added = tuple((factor.name, cast(sympy.Expr, each.term.expr)) for factor, each in factors if each is not None)
+    own = [(each.name, each.term) for each in factors if each.equation == name]
+    added = tuple((called, cast(sympy.Expr, term.term.expr)) for called, term in own if term is not None)
     return Formula(name, target_unit(name, system.data), known, added)
 
 
@@ -302,35 +276,25 @@ def _unit(system: LearnedSystem, name: str) -> str:
     return derivative_unit(of, system.data.units) if of is not None else ""
 
 
-LEAST_CORRELATION = 0.5
-"""Size of a posterior correlation of two coefficients from which on it is written."""
-
-FEWEST_ALIKE = 20
-"""Number of draws with the terms of the answer below which correlations are not written."""
-
-
-def _correlations(system: LearnedSystem, factors: Factors) -> tuple[tuple[str, str, float], ...]:
-    """Return posterior correlations of coefficients of one equation, over the draws that have just its terms."""
-    pairs = []
+def _correlations(system: LearnedSystem, factors: Sequence[Factor]) -> Iterator[tuple[str, str, float]]:
+    """Yield large posterior correlations of coefficients of one equation, over the draws that have just its terms."""
     for name, equation in system.learned.items():
         place = {term.name: k for k, term in enumerate(equation.drawn.terms)}
-        placed = [
-            (factor.name, place[each.term.name])
-            for factor, each in factors
-            if each is not None and factor.equation == name and each in equation.terms and each.term.name in place
-        ]
-        if len(placed) < len(equation.terms) or len(placed) < 2:
+        placed = {
+            each.name: place[each.term.name]
+            for each in factors
+            if each.equation == name and each.term in equation.terms and each.term.name in place
+        }
+        columns = list(placed.values())
+        if len(columns) < max(len(equation.terms), 2):
             continue
-        columns = [k for _, k in placed]
-        inside = np.isin(np.arange(len(place)), columns)
         draws = equation.drawn.coefficients
+        inside = np.isin(np.arange(len(place)), columns)
         alike = draws if equation.pattern is None else draws[np.all((draws != 0) == inside, axis=1)]
-        spread = np.std(alike[:, columns], axis=0) if len(alike) >= FEWEST_ALIKE else np.zeros(len(columns))
-        if not np.all(spread > 0):
+        # Of fewer draws a correlation says nothing.
+        if len(alike) < 20 or not np.all(np.std(alike[:, columns], axis=0) > 0):
             continue
         corr = np.corrcoef(alike[:, columns].T)
-        upper = zip(*np.triu_indices(len(placed), 1), strict=True)
-        pairs += [
-            (placed[i][0], placed[k][0], float(corr[i, k])) for i, k in upper if abs(corr[i, k]) >= LEAST_CORRELATION
-        ]
-    return tuple(pairs)
+        for (i, first), (k, second) in combinations(enumerate(placed), 2):
+            if abs(corr[i, k]) >= 0.5:
+                yield first, second, float(corr[i, k])

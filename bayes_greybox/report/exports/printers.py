@@ -16,9 +16,6 @@ from sympy.printing.numpy import NumPyPrinter
 from sympy.printing.precedence import PRECEDENCE
 from sympy.printing.str import StrPrinter
 
-LARGEST_INTEGER = 2**31
-"""Whole numbers from here on are written as decimals."""
-
 
 class _Printed:
     """Names, numbers with all digits, and extremes of several, as all three languages have them."""
@@ -37,7 +34,7 @@ class _Printed:
         return repr(float(expr))
 
     def _print_Integer(self, expr):  # noqa: N802
-        return str(int(expr)) if abs(int(expr)) < LARGEST_INTEGER else repr(float(expr))
+        return str(int(expr)) if abs(int(expr)) < 2**31 else repr(float(expr))
 
     def _print_Rational(self, expr):  # noqa: N802
         return repr(float(expr))
@@ -135,7 +132,11 @@ def identifiers(names: Sequence[str], reserved: Collection[str]) -> dict[str, st
 
     None is one of `reserved`: words of the language, and names that the program uses itself.
     """
-    plain = {name: _plain(name) for name in names}
+    plain = {}
+    for name in names:
+        word = re.sub(r"\W", "_", "".join(map(_letter, name)), flags=re.ASCII)
+        # Names that start with an underscore belong to compilers.
+        plain[name] = word if re.match("[A-Za-z]", word) else f"v{word}"
     # Those that stay as they are come first, so that no other takes their name.
     order = sorted(names, key=lambda name: plain[name] != name)
     return dict(zip(order, distinct([plain[name] for name in order], reserved), strict=True))
@@ -160,14 +161,7 @@ def within_c(text: str) -> str:
 
 def quoted(text: str) -> str:
     """Return text as a string of Modelica."""
-    escaped = ascii_text(text).replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
-
-
-def _plain(name: str) -> str:
-    word = re.sub(r"\W", "_", "".join(_letter(char) for char in name), flags=re.ASCII)
-    # Names that start with an underscore belong to compilers.
-    return word if re.match("[A-Za-z]", word) else f"v{word}"
+    return '"' + ascii_text(text).replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _letter(char: str) -> str:

@@ -15,9 +15,6 @@ FILES_OF = {
 }  # fmt: skip
 """Files that one command writes."""
 
-KEY_OF = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
-"""Key of the record that one command alone has; records of version 0.1.0 do not name it."""
-
 
 def command_of(folder: Path) -> str | None:
     """Return the command whose results a folder holds; None if another command would overwrite nothing there."""
@@ -28,7 +25,9 @@ def command_of(folder: Path) -> str | None:
     if isinstance(record, dict):
         if record.get("command") in FILES_OF:
             return record["command"]
-        return next((command for command, key in KEY_OF.items() if key in record), None)
+        # Records of version 0.1.0 do not name their command.
+        keys = {"fit": "coefficients", "discover": "effects", "compare": "comparison"}
+        return next((command for command, key in keys.items() if key in record), None)
     # A run that was stopped has no record yet.
     if not (folder / CONFIG).is_file():
         return None
@@ -38,11 +37,7 @@ def command_of(folder: Path) -> str | None:
 
 
 def free_folder(folder: Path, command: str) -> Path:
-    """Return the folder for the results of a command, or FOLDER-COMMAND if it holds those of another command.
-
-    Raises:
-        InputError: FOLDER-COMMAND holds another command's results, too.
-    """
+    """Return the folder for the results of a command, or FOLDER-COMMAND, see `require_own`, if it holds another's."""
     if command_of(folder) in (None, command):
         return folder
     folder = folder if folder.name not in ("", "..") else folder.resolve()
@@ -52,11 +47,7 @@ def free_folder(folder: Path, command: str) -> Path:
 
 
 def require_own(folder: Path, command: str) -> None:
-    """Refuse a folder that holds the results of another command.
-
-    Raises:
-        InputError: It holds those of another command.
-    """
+    """Refuse a folder that holds the results of another command."""
     holds = command_of(folder)
     if holds not in (None, command):
         raise InputError(
@@ -67,11 +58,6 @@ def require_own(folder: Path, command: str) -> None:
 
 CONFIGURATION_ATTRIBUTE = "configuration_file"
 """Root attribute of a fit that holds the text of the configuration file that asked for it."""
-
-_SCHEMA = re.compile(r"\A#:schema[^\n]*\n")
-_ORIGIN = re.compile(
-    r"^(?:# A copy of [^\n]*\n)?copied_from[ \t]*=[^\n]*\n(?:asset[ \t]*=[^\n]*\n)?(?:\r?\n)?", re.MULTILINE
-)
 
 
 def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) -> str:
@@ -88,14 +74,15 @@ def copy_of(text: str, origin: Path, folder: Path, asset: Path | None = None) ->
         "",
     ]
     # Editors look for a schema in the first line only.
-    schema = _SCHEMA.match(text)
+    schema = re.match(r"#:schema[^\n]*\n", text)
     at = schema.end() if schema else 0
     return text[:at] + end.join(lines) + text[at:]
 
 
 def author_text(text: str) -> str:
     """Return the text of a copy without the lines that `copy_of` put above it."""
-    return _ORIGIN.sub("", text, count=1)
+    origin = r"^(?:# A copy of [^\n]*\n)?copied_from[ \t]*=[^\n]*\n(?:asset[ \t]*=[^\n]*\n)?(?:\r?\n)?"
+    return re.sub(origin, "", text, count=1, flags=re.MULTILINE)
 
 
 def _path(origin: Path, folder: Path) -> str:

@@ -92,18 +92,15 @@ def _file_html(file: Path, path: Path | None, config: str | None = None) -> tupl
     return {file.stem: result}, page
 
 
-def _is_study(file: Path) -> bool:
-    tree = netcdf.read(file)
-    with made_of(file):
-        return holds_study(tree)
-
-
 def _require_fits(files: Sequence[Path]) -> None:
     """Refuse studies among several files, whose fits alone could be compared."""
-    studies = [str(file) for file in files if _is_study(file)]
-    if studies:
+    for file in files:
+        tree = netcdf.read(file)
+        with made_of(file):
+            if not holds_study(tree):
+                continue
         raise InputError(
-            f'"{studies[0]}" holds a study, and report shows one study at a time: name it alone, or compare the fits '
+            f'"{file}" holds a study, and report shows one study at a time: name it alone, or compare the fits '
             "in these files with bayes-greybox compare."
         )
 
@@ -132,14 +129,16 @@ def save_comparison(
 ) -> None:
     """Write record, page, figure and configuration of a comparison, whose table is that of `compare`.
 
-    The record remembers where each fit is saved, by `files`. `sampling` is None for fits that were saved before,
-    `config` the path and the text of the configuration file.
-
-    Raises:
-        InputError: A file cannot be written.
+    The record remembers path and fingerprint of each fit, by `files`. `sampling` is None for fits that were saved
+    before, `config` the path and the text of the configuration file. What cannot be written is refused.
     """
-    record = {"fits": {name: _whereabouts(file, folder) for name, file in files.items()}}
-    record |= comparison_record(fits, table, sampling)
+    whereabouts, home = {}, folder.resolve()
+    for name, file in files.items():
+        # Relative if it lies in the folder, so that the folder can be moved.
+        whole = file.resolve()
+        path = whole.relative_to(home).as_posix() if whole.is_relative_to(home) else str(whole)
+        whereabouts[name] = {"file": path, "sha256": _digest(file)}
+    record = {"fits": whereabouts, **comparison_record(fits, table, sampling)}
     named = {} if config is None else {"config": Path(config[0]).name}
     # The record first, by itself: nothing that fails later may cost the comparison.
     with staged(folder) as place:
@@ -186,13 +185,6 @@ def load_comparison(folder: Path) -> SavedComparison:
     config = folder / CONFIG
     text = author_text(config.read_text(encoding="utf-8")) if "config" in record and config.is_file() else None
     return SavedComparison(fits, table, text)
-
-
-def _whereabouts(file: Path, folder: Path) -> dict[str, str]:
-    """Return path and fingerprint of a fit; relative if it lies in the folder, so that the folder can be moved."""
-    whole, home = file.resolve(), folder.resolve()
-    path = whole.relative_to(home).as_posix() if whole.is_relative_to(home) else str(whole)
-    return {"file": path, "sha256": _digest(file)}
 
 
 def _digest(file: Path) -> str:

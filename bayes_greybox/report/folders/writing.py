@@ -12,9 +12,6 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.locking import locked
 from bayes_greybox.running.whole_files import PART_PREFIX, put, remove_parts
 
-ROOM = 4_000_000
-"""Bytes that a disk must have room for before hours of work, about what a fit and its figures take."""
-
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Numbers of errors that more room would mend."""
 
@@ -38,7 +35,8 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
             held.enter_context(locked(folder))
             remove_parts(folder)
             with tempfile.TemporaryFile(dir=folder, prefix=PART_PREFIX) as trial:
-                trial.write(bytes(ROOM))
+                # About what a fit and its figures take: a disk must have room for it before hours of work.
+                trial.write(bytes(4_000_000))
                 trial.flush()
                 os.fsync(trial.fileno())
         except OSError as error:
@@ -55,9 +53,7 @@ def output_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
-    """Yield a place beside the final one, whose files move to `folder` when the block ends, or vanish.
-
-    They replace files of the same names.
+    """Yield a place beside the final one, whose files replace those in `folder` when the block ends, or vanish.
 
     Raises:
         InputError: If a file cannot be written.

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
@@ -15,20 +14,16 @@ from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.report.plots import plot_comparison
 from bayes_greybox.report.tables import Table, records_of, table_of
 
-from ..words.fit import LIKELY_TO_MATTER, compared, is_learned, rows_text, size_text, term_probability
-from ..words.formatting import PROBABILITIES, count_text, formula, interval, listed, nats, number, probability_column
+from ..words.fit import LIKELY_TO_MATTER, compared, ends_text, is_learned, rows_text, size_text, term_probability
+from ..words.formatting import PROBABILITIES, count_text, formula, listed, nats, number, probability_column
 from .page import Badge, Details, Items, Page, Pictures, Section, Words, picture, write_page
-from .shared import fit_settings, folded, footer, settings_rows, settings_section, settings_table, summary_table
+from .shared import fit_settings, folded, footer, settings_rows, settings_section, summary_table
 
 
 def comparison_html(
     fits: Mapping[str, Posterior], table: pd.DataFrame, path: str | os.PathLike[str], config: str | None = None
 ) -> None:
-    """Write the report of a comparison, whose table is that of `compare`, as one HTML file that needs no network.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a comparison, whose table is that of `compare`, as one HTML file; see `write_page`."""
     write_page(comparison_page(fits, table, config), path)
 
 
@@ -36,11 +31,12 @@ def comparison_page(fits: Mapping[str, Posterior], table: pd.DataFrame, config: 
     """Return the report of a comparison; see `comparison_html`."""
     fits = {str(name): fits[str(name)] for name in table.index}
     made = table.attrs.get("versions") or versions()
-    badges, alerts = _trust(fits, table)
+    verdict = Badge("Too close to call", "warn", "≈") if tied(table) else Badge("Clear lead", "good", "✓")
+    badges, alerts = _trust(fits, table, verdict)
     data = fits[str(table.index[0])].data
     estimates = _estimates(fits)
     return Page(
-        title=f"Comparison: {_verdict(table).text.lower()}",
+        title=f"Comparison: {verdict.text.lower()}",
         kind="bayes_greybox · comparison of models",
         headline=_headline(table),
         badges=badges,
@@ -69,11 +65,7 @@ def _headline(table: pd.DataFrame) -> str:
     return f"{best} predicts data left out of the fit best: it is {nats(gap)} nats ahead of {second}{sure}."
 
 
-def _verdict(table: pd.DataFrame) -> Badge:
-    return Badge("Too close to call", "warn", "≈") if tied(table) else Badge("Clear lead", "good", "✓")
-
-
-def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Badge], list[str]]:
+def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame, verdict: Badge) -> tuple[list[Badge], list[str]]:
     """Return badges and alerts: a lead that rests on bad chains or weights is not shown as good."""
     failed = [name for name, fit in fits.items() if not convergence(fit).mixed]
     doubtful = unreliable(table)
@@ -87,21 +79,17 @@ def _trust(fits: Mapping[str, Posterior], table: pd.DataFrame) -> tuple[list[Bad
             f"Pareto k is above {number(table.attrs['threshold'], 2)} for {listed(doubtful)}, so the elpd there is not "
             "reliable: compare again with a larger max_refits."
         )
-    verdict = _verdict(table)
     return [*badges, Badge(verdict.text, "quiet", verdict.symbol) if badges else verdict], alerts
-
-
-RANKING = {
-    "model": "model", "#elpd, nats": "elpd", "#± SE, nats": "se", "#difference, nats": "elpd_diff",
-    "#± SE of the difference, nats": "diff_se", "#weight": "weight", "#worst k": "worst_k", "#refits": "refits",
-    "#p_eff": "p_eff",
-}  # fmt: skip
-"""Columns of the comparison by their headings in the ranking."""
 
 
 def _ranking(table: pd.DataFrame) -> Section:
     best = {str(table.index[0]), *tied(table)}
-    columns = {heading: compared(name) for heading, name in RANKING.items()}
+    headings = {
+        "model": "model", "#elpd, nats": "elpd", "#± SE, nats": "se", "#difference, nats": "elpd_diff",
+        "#± SE of the difference, nats": "diff_se", "#weight": "weight", "#worst k": "worst_k", "#refits": "refits",
+        "#p_eff": "p_eff",
+    }  # fmt: skip
+    columns = {heading: compared(name) for heading, name in headings.items()}
     drawn = plot_comparison(table)
     caption = f"Left out: {table.attrs['folds']}. Marked: the best model, and those that the data do not tell from it"
     blocks: list[Any] = [
@@ -125,20 +113,8 @@ def _ranking(table: pd.DataFrame) -> Section:
     return Section("ranking", "Which model predicts best?", lead, blocks)
 
 
-@dataclass(frozen=True)
-class _Estimate:
-    """Coefficient of a term, by equation and term, under a model: the probability that it matters, and all in words."""
-
-    key: tuple[str, str]
-    model: str
-    value: float
-    probability: str
-    size: str
-    ends: str
-
-
-def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
-    """Return the coefficients of every term, those of an equation together, under each model that has it."""
+def _estimates(fits: Mapping[str, Posterior]) -> list[dict[str, Any]]:
+    """Return the coefficients of every term, those of an equation together, under each model that has it, in words."""
     tables: dict[str, Any] = {name: inclusion(fit) for name, fit in fits.items()}
     keys = list(dict.fromkeys((str(name), str(term)) for table in tables.values() for name, term in table.index))
     order = list(dict.fromkeys(equation for equation, _ in keys))
@@ -149,42 +125,36 @@ def _estimates(fits: Mapping[str, Posterior]) -> list[_Estimate]:
                 continue
             row, column = tables[name].loc[key].to_dict(), probability_column(tables[name])
             prior = fit.model.stated(key[0], fit.data).priors.get(key[1])
-            given = "" if is_learned(prior) else " (given)"
-            ends = "–" if given else interval(row["lower"], row["upper"])
-            p, size = term_probability(row, column), f"{size_text(row, prior)}{given}"
-            estimates.append(_Estimate(key, name, float(row[column]), p, size, ends))
+            size = f"{size_text(row, prior)}{'' if is_learned(prior) else ' (given)'}"
+            texts = {"size": size, "ends": ends_text(row, prior), "probability": term_probability(row, column)}
+            estimates.append({"key": key, "model": name, "likely": row[column] > LIKELY_TO_MATTER, **texts})
     return estimates
 
 
-def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
-    """Return the section of the probability of each term, one column for each model."""
+def _terms(fits: Mapping[str, Posterior], estimates: Sequence[Mapping[str, Any]]) -> Section:
     first, *_ = fits
     data, equations = fits[first].data, fits[first].model.equations
-    by_key: dict[tuple[str, str], dict[str, _Estimate]] = {}
+    by_key: dict[tuple[str, str], dict[str, Any]] = {}
     for each in estimates:
-        by_key.setdefault(each.key, {})[each.model] = each
-    likely = _likely(estimates)
+        by_key.setdefault(each["key"], {})[each["model"]] = each
     titles = {name: PROBABILITIES[probability_column(inclusion(fit))] for name, fit in fits.items()}
 
     def cell(name: str) -> Callable[[Any], str]:
-        return lambda key: by_key[key][name].probability if name in by_key[key] else "–"
+        return lambda key: by_key[key][name]["probability"] if name in by_key[key] else "–"
 
     columns = {
         "`term": lambda key: formula(key[1]),
         "equation": lambda key: data.target_label(key[0]),
         **{f"#{name}: {title}": cell(name) for name, title in titles.items()},
     }
-
-    def best(key: Any) -> bool:
-        return first in by_key[key] and by_key[key][first].value > LIKELY_TO_MATTER
-
     captions = (
         "Terms more likely to matter than not under some model; those of the best one are marked",
         "Terms that are likely absent under every model",
         "{} likely absent under every model",
     )
-    nothing = "Under no model is a term more likely to matter than not."
-    blocks = folded(by_key, lambda key: key in likely, columns, equations, captions, nothing, best)
+    nothing, likely = "Under no model is a term more likely to matter than not.", _likely(estimates)
+    best = _likely([each for each in estimates if each["model"] == first])
+    blocks = folded(by_key, likely.__contains__, columns, equations, captions, nothing, best.__contains__)
     moved = data.target_in_words(*equations, article="the ")
     lead = (
         "Probability that a term matters. Only a spike-and-slab prior can leave a term out, and has P(included); for "
@@ -194,30 +164,27 @@ def _terms(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Sec
     return Section("terms", "Which terms matter under each model?", lead, blocks)
 
 
-def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[_Estimate]) -> Section:
-    """Return the section of the estimates of each term under each model that has it, one below the other."""
-    fit = next(iter(fits.values()))
+def _coefficients(fits: Mapping[str, Posterior], estimates: Sequence[Mapping[str, Any]]) -> Section:
+    fit, likely = next(iter(fits.values())), _likely(estimates)
     columns = {
-        "`term": lambda each: formula(each.key[1]),
-        "equation": lambda each: fit.data.target_label(each.key[0]),
-        "model": lambda each: each.model,
-        "#coefficient": lambda each: each.size,
-        "#90 % interval": lambda each: each.ends,
+        "`term": lambda each: formula(each["key"][1]),
+        "equation": lambda each: fit.data.target_label(each["key"][0]),
+        "model": lambda each: each["model"],
+        "#coefficient": lambda each: each["size"],
+        "#90 % interval": lambda each: each["ends"],
     }
     captions = (
         "Coefficients of the terms more likely to matter than not under some model",
         "Coefficients of the other terms",
         "Coefficients of terms likely absent under every model",
     )
-    likely = _likely(estimates)
-    blocks = folded(estimates, lambda each: each.key in likely, columns, fit.model.equations, captions)
+    blocks = folded(estimates, lambda each: each["key"] in likely, columns, fit.model.equations, captions)
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
     return Section("coefficients", "Coefficients", lead, blocks)
 
 
-def _likely(estimates: Sequence[_Estimate]) -> set[tuple[str, str]]:
-    """Return equation and term of the terms that matter under some model."""
-    return {each.key for each in estimates if each.value > LIKELY_TO_MATTER}
+def _likely(estimates: Sequence[Mapping[str, Any]]) -> set[tuple[str, str]]:
+    return {each["key"] for each in estimates if each["likely"]}
 
 
 def _convergence(fits: Mapping[str, Posterior]) -> Section:
@@ -247,7 +214,12 @@ def _convergence(fits: Mapping[str, Posterior]) -> Section:
 
 def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: str | None) -> Section:
     """Return the section of the settings in which models differ, side by side, and of those that they share."""
-    settings = {name: dict(settings_rows(_described(fit))) for name, fit in fits.items()}
+    settings = {}
+    for name, fit in fits.items():
+        described = fit_settings(fit)
+        # A place for the kernel also where there is none.
+        described["model"]["discrepancy"] = described["model"]["discrepancy"] or {"variant": None}
+        settings[name] = dict(settings_rows(described))
     keys = dict.fromkeys(key for one in settings.values() for key in one)
     rows = {key: [one.get(key) for one in settings.values()] for key in keys}
     partly = {key: [value or "–" for value in row] for key, row in rows.items() if None in row}
@@ -262,16 +234,9 @@ def _settings(fits: Mapping[str, Posterior], made: Mapping[str, str], config: st
         blocks = [Words("Prior, kernel, data and sampler are the same for all models.")]
     if partly:
         blocks.append(Details("Settings that only some of the models have", [drawn(partly, "Settings of some models")]))
+    by_package = "Versions by package"
     blocks += [
         Details("Settings that all models share", [drawn(shared, "Settings of all models", ("value",))]),
-        Details("Versions that made the comparison", [settings_table(made, "Versions by package")]),
+        Details("Versions that made the comparison", [Table(("setting", "value"), settings_rows(made), by_package)]),
     ]
     return settings_section("What do the models differ in?", blocks, config)
-
-
-def _described(fit: Posterior) -> dict[str, Any]:
-    """Return the settings of a fit, with a place for the kernel also where there is none."""
-    settings = fit_settings(fit)
-    if settings["model"]["discrepancy"] is None:
-        settings["model"]["discrepancy"] = {"variant": None}
-    return settings

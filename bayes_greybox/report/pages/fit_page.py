@@ -3,13 +3,12 @@
 import json
 import math
 import os
-from collections.abc import Callable
 from typing import Any
 
 import pandas as pd
 
 from bayes_greybox.criticism.checks.checks import checks
-from bayes_greybox.criticism.convergence import SHORT_VERDICT, Verdict, convergence
+from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
 from bayes_greybox.criticism.discrepancy import discrepancy_table
 from bayes_greybox.criticism.inclusion import inclusion
 from bayes_greybox.criticism.prediction import predict
@@ -21,21 +20,10 @@ from bayes_greybox.report import plots as figures
 from bayes_greybox.report.folders.holding import CONFIGURATION_ATTRIBUTE
 from bayes_greybox.report.pages.shared import trial_sections
 from bayes_greybox.report.tables import records_of, table_of
-from bayes_greybox.report.words.formatting import (
-    PROBABILITIES,
-    formula,
-    interval,
-    listed,
-    number,
-    probability_column,
-    probability_text,
-    quantity,
-    share_interval,
-    share_text,
-)
+from bayes_greybox.report.words import fit as words
+from bayes_greybox.report.words import formatting as fmt
 
-from ..words.fit import LIKELY_TO_MATTER, is_learned, row_label, rows_text, size_text, stated_text, term_probability
-from .page import Badge, Card, Details, Items, Page, Pictures, Section, Words, picture, write_page
+from .page import Badge, Card, Cards, Details, Items, Page, Pictures, Section, Words, picture, write_page
 from .shared import equations_block, fit_settings, folded, footer, made_section, verdict_blocks
 
 _CHECKS = {
@@ -45,16 +33,9 @@ _CHECKS = {
     "prior sensitivity": "The data decide, not the prior",
 }
 
-_TESTS = ("LOO-PIT", "whiteness")
-"""Checks whose value is a p-value."""
-
 
 def fit_html(fit: Posterior, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a fit, with the text of its configuration file, as one HTML file that needs no network.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a fit, with the text of its configuration file, as one HTML file; see `write_page`."""
     write_page(fit_page(fit, config), path)
 
 
@@ -73,45 +54,38 @@ def fit_page(fit: Posterior, config: str | None = None) -> Page:
         made_section("Model, sampler, seed and versions", fit_settings(fit), config or written),
     ]
     doubt = SHORT_VERDICT if verdict.short else "The sampler did not converge; do not rely on these numbers."
+    badge = Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")
     return Page(
         title="Fit: converged" if verdict.mixed else "Fit: not converged",
         kind="bayes_greybox · fit",
         headline=_headline(fit, terms, shares),
-        badges=[_badge(verdict)],
+        badges=[Badge("Converged, few draws", "warn", "✓") if verdict.short else badge],
         facts=_facts(fit),
         alerts=[] if verdict.ok else [" ".join([doubt, *verdict.reasons])],
         equations=equations_block(fitted_system(fit)),
-        cards=_cards(fit, shares),
-        cards_title=f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes",
+        opening=[_shares(fit, shares)],
         sections=sections,
         footer=footer(str(fit.idata.attrs.get("inference_library_version", ""))),
     )
 
 
-def _badge(verdict: Verdict) -> Badge:
-    if verdict.short:
-        return Badge("Converged, few draws", "warn", "✓")
-    return Badge("Converged", "good", "✓") if verdict.ok else Badge("Not converged", "bad", "!")
-
-
 def _headline(fit: Posterior, table: pd.DataFrame, shares: pd.DataFrame) -> str:
-    column = probability_column(table)
+    column = fmt.probability_column(table)
     sentences = []
     for name in fit.model.equations:
         rows = table.loc[name]
-        terms = [formula(str(term)) for term in rows.index[rows[column] > LIKELY_TO_MATTER]]
-        matter = f"{listed(terms)} matter" if len(terms) > 1 else f"{terms[0]} matters" if terms else "no term matters"
-        discrepancy = ""
+        terms = [fmt.formula(str(term)) for term in rows.index[rows[column] > words.LIKELY_TO_MATTER]]
+        text = f"{fmt.listed(terms) if terms else 'no term'} {'matter' if len(terms) > 1 else 'matters'}"
         if fit.model.discrepancy:
-            left = share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
-            discrepancy = f"; {left} of the variance is left to the discrepancy"
-        sentences.append(f"In {row_label(fit, name)}, {matter}{discrepancy}.")
+            left = fmt.share_text(max(float(shares.loc[name, "discrepancy"]), 0.0))
+            text += f"; {left} of the variance is left to the discrepancy"
+        sentences.append(f"In {words.row_label(fit, name)}, {text}.")
     return " ".join(sentences)
 
 
 def _facts(fit: Posterior) -> list[str]:
     data, sampling = fit.data, fit.sampling
-    rows = rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
+    rows = words.rows_text(data) + (f", {data.dropped} dropped" if data.dropped else "")
     kernel = "none" if fit.model.discrepancy is None else fit.model.discrepancy.variant
     return [
         f"data: {rows if fit.whole is None else fit.rows_in_words}",
@@ -122,19 +96,22 @@ def _facts(fit: Posterior) -> list[str]:
     ]
 
 
-def _cards(fit: Posterior, shares: pd.DataFrame) -> list[Card]:
+def _shares(fit: Posterior, shares: pd.DataFrame) -> Section:
     cards = []
     for name, row in zip(shares.index, shares.to_dict("records"), strict=True):
-        where = f" in {row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
-        if row["simulation"] != 0:
-            cards.append(Card(f"Simulation{where}", "Share of the variance.", share_text(row["simulation"])))
-        cards.append(Card(f"Dictionary{where}", "Share of the variance.", share_text(row["dictionary"])))
+        where = f" in {words.row_label(fit, str(name))}" if len(fit.equations) > 1 else ""
+        share = "Share of the variance"
+        parts = {"Simulation": (row["simulation"], ".")} if row["simulation"] != 0 else {}
+        parts["Dictionary"] = row["dictionary"], "."
         if fit.model.discrepancy is not None:
-            span = share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
-            about = f"Share of the variance that no term explains; 90\u00a0% interval {span}."
-            cards.append(Card(f"Discrepancy{where}", about, share_text(max(row["discrepancy"], 0.0))))
-        cards.append(Card(f"Noise{where}", "Share of the variance.", share_text(row["noise"])))
-    return cards
+            span = fmt.share_interval(row["discrepancy_lower"], row["discrepancy_upper"])
+            parts["Discrepancy"] = max(row["discrepancy"], 0.0), f" that no term explains; 90\u00a0% interval {span}."
+        parts["Noise"] = row["noise"], "."
+        cards += [
+            Card(f"{part}{where}", f"{share}{rest}", fmt.share_text(size)) for part, (size, rest) in parts.items()
+        ]
+    title = f"Where the variance of the measured {fit.data.target_in_words(*fit.model.equations)} goes"
+    return Section("numbers", title, "", [Cards(cards)])
 
 
 def _study(fit: Posterior) -> list[Section]:
@@ -143,33 +120,27 @@ def _study(fit: Posterior) -> list[Section]:
     if not text:
         return []
     found = json.loads(text)
-    words = Words(f"{found['sentence']} (Verdict: {found['verdict']}.)")
-    return [Section("study", "The study that made this model", "", [words])]
+    said = Words(f"{found['sentence']} (Verdict: {found['verdict']}.)")
+    return [Section("study", "The study that made this model", "", [said])]
 
 
 def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
-    column = probability_column(table)
+    column = fmt.probability_column(table)
     priors = {name: fit.model.stated(name, fit.data).priors for name in fit.model.equations}
 
     def prior(row: Any) -> Coefficient | None:
         return priors[row["equation"]].get(row["term"])
 
-    def learned(text: Callable[[Any], str], otherwise: Callable[[Any], str] = lambda row: "–") -> Callable[[Any], str]:
-        return lambda row: (text if is_learned(prior(row)) else otherwise)(row)
-
     columns = {
-        "`term": lambda row: formula(str(row["term"])),
-        "equation": lambda row: row_label(fit, str(row["equation"])),
-        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
-        "#coefficient": lambda row: size_text(row, prior(row)),
-        "#90 % interval": learned(lambda row: interval(row["lower"], row["upper"])),
-        "#shrinkage": learned(lambda row: number(row["shrinkage"], 2)),
+        "`term": lambda row: fmt.formula(str(row["term"])),
+        "equation": lambda row: words.row_label(fit, str(row["equation"])),
+        f"#{fmt.PROBABILITIES[column]}": lambda row: words.term_probability(row, column),
+        "#coefficient": lambda row: words.size_text(row, prior(row)),
+        "#90 % interval": lambda row: words.ends_text(row, prior(row)),
+        "#shrinkage": lambda row: fmt.number(row["shrinkage"], 2) if words.is_learned(prior(row)) else "–",
     }
     if "stated" in table:
-        columns["stated"] = lambda row: stated_text(prior(row))
-
-    def matters(row: Any) -> bool:
-        return row[column] > LIKELY_TO_MATTER
+        columns["stated"] = lambda row: words.stated_text(prior(row))
 
     captions = (
         "Terms more likely to matter than not",
@@ -177,9 +148,10 @@ def _coefficients(fit: Posterior, table: pd.DataFrame) -> Section:
         "{} no more likely to matter than not",
     )
     nothing = "No term is more likely to matter than not."
-    blocks = folded(records_of(table), matters, columns, fit.model.equations, captions, nothing)
-    if any(table[column] > LIKELY_TO_MATTER):
-        drawn = figures.coefficients(fit, least=LIKELY_TO_MATTER)
+    records, equations = records_of(table), fit.model.equations
+    blocks = folded(records, lambda row: row[column] > words.LIKELY_TO_MATTER, columns, equations, captions, nothing)
+    if any(table[column] > words.LIKELY_TO_MATTER):
+        drawn = figures.coefficients(fit, least=words.LIKELY_TO_MATTER)
         alt = "Coefficients with intervals and probabilities"
         blocks.insert(0, Pictures([picture(drawn, alt, wide=True)]))
     lead = "Posterior mean, standard deviation and equal-tailed 90 % interval of each coefficient, in your units."
@@ -191,7 +163,7 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
     draws = {"over the states": figures.discrepancy_over_states, "along time": figures.discrepancy_over_time}
     learned = fitted_system(fit).learned
     for name in fit.model.equations:
-        label, f = row_label(fit, name), learned[name].discrepancy
+        label, f = words.row_label(fit, name), learned[name].discrepancy
         alt = f"Discrepancy in {label}"
         shown = Pictures([picture(draw(fit, name), f"{alt} {how}", wide=True) for how, draw in draws.items()])
         if f is not None and f.left:
@@ -200,19 +172,19 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
             # A map of nothing shows patterns all the same.
             blocks += [Words(f"The data do not tell f of {label} from zero."), Details(f"f of {label} anyway", [shown])]
     columns = {
-        "equation": lambda row: row_label(fit, row["equation"]),
-        "#share": lambda row: share_text(row["discrepancy"]),
-        "#90 % interval": lambda row: share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
-        "#RMS of f": lambda row: quantity(row["rms"], target_unit(row["equation"], fit.data)),
-        "#noise SD": lambda row: quantity(row["sigma"], target_unit(row["equation"], fit.data)),
-        "#trade-off with θ": lambda row: f"{number(row['correlation'], 2)} ({formula(row['term'])})",
-        "#without orthogonality": lambda row: number(row["correlation_none"], 2),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
+        "#share": lambda row: fmt.share_text(row["discrepancy"]),
+        "#90 % interval": lambda row: fmt.share_interval(row["discrepancy_lower"], row["discrepancy_upper"]),
+        "#RMS of f": lambda row: fmt.quantity(row["rms"], target_unit(row["equation"], fit.data)),
+        "#noise SD": lambda row: fmt.quantity(row["sigma"], target_unit(row["equation"], fit.data)),
+        "#trade-off with θ": lambda row: f"{fmt.number(row['correlation'], 2)} ({fmt.formula(row['term'])})",
+        "#without orthogonality": lambda row: fmt.number(row["correlation_none"], 2),
     }
     caption = "The discrepancy beside the noise and the terms"
     blocks.append(table_of(records_of(shares), columns, caption, equations=fit.model.equations))
+    alt = "Posterior trade-off of f with a coefficient of {}"
     trades = [
-        picture(figures.trade_off(fit, name), f"Posterior trade-off of f with a coefficient of {row_label(fit, name)}")
-        for name in fit.model.equations
+        picture(figures.trade_off(fit, name), alt.format(words.row_label(fit, name))) for name in fit.model.equations
     ]
     blocks.append(Details("Trade-off between coefficients and discrepancy", [Pictures(trades)]))
     lead = (
@@ -224,13 +196,13 @@ def _discrepancy(fit: Posterior, shares: pd.DataFrame) -> Section:
 
 def _predicted(fit: Posterior) -> Section:
     shown = [
-        picture(figures.predicted(fit, name), f"Predicted and measured {row_label(fit, name)}", wide=True)
+        picture(figures.predicted(fit, name), f"Predicted and measured {words.row_label(fit, name)}", wide=True)
         for name in fit.model.equations
     ]
     errors = predict(fit, fit.data).nmse()
-    text = ", ".join(f"{row_label(fit, str(name))} {share_text(value)}" for name, value in errors.items())
-    words = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
-    return Section("predicted", "Predicted and measured", "", [Pictures(shown), words])
+    text = ", ".join(f"{words.row_label(fit, str(name))} {fmt.share_text(value)}" for name, value in errors.items())
+    said = Words(f"Mean square error over the variance of the measurements, training data: {text}.")
+    return Section("predicted", "Predicted and measured", "", [Pictures(shown), said])
 
 
 def _checks(fit: Posterior) -> Section:
@@ -239,14 +211,15 @@ def _checks(fit: Posterior) -> Section:
     def value(row: Any) -> str:
         if math.isnan(row["value"]):
             return ""
-        return probability_text(row["value"]) if row["check"] in _TESTS else number(row["value"], 2)
+        p_value = row["check"] in ("LOO-PIT", "whiteness")
+        return fmt.probability_text(row["value"]) if p_value else fmt.number(row["value"], 2)
 
     columns = {
         "check": lambda row: _CHECKS[row["check"]],
-        "equation": lambda row: row_label(fit, row["equation"]),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
         "result": lambda row: "not known" if math.isnan(row["value"]) else "passed" if row["ok"] else "look at this",
         "#value": value,
-        "#limit": lambda row: "" if math.isnan(row["limit"]) else number(row["limit"], 2),
+        "#limit": lambda row: "" if math.isnan(row["limit"]) else fmt.number(row["limit"], 2),
     }
     blocks: list[Any] = []
     if results.reasons:
@@ -254,20 +227,20 @@ def _checks(fit: Posterior) -> Section:
     caption, equations = "Checks that did not pass are marked", fit.model.equations
     blocks.append(table_of(records_of(results.table), columns, caption, lambda row: not row["ok"], equations))
     for name in fit.equations:
-        rate = row_label(fit, name)
+        rate = words.row_label(fit, name)
         shown = [
             picture(figures.loo_pit(fit, name), f"Leave-one-out predictions of {rate} against a uniform distribution"),
             picture(figures.autocorrelation(fit, name), f"Autocorrelation of the whitened residuals of {rate}"),
         ]
         if "prior_predictive" in fit.idata:
-            words = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
-            shown.append(picture(figures.predictive(fit, name), words, wide=True))
+            alt = f"Distribution of {rate}: measured, drawn from the prior and drawn from the posterior"
+            shown.append(picture(figures.predictive(fit, name), alt, wide=True))
         blocks.append(Pictures(shown))
     columns = {
-        "`quantity": lambda row: formula(str(row["quantity"])),
-        "equation": lambda row: row_label(fit, row["equation"]),
-        "#to the prior": lambda row: number(row["prior"], 2),
-        "#to the likelihood": lambda row: number(row["likelihood"], 2),
+        "`quantity": lambda row: fmt.formula(str(row["quantity"])),
+        "equation": lambda row: words.row_label(fit, row["equation"]),
+        "#to the prior": lambda row: fmt.number(row["prior"], 2),
+        "#to the likelihood": lambda row: fmt.number(row["likelihood"], 2),
         "diagnosis": lambda row: row["diagnosis"],
     }
     shown = [picture(figures.sensitivity(fit), "Sensitivity of each quantity to prior and likelihood", wide=True)]

@@ -1,13 +1,10 @@
 """The page of a fleet: what assets lack together, each effect pooled over them, and all assets by their gap."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
 
-from matplotlib.figure import Figure
-
-from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.fleet.shared import AssetStudy, Fleet, Shared
 from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.physics.catalogue.names import within
@@ -17,21 +14,12 @@ from bayes_greybox.report.tables import table_of
 from bayes_greybox.report.words.fleet import fleet_sentence, lacks_text, likely_text, not_pooled, shared_text, unit_of
 
 from ..words.formatting import estimate, formula, interval, known_share, number, probability_text, unit_text
-from .page import Badge, Card, Page, Pictures, Section, Words, time_picture, write_page
+from .page import Badge, Card, Cards, Page, Pictures, Section, Words, time_picture, write_page
 from .shared import footer
 
 
 def fleet_html(fleet: Fleet, path: str | os.PathLike[str], pages: dict[str, str] | None = None) -> None:
-    """Write the report of a fleet as one HTML file that needs no network.
-
-    Args:
-        fleet: The fleet.
-        path: Destination.
-        pages: Path of each asset's own report, from the folder of this one.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a fleet, with links to the `pages` of its assets, as one HTML file; see `write_page`."""
     write_page(fleet_page(fleet, pages or {}), path)
 
 
@@ -41,24 +29,19 @@ def fleet_page(fleet: Fleet, pages: dict[str, str]) -> Page:
     alerts += [f"The sampler did not converge for {e.asset}." for e in fleet.studied if e.converged is False]
     cause = fleet.causes[0] if len(fleet.causes) == 1 else None
     badge = _badge(fleet)
+    others = {"wrong coefficient": fleet.recalibrated, "fault of the measurement": fleet.mismeasured}
+    counts = {"Assets": len(fleet.assets), "lacking something": fleet.lacking, **{k: n for k, n in others.items() if n}}
     return Page(
         title=f"Fleet: {badge.text.lower()}",
         kind="bayes_greybox · fleet of studies",
         headline=fleet_sentence(fleet),
         badges=[badge],
-        facts=_facts(fleet),
+        facts=[f"{name}: {n}" for name, n in {**counts, "failed": len(fleet.failed)}.items()],
         alerts=alerts,
-        cards=_cards(cause),
-        cards_title="" if cause is None else shared_text(cause),
+        opening=_pooled_numbers(cause),
         sections=[_shared(fleet), _assets(fleet, pages)],
         footer=footer(versions()["bayes-greybox"]),
     )
-
-
-def _facts(fleet: Fleet) -> list[str]:
-    others = {"wrong coefficient": fleet.recalibrated, "fault of the measurement": fleet.mismeasured}
-    counts = {"Assets": len(fleet.assets), "lacking something": fleet.lacking, **{k: n for k, n in others.items() if n}}
-    return [f"{name}: {n}" for name, n in {**counts, "failed": len(fleet.failed)}.items()]
 
 
 def _badge(fleet: Fleet) -> Badge:
@@ -79,23 +62,28 @@ def _badge(fleet: Fleet) -> Badge:
     return Badge("No sure cause", "warn", "?") if fleet.suspected else Badge("Several causes", "warn", "≈")
 
 
-def _cards(cause: Shared | None) -> list[Card]:
+def _pooled_numbers(cause: Shared | None) -> list[Section]:
     if cause is None or cause.whole is None:
         return []
     whole, unit = cause.whole, f" {unit_text(cause.unit)}".rstrip()
     mean, between = f"{number(whole.mean)}{unit}", f"{number(whole.between)}{unit}"
     span = f"{number(whole.between_lower)} to {number(whole.between_upper)}"
     about = "standard deviation of their coefficients, 90\u00a0% interval"
-    return [
+    cards = [
         Card("Mean", "of the assets that lack it, 90\u00a0% interval", mean, note=interval(whole.lower, whole.upper)),
         Card("Between assets", about, between, note=span),
         Card("One coefficient for all", "probability, 0.5 beforehand", probability_text(whole.same)),
     ]
+    return [Section("numbers", shared_text(cause), "", [Cards(cards)])]
 
 
 def _shared(fleet: Fleet) -> Section:
     if not fleet.shared:
         return Section("lacks", "What they lack", blocks=[Words("No effect was added to the model of any asset.")])
+
+    def span(ends: Iterable[float]) -> str:
+        return " to ".join(dict.fromkeys(map(number, ends)))
+
     columns: dict[str, Callable[[Shared], str]] = {
         "effect": lambda each: each.name,
         "equation": lambda each: each.equation,
@@ -109,14 +97,16 @@ def _shared(fleet: Fleet) -> Section:
         "#mean": lambda each: "–" if each.whole is None else estimate(each.whole.mean, each.whole.sd),
         "#between assets": lambda each: "–" if each.whole is None else number(each.whole.between),
         "#P(one for all)": lambda each: "–" if each.whole is None else probability_text(each.whole.same),
-        "nonlinear parameters": lambda each: ", ".join(f"{k} {_range(*v)}" for k, v in each.inner.items()) or "–",
+        "nonlinear parameters": lambda each: ", ".join(f"{k} {span(v)}" for k, v in each.inner.items()) or "–",
         "unit": unit_of,
     }
     drawn = []
     for each in fleet.shared[:4]:
         if each.whole is not None:
             alt = f"Coefficient of {within(each.name)} in each asset, its own and pooled"
-            drawn.append(time_picture(partial(_pooled, each, each.whole), alt, shared_text(each)))
+            label = with_unit(f"coefficient of {formula(each.expression)}", each.unit)
+            draw = partial(plot_pooled, each.assets, each.mean, each.sd, each.whole, label)
+            drawn.append(time_picture(draw, alt, shared_text(each)))
     lead = (
         "Effects that were added to the models of assets; “3 to 5” are three that surely have it and two that may, as "
         "something else does the same there. A coefficient is pooled over those that surely have it: each one's own is "
@@ -125,11 +115,6 @@ def _shared(fleet: Fleet) -> Section:
     )
     table = table_of(fleet.shared, columns, "Effects and their coefficients")
     return Section("lacks", "What they lack", lead, [table, *map(Words, not_pooled(fleet)), Pictures(drawn)])
-
-
-def _pooled(shared: Shared, whole: Pooled, width: float) -> Figure:
-    label = with_unit(f"coefficient of {formula(shared.expression)}", shared.unit)
-    return plot_pooled(shared.assets, shared.mean, shared.sd, whole, label, width)
 
 
 def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
@@ -148,7 +133,3 @@ def _assets(fleet: Fleet, pages: dict[str, str]) -> Section:
     links = [pages.get(each.asset, "") for each in fleet.assets]
     table = replace(table_of(fleet.assets, columns, "All assets"), links=links)
     return Section("assets", "Assets by their gap", lead, [table])
-
-
-def _range(low: float, high: float) -> str:
-    return number(low) if number(low) == number(high) else f"{number(low)} to {number(high)}"

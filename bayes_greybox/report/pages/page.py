@@ -8,7 +8,7 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,6 @@ from bayes_greybox.report.drawing.svg import drawing
 from bayes_greybox.report.tables import Table as Table
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import write_text
-
-PHONE_WIDTH = 4.6
-"""Width in inches of figures along time on a phone, where a wide one would be too small to read."""
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -45,15 +42,6 @@ class Card:
     before: str = ""
     note: str = ""
     left: float | None = None
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A finding about the verdict; its tone is "bad" if it speaks against the verdict, else "good" or "quiet"."""
-
-    topic: str
-    text: str
-    tone: str
 
 
 @dataclass(frozen=True)
@@ -83,18 +71,13 @@ class Code:
 
 
 @dataclass(frozen=True)
-class Equation:
-    """A formula in parts, MathML of which a line may break between any two; `text` is the same in plain letters."""
-
-    parts: Sequence[str]
-    text: str
-
-
-@dataclass(frozen=True)
 class Equations:
-    """Learned equations, notes such as nonlinear parameters, the rule for terms, and all in LaTeX to copy."""
+    """Learned equations, notes such as nonlinear parameters, the rule for terms, and all in LaTeX to copy.
 
-    equations: Sequence[Equation]
+    An equation is formulas in MathML, of which a line may break between any two, and the same in plain letters.
+    """
+
+    equations: Sequence[tuple[Sequence[str], str]]
     notes: Sequence[str]
     rule: str
     latex: str
@@ -138,9 +121,9 @@ class Cards:
 
 @dataclass(frozen=True)
 class Findings:
-    """Findings about a verdict."""
+    """Findings about a verdict, each with topic, text and `against`: True, False, or None if not looked at."""
 
-    findings: Sequence[Finding]
+    findings: Sequence[Any]
     kind: str = "findings"
 
 
@@ -169,12 +152,8 @@ class Page:
     facts: Sequence[str] = ()
     alerts: Sequence[str] = ()
     equations: Equations | None = None
-    findings: Sequence[Finding] = ()
-    findings_title: str = ""
-    cards: Sequence[Card] = ()
-    cards_title: str = ""
     opening: Sequence[Section] = ()
-    sections: Sequence[Section] = field(default_factory=tuple)
+    sections: Sequence[Section] = ()
     footer: str = ""
     remarks: str = ""
 
@@ -190,11 +169,7 @@ def render(page: Page) -> str:
 
 
 def require_place(path: str | os.PathLike[str]) -> None:
-    """Refuse the destination of a page that cannot be written, before the work for it.
-
-    Raises:
-        InputError: There is no such folder, or nothing can be written to it.
-    """
+    """Refuse the destination of a page that cannot be written, before the work for it."""
     try:
         with tempfile.TemporaryFile(dir=Path(path).parent):
             pass
@@ -203,7 +178,7 @@ def require_place(path: str | os.PathLike[str]) -> None:
 
 
 def write_page(page: Page, path: str | os.PathLike[str]) -> None:
-    """Write a page beside its destination, then rename it, so that it is never half-written.
+    """Write a page, which needs no network, beside its destination, then rename it: it is never half-written.
 
     Raises:
         InputError: The destination cannot be written.
@@ -215,17 +190,14 @@ def write_page(page: Page, path: str | os.PathLike[str]) -> None:
         raise _unwritable(Path(path), error) from error
 
 
-def picture(figure: Figure, alt: str, caption: str = "", *, wide: bool = False) -> Picture:
+def picture(figure: Figure, alt: str, *, wide: bool = False) -> Picture:
     """Return a figure for the page."""
-    return Picture(drawing(figure, alt), alt, caption, wide=wide)
+    return Picture(drawing(figure, alt), alt, wide=wide)
 
 
 def time_picture(draw: Callable[[float], Figure], alt: str, caption: str = "") -> Picture:
-    """Return a wide figure, such as one along time, drawn twice: for a screen and, narrower, for a phone.
-
-    `draw` draws it at a width in inches.
-    """
-    return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(PHONE_WIDTH), alt), wide=True)
+    """Return a wide figure, such as one along time, drawn at two widths in inches: for a screen and for a phone."""
+    return Picture(drawing(draw(9.0), alt), alt, caption, narrow=drawing(draw(4.6), alt), wide=True)
 
 
 def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
@@ -236,11 +208,6 @@ def _unwritable(path: str | os.PathLike[str], error: OSError) -> InputError:
 def _template() -> Any:
     import jinja2  # only pages need it
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("page.html.j2")
+    look: dict[str, Any] = {"autoescape": True, "trim_blocks": True, "lstrip_blocks": True}
+    loader = jinja2.FileSystemLoader(_TEMPLATES)
+    return jinja2.Environment(loader=loader, undefined=jinja2.StrictUndefined, **look).get_template("page.html.j2")

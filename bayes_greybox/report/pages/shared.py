@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import band_sources
 from bayes_greybox.criticism.convergence import SHORT_VERDICT, convergence
-from bayes_greybox.criticism.free_run import FreeRun
 from bayes_greybox.criticism.judged import quantity_name
 from bayes_greybox.criticism.summary import summary
 from bayes_greybox.criticism.trial import trial
@@ -24,7 +23,7 @@ from bayes_greybox.report.tables import Table, records_of, table_of
 from bayes_greybox.report.words.fit import row_label
 
 from ..words.formatting import count_text, counted, listed, number, percent_text, share_text, unit_text
-from .page import Code, Details, Equation, Equations, Items, Pictures, Section, Words, time_picture
+from .page import Code, Details, Equations, Items, Pictures, Section, Words, time_picture
 
 
 def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> Section:
@@ -35,17 +34,21 @@ def settings_section(title: str, blocks: Sequence[Any], config: str | None) -> S
 
 def made_section(opens: str, settings: Mapping[str, Any], config: str | None) -> Section:
     """Return the last section of the page of one result, whose settings the line `opens` opens."""
-    return settings_section("How this was made", [Details(opens, [settings_table(settings)])], config)
+    table = Table(("setting", "value"), settings_rows(settings), "Settings by name")
+    return settings_section("How this was made", [Details(opens, [table])], config)
 
 
-def settings_table(settings: Mapping[str, Any], caption: str = "Settings by name") -> Table:
-    """Return nested settings as rows of name and value."""
-    return Table(("setting", "value"), settings_rows(settings), caption)
-
-
-def settings_rows(settings: Mapping[str, Any]) -> list[tuple[str, str]]:
+def settings_rows(settings: Mapping[str, Any], path: str = "") -> list[tuple[str, str]]:
     """Return name and value of each setting, nested or not."""
-    return [(" / ".join(path), value) for path, value in _flat(settings, ())]
+    rows = []
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            rows += settings_rows(value, f"{path}{key} / ")
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            rows.append((f"{path}{key}", ", ".join(number(item, 6) for item in value) or "none"))
+        else:
+            rows.append((f"{path}{key}", "none" if value is None else number(value, 6)))
+    return rows
 
 
 def fit_settings(fit: Posterior) -> dict[str, Any]:
@@ -81,17 +84,23 @@ def folded(
 
 def summary_table(fit: Posterior, estimates: bool = True) -> Table:
     """Return every quantity of a fit with R̂ and effective sample sizes, and with its estimate if that is wanted."""
-    table = summary(fit)
-    if not estimates:
-        table = table[list(_HEADS)]
+    heads = {"r_hat": "R̂", "ess_bulk": "bulk ESS", "ess_tail": "tail ESS"}
+    table = summary(fit) if estimates else summary(fit)[list(heads)]
+
+    def text(column: str, value: Any) -> str:
+        if column == "unit":
+            return unit_text(value) or "–"
+        if column == "r_hat" and math.isfinite(value):
+            return f"{value:.3f}"
+        return count_text(value) if column in ("ess_bulk", "ess_tail") else number(value, 4)
 
     def cell(column: Any) -> Callable[[Any], str]:
-        return lambda row: _cell(column, row[column])
+        return lambda row: text(column, row[column])
 
     columns = {
         "quantity": lambda row: quantity_name(str(row["quantity"])),
         "equation": lambda row: row_label(fit, row["equation"]),
-        **{name if name == "unit" else f"#{_HEADS.get(name, name)}": cell(name) for name in table.columns},
+        **{name if name == "unit" else f"#{heads.get(name, name)}": cell(name) for name in table.columns},
     }
     caption = "How well each quantity was sampled"
     if estimates:
@@ -113,7 +122,7 @@ def equations_block(system: LearnedSystem) -> Equations | None:
     """Return learned equations for the top of a page; None where nothing was learned."""
     if not system.learned:
         return None
-    shown = [Equation(equation_mathml(system, name), equation_text(system, name)) for name in system.shown]
+    shown = [(equation_mathml(system, name), equation_text(system, name)) for name in system.shown]
     notes = [*(text for name in system.learned for text in inner_text(system, name)), *parameter_text(system)]
     return Equations(shown, notes, note(system), equations_latex(system))
 
@@ -121,30 +130,6 @@ def equations_block(system: LearnedSystem) -> Equations | None:
 def footer(version: str | None) -> str:
     """Return the last line of a page."""
     return f"Made by bayes_greybox{f' {version}' if version else ''}. This file holds everything it shows."
-
-
-_HEADS = {"r_hat": "R̂", "ess_bulk": "bulk ESS", "ess_tail": "tail ESS"}
-
-
-def _cell(column: str, value: Any) -> str:
-    if column == "unit":
-        return unit_text(value) or "–"
-    if column == "r_hat" and math.isfinite(value):
-        return f"{value:.3f}"
-    return count_text(value) if column in ("ess_bulk", "ess_tail") else number(value, 4)
-
-
-def _flat(value: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], str]]:
-    if isinstance(value, Mapping):
-        for key, item in value.items():
-            yield from _flat(item, (*path, str(key)))
-    elif isinstance(value, Sequence) and not isinstance(value, str):
-        yield path, ", ".join(number(item, 6) for item in value) or "none"
-    else:
-        yield path, "none" if value is None else number(value, 6)
-
-
-ANCHOR = "free-run"
 
 
 def free_run_section(
@@ -157,16 +142,17 @@ def free_run_section(
 ) -> Section:
     """Return free runs as a section, with the figure of each state, which a function draws at a width in inches.
 
-    A sentence on the bands follows the lead, with their contents as their legends have them. Further blocks stand
-    above.
+    Sentences on the bands, with what varies in them by `holds`, follow the lead. Further blocks stand above.
     """
     pictures = [time_picture(draw, f"Free run of {state} {shown}") for state, draw in drawn.items()]
-    bands = (
-        f" Bands hold 90 % of the posterior draws{_varied(holds)}; where none is seen it is narrower than the line. "
-        "A cross marks where a run failed."
+    if not pictures:
+        return Section("free-run", title, lead, further)
+    varied = {band_sources(each) for each in holds} - {""}
+    of = f" of {listed(varied.pop().split(', '))}" if varied else ""
+    bands = f"Bands hold 90 % of the posterior draws{of}; where none is seen it is narrower than the line."
+    return Section(
+        "free-run", title, f"{lead} {bands} A cross marks where a run failed.", [*further, Pictures(pictures)]
     )
-    blocks = [*further, *([Pictures(pictures)] if pictures else [])]
-    return Section(ANCHOR, title, lead + (bands if pictures else ""), blocks)
 
 
 def trial_sections(fit: Posterior) -> list[Section]:
@@ -176,10 +162,10 @@ def trial_sections(fit: Posterior) -> list[Section]:
     """
     tried = trial(fit)
     run = tried.run
-    rows = []
-    for name, error in tried.nmse.items():
-        predicted = row_label(fit, name, "samples")
-        rows.append((f"mean square error of the predicted {predicted}, over its variance", share_text(error)))
+    rows = [
+        (f"mean square error of the predicted {row_label(fit, name, 'samples')}, over its variance", share_text(error))
+        for name, error in tried.nmse.items()
+    ]
     for name, error in run.nrmse().items() if run else ():
         rows.append((f"RMS error of the free run of {name}, over its standard deviation", percent_text(float(error))))
     if run is None and not (rows or tried.why):
@@ -197,11 +183,6 @@ def trial_sections(fit: Posterior) -> list[Section]:
         return [free_run_section(title, lead, {}, [], blocks)]
     lead += " The model is started where the measurements start and then left alone."
     drawn = {state: partial(figures.simulated, run, state) for state in run.states}
-    return [free_run_section(title, lead, drawn, [run.holds], [*blocks, *map(Words, _failures(run))])]
-
-
-def _failures(run: FreeRun) -> list[str]:
-    """Return the runs that blew up, and when, as a sentence."""
     data, unit = run.data, run.data.unit("t") or ""
     failed = [
         f"{percent_text(float(share))} of the draws{f' in run {name}' if data.n_run > 1 else ''} after "
@@ -209,10 +190,5 @@ def _failures(run: FreeRun) -> list[str]:
         for k, (name, share, at) in enumerate(zip(data.run_names, run.failed, run.failed_at, strict=True))
         if share > 0
     ]
-    return [f"The free run blows up: {listed(failed)}."] if failed else []
-
-
-def _varied(holds: Iterable[str]) -> str:
-    """Return the quantities that vary between the draws, as a clause."""
-    held = {band_sources(each) for each in holds} - {""}
-    return f" of {listed(held.pop().split(', '))}" if held else ""
+    blocks += [Words(f"The free run blows up: {listed(failed)}.")] if failed else []
+    return [free_run_section(title, lead, drawn, [run.holds], blocks)]

@@ -1,6 +1,7 @@
 """The page of a missing-effect study: the verdict first, then the ladder of evidence that leads to it."""
 
 import os
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from bayes_greybox.report.words.sentence import statements
 from bayes_greybox.report.words.study import METRICS, closed_text, in_noise, metric_value, metric_words
 
 from . import study_sections as rungs
-from .page import Badge, Card, Cards, Finding, Findings, Page, Section, Words, write_page
+from .page import Badge, Card, Cards, Findings, Page, Section, Words, write_page
 from .shared import equations_block, footer, made_section, verdict_blocks
 
 BADGES = {
@@ -28,17 +29,10 @@ BADGES = {
     "partly named": Badge("Partly named", "warn", "◐"),
     "unknown": Badge("Unknown", "bad", "?"),
 }
-MOST_CARDS = 6
-ABOUT = ("name", "date")
-"""Settings that the head of a page shows."""
 
 
 def study_html(study: StudyResult, path: str | os.PathLike[str], config: str | None = None) -> None:
-    """Write the report of a study, with the text of its configuration file, as one HTML file that needs no network.
-
-    Raises:
-        InputError: The destination cannot be written.
-    """
+    """Write the report of a study, with the text of its configuration file, as one HTML file; see `write_page`."""
     write_page(study_page(study, config), path)
 
 
@@ -47,12 +41,15 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
     first, *others = statements(study)
     settings = study.settings
     opening = [rungs.to_do(study), rungs.free_runs(study), _numbers(study)]
-    ladder = [rungs.where(study), rungs.what(study), _checks(study)]
     rest = (rungs.measurement, rungs.corrections, rungs.how_much, rungs.gap_numbers, _convergence)
     made = made_section("Settings, seed, versions and times", settings, config or study.config)
-    sections = [*ladder, *(rung(study) for rung in rest), made]
-    about = ["bayes_greybox", "missing-effect study", *(str(settings[key]) for key in ABOUT if key in settings)]
+    ladder = (rungs.where, rungs.what, _checks, *rest)
+    sections = [*(rung(study) for rung in ladder), made]
+    about = ["bayes_greybox", "missing-effect study", *(str(settings[k]) for k in ("name", "date") if k in settings)]
     name = f"{settings['name']}: " if "name" in settings else ""
+    # Of chains that agree the findings say what more draws would do.
+    reasons = "" if study.fit is None else " ".join(convergence(study.fit).reasons)
+    alerts = [f"The sampler did not converge; do not rely on these numbers. {reasons}"]
     return Page(
         title=f"{name}missing-effect study: {study.verdict}",
         kind=" · ".join(about),
@@ -60,7 +57,7 @@ def study_page(study: StudyResult, config: str | None = None) -> Page:
         remarks=unbroken(" ".join(others)),
         badges=_badges(study),
         facts=_facts(study),
-        alerts=_alerts(study),
+        alerts=alerts if study.fit is not None and not convergence(study.fit).mixed else [],
         equations=equations_block(studied_system(study)),
         opening=[section for section in opening if section is not None],
         sections=[section for section in sections if section is not None],
@@ -80,11 +77,8 @@ def _badges(study: StudyResult) -> list[Badge]:
 
 
 def _checks(study: StudyResult) -> Section:
-    """Return the section of findings, those first that speak against the verdict."""
-    tones, found = {True: "bad", None: "quiet", False: "good"}, doubts(study)
-    findings = [Finding(each.topic, unbroken(each.text), tones[each.against]) for each in found]
-    ordered = sorted(findings, key=lambda finding: finding.tone != "bad")
-    return Section("against", doubts_title(found), "", [Findings(ordered)])
+    found = [replace(each, text=unbroken(each.text)) for each in doubts(study)]
+    return Section("against", doubts_title(found), "", [Findings(sorted(found, key=lambda each: not each.against))])
 
 
 def _facts(study: StudyResult) -> list[str]:
@@ -97,15 +91,7 @@ def _facts(study: StudyResult) -> list[str]:
     return [*facts, *data_remarks(study.train, study.test)]
 
 
-def _alerts(study: StudyResult) -> list[str]:
-    # Of chains that agree the findings say what more draws would do.
-    if study.fit is None or convergence(study.fit).mixed:
-        return []
-    return [f"The sampler did not converge; do not rely on these numbers. {' '.join(convergence(study.fit).reasons)}"]
-
-
 def _numbers(study: StudyResult) -> Section | None:
-    """Return the section of the measures of the gap, before and after."""
     part = shown_part(study)
     table = study.gap.xs(part, level=0)
     denied = is_denied(study)
@@ -129,11 +115,10 @@ def _numbers(study: StudyResult) -> Section | None:
             cards.append(Card(title, about, **ends, note=note, left=None if left is None else min(left, 1.0)))
     measured_on = "held-out data" if part == "test" else "the training data (none were held out)"
     title = f"The gap before and after, on {measured_on}"
-    return Section("numbers", title, "", [Cards(cards[:MOST_CARDS])]) if cards else None
+    return Section("numbers", title, "", [Cards(cards[:6])]) if cards else None
 
 
 def _convergence(study: StudyResult) -> Section:
-    """Return the section of the convergence of the extended model's fit."""
     title = "Can the sampler be trusted?"
     if study.fit is None:
         text = "The extended model was not sampled: its numbers are those of the Laplace approximation."

@@ -1,6 +1,5 @@
 """The ladder of evidence of a missing-effect study, rung by rung, each a section of its page."""
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -20,43 +19,15 @@ from bayes_greybox.report.pages.shared import free_run_section
 from bayes_greybox.report.plots.gap.gap_map import SURE_GAP
 from bayes_greybox.report.plots.studies import gap_parts
 from bayes_greybox.report.tables import Table, records_of, table_of
+from bayes_greybox.report.words import formatting as fmt
+from bayes_greybox.report.words import study as words
 from bayes_greybox.report.words.asked import STUDY_FILE, asked
 from bayes_greybox.report.words.doubts import doubts
-from bayes_greybox.report.words.formatting import (
-    counted,
-    estimate,
-    formula,
-    interval,
-    nats,
-    number,
-    numbers_in,
-    percent_text,
-    probability_text,
-    quantity,
-    share_text,
-    unbroken,
-)
-from bayes_greybox.report.words.study import (
-    closed_cell,
-    closed_heading,
-    concentration,
-    metric_interval,
-    metric_value,
-    metric_words,
-    name_of,
-    reversed_text,
-    suspect_size,
-    suspects_weighed,
-    whole_term,
-)
 
 from .page import Code, Details, Picture, Pictures, Section, Words, picture, time_picture
 
-MOST_TIED = 3
-"""Effects that another is tied with, as the table names them."""
-
-STATUS = {"added": "in the model", "one of": "could stand in its place", "": "–"}
-"""Words for the status of an effect."""
+ADOPTED = ("named", "recalibrate")
+"""Verdicts that ask to take over what was found."""
 
 
 def to_do(study: StudyResult) -> Section:
@@ -64,13 +35,8 @@ def to_do(study: StudyResult) -> Section:
     # A page of the command line lies beside the study's file.
     blocks: list[Any] = []
     for each in asked(study, STUDY_FILE if "configuration" in study.settings else ""):
-        blocks += [Words(unbroken(each.text)), *([Code(each.command)] if each.command else [])]
-    return Section("to-do", "What to do now", "", [*blocks, *(_simulation(study) if adopted(study) else [])])
-
-
-def adopted(study: StudyResult) -> bool:
-    """Return whether the verdict asks to take over what was found."""
-    return study.verdict in ("named", "recalibrate")
+        blocks += [Words(fmt.unbroken(each.text)), *([Code(each.command)] if each.command else [])]
+    return Section("to-do", "What to do now", "", blocks + (_simulation(study) if study.verdict in ADOPTED else []))
 
 
 def _simulation(study: StudyResult) -> list[Code]:
@@ -85,7 +51,20 @@ def _simulation(study: StudyResult) -> list[Code]:
 def where(study: StudyResult) -> Section:
     """Return the section of gap maps, gap along time, regions and windows."""
     blocks: list[Any] = [Pictures(_maps(study, equation)) for equation in study.maps]
-    blocks.append(_regions(study) if len(study.where) else Words("No region and no stretch of time stands out."))
+    if len(study.where):
+        columns = {
+            "where": lambda row: fmt.unbroken(fmt.numbers_in(row["description"])),
+            "equation": lambda row: _rate(study, row["equation"]),
+            "#probability": lambda row: fmt.probability_text(row["probability"]),
+            "#share of the gap": lambda row: fmt.share_text(row["gap_share"]),
+            "#share of the samples": lambda row: fmt.share_text(row["sample_share"]),
+            "#concentration": words.concentration,
+            "kind": lambda row: row["kind"],
+        }
+        caption = "Regions of the state space and stretches of time that hold the gap"
+        blocks.append(_table(study, study.where, columns, caption))
+    else:
+        blocks.append(Words("No region and no stretch of time stands out."))
     measured = study.train.target_in_words(*study.maps)
     lead = (
         f"The gap is what the measured {measured} has beyond the model: its posterior mean by colour, with a bold "
@@ -103,28 +82,35 @@ def what(study: StudyResult) -> Section:
     """Return the section of hypotheses and effects with their probabilities."""
     blocks: list[Any] = [
         Pictures([picture(figures.ranking(study, name), f"Probabilities of the hypotheses about {_rate(study, name)}")])
-        for name in _equations(study.hypotheses)
+        for name in study.hypotheses.index.unique(0)
     ]
     if len(study.effects):
         likely = (study.effects["status"] != "") | (study.effects["probability"] >= notable(study))
         effects: Any = shown_effects(study)
         shown, rest = effects[likely], effects[~likely]
-        text = f"No effect of the catalogue is as probable as {probability_text(notable(study))}."
+        text = f"No effect of the catalogue is as probable as {fmt.probability_text(notable(study))}."
         blocks.append(_effects(study, shown) if len(shown) else Words(text))
         if len(rest):
-            blocks.append(Details(counted(len(rest), "less probable effect"), [_effects(study, rest)]))
+            blocks.append(Details(fmt.counted(len(rest), "less probable effect"), [_effects(study, rest)]))
     if len(study.hypotheses):
-        table = _hypotheses(study)
+        columns = {
+            "hypothesis": lambda row: words.name_of(study, row["hypothesis"]),
+            "equation": lambda row: _rate(study, row["equation"]),
+            "#P by itself": lambda row: fmt.probability_text(row["probability"]),
+            "#log evidence [nat]": lambda row: fmt.nats(row["log_evidence"], 2),
+            "#gap left": lambda row: fmt.share_text(row["share_left"]),
+        }
+        table = _table(study, sorted_by_probability(study.hypotheses), columns, "Every hypothesis, best first")
         blocks.append(Details("All hypotheses" if len(table.rows) > 1 else "The only hypothesis", [table]))
     if study.left_out:
         columns = {
-            "effect": lambda item: name_of(study, item[0][1]),
+            "effect": lambda item: words.name_of(study, item[0][1]),
             "equation": lambda item: _rate(study, item[0][0]),
             "reason": lambda item: item[1],
         }
         caption = "Effects that were not weighed, and why"
         left_out = table_of(study.left_out.items(), columns, caption, equations=list(study.maps))
-        blocks.append(Details(f"{counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
+        blocks.append(Details(f"{fmt.counted(len(study.left_out), 'effect')} not weighed, and why", [left_out]))
     lead = (
         "Hypotheses are sets of effects, and what needs none; their probabilities sum to one. The probability of an "
         "effect is the sum over all sets that hold it. Beside a discrepancy without a name a set counts with the share "
@@ -136,11 +122,10 @@ def what(study: StudyResult) -> Section:
 
 def how_much(study: StudyResult) -> Section | None:
     """Return the section of the coefficients of the added effects, and of the extended simulation to copy."""
-    blocks: list[Any] = []
+    alt, blocks = "Posterior distribution of the coefficient of each added effect", []
     if added(study).size:
-        alt = "Posterior distribution of the coefficient of each added effect"
-        blocks = [Pictures([picture(figures.added_coefficients(study), alt)])]
-    if not adopted(study):
+        blocks.append(Pictures([picture(figures.added_coefficients(study), alt)]))
+    if study.verdict not in ADOPTED:
         blocks += _simulation(study)
     return Section("how-much", "How much of it", "", blocks, folded=True) if blocks else None
 
@@ -163,9 +148,18 @@ def free_runs(study: StudyResult) -> Section | None:
 
 def gap_numbers(study: StudyResult) -> Section:
     """Return the section of every measure of the gap, held-out data first."""
-    captions = {"test": "On held-out data", "train": "On the training data"}
-    parts = set(study.gap.index.get_level_values(0))
-    blocks = [_gap(study, part, caption) for part, caption in captions.items() if part in parts]
+    blocks, parts = [], study.gap.index.unique(0)
+    for part, caption in {"test": "On held-out data", "train": "On the training data"}.items():
+        columns = {
+            "measure": lambda row: words.metric_words(study, row["metric"], str(row["variable"]))[0],
+            "#before": lambda row: words.metric_value(study, row["metric"], row["before"]),
+            "#after": lambda row: words.metric_value(study, row["metric"], row["after"]),
+            f"#{words.closed_heading(study)}": partial(words.closed_cell, study, part),
+            "#90 % interval of after": lambda row: words.metric_interval(
+                study, row["metric"], row["lower"], row["upper"]
+            ),
+        }
+        blocks += [_table(study, study.gap.xs(part, level=0), columns, caption)] if part in parts else []
     lead = "Before and after are of the mean over the posterior draws, intervals of single draws."
     if "free-run NRMSE" in study.gap.index.get_level_values("metric"):
         lead += " Errors of single draws cancel in the mean of a free run, whose own may thus lie below its interval."
@@ -176,35 +170,31 @@ def gap_numbers(study: StudyResult) -> Section:
 
 def measurement(study: StudyResult) -> Section:
     """Return the section of suspects about sensors and noise, and of the odds that they were weighed with."""
+    taken, least = IN_MODEL in set(study.instrument["status"]), fmt.percent_text(LISTED)
     blocks: list[Any] = []
     if len(study.instrument):
         columns = {
-            "what": lambda row: numbers_in(row["text"]),
+            "what": lambda row: fmt.numbers_in(row["text"]),
             "equation": lambda row: _rate(study, row["equation"]),
-            "#probability": lambda row: probability_text(row["probability"]),
+            "#probability": lambda row: fmt.probability_text(row["probability"]),
             "kind": lambda row: row["suspect"],
-            "#size": lambda row: suspect_size(row)[0],
-            "#90 % interval": lambda row: suspect_size(row)[1],
-            "#in samples": lambda row: suspect_size(row)[2],
+            "#size": lambda row: words.suspect_size(row)[0],
+            "#90 % interval": lambda row: words.suspect_size(row)[1],
+            "#in samples": lambda row: words.suspect_size(row)[2],
         }
-        inside = IN_MODEL in set(study.instrument["status"])
-        if not inside:
-            blocks.append(Words("Nothing about the measurement was taken for true."))
-        caption = f"Suspects with a probability of {percent_text(LISTED)} or more"
-        caption += "; those in the model are marked" if inside else "; none is in the model"
+        blocks += [] if taken else [Words("Nothing about the measurement was taken for true.")]
+        where = "those in the model are marked" if taken else "none is in the model"
+        caption = f"Suspects with a probability of {least} or more; {where}"
         blocks.append(_table(study, study.instrument, columns, caption, lambda row: row["status"] == IN_MODEL))
     else:
-        text = f"Every suspect was weighed and found unlikely: each has a probability below {percent_text(LISTED)}."
-        blocks.append(Words(text))
-    odds = suspects_weighed(study)
-    if odds:
+        blocks.append(Words(f"Every suspect was weighed and found unlikely: each has a probability below {least}."))
+    if odds := words.suspects_weighed(study):
         table = Table(("suspect", "prior"), odds, "Prior probability and size of each suspect")
         blocks.append(Details("What was weighed, and with which prior odds", [table]))
     lead = (
         "Sensors and noise are suspects like effects: channels that are late, scaled, offset or bent, and noise that "
         "is correlated, varies with the state or has outliers. What is in the model is taken for true beside effects."
     )
-    taken = IN_MODEL in set(study.instrument["status"])
     return Section("measurement", "The measurement", lead, blocks, folded=not taken)
 
 
@@ -214,12 +204,12 @@ def corrections(study: StudyResult) -> Section | None:
     if not len(table):
         return None
     columns = {
-        "`term": lambda row: formula(str(row["term"])),
+        "`term": lambda row: fmt.formula(str(row["term"])),
         "equation": lambda row: _rate(study, row["equation"]),
-        "#in the simulation": lambda row: number(row["nominal"], 4),
-        "#P(it is off)": lambda row: probability_text(row["probability"]),
-        "#correction": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
-        "#90 % interval": lambda row: interval(row["lower"], row["upper"]),
+        "#in the simulation": lambda row: fmt.number(row["nominal"], 4),
+        "#P(it is off)": lambda row: fmt.probability_text(row["probability"]),
+        "#correction": lambda row: fmt.estimate(row["mean"], row["sd"], row["unit"]),
+        "#90 % interval": lambda row: fmt.interval(row["lower"], row["upper"]),
     }
     likely, unclear = table["probability"] > study.criteria.missing, unclear_sign(study.corrections)
     shown = {
@@ -230,7 +220,7 @@ def corrections(study: StudyResult) -> Section | None:
     blocks = blocks or [Words("None of them is more likely off than not.")]
     if len(right := table[~likely]):
         folded = _table(study, right, columns, "Coefficients that are likely right")
-        blocks.append(Details(f"{counted(len(right), 'coefficient')} likely right", [folded]))
+        blocks.append(Details(f"{fmt.counted(len(right), 'coefficient')} likely right", [folded]))
     lead = "A coefficient of the simulation may be off: its correction is exactly zero unless the data say otherwise."
     return Section("corrections", "The simulation's own coefficients", lead, blocks, folded=not likely.any())
 
@@ -238,14 +228,13 @@ def corrections(study: StudyResult) -> Section | None:
 def _maps(study: StudyResult, equation: str) -> list[Picture]:
     gap = study.maps[equation]
     over = f"Gap in {_rate(study, equation)} over {' and '.join(gap.variables)}"
-    if len(gap.variables) == 2:
-        parts = gap_parts(study, equation)
-        shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
-    else:
+    parts = gap_parts(study, equation)
+    shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
+    if len(gap.variables) == 1:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
     if equation not in study.traces:
         return shown
-    event = f"P(|gap| > {quantity(gap.threshold, gap.unit)}) > {SURE_GAP:g}"
+    event = f"P(|gap| > {fmt.quantity(gap.threshold, gap.unit)}) > {SURE_GAP:g}"
     probability = study.traces[equation].probability
     sure = probability is not None and bool((probability > SURE_GAP).any())
     bars = f"Thick bars at the bottom: {event}" if sure else f"Nowhere is {event}"
@@ -257,79 +246,38 @@ def _maps(study: StudyResult, equation: str) -> list[Picture]:
     return [*shown, along]
 
 
-def _regions(study: StudyResult) -> Table:
-    columns = {
-        "where": lambda row: unbroken(numbers_in(row["description"])),
-        "equation": lambda row: _rate(study, row["equation"]),
-        "#probability": lambda row: probability_text(row["probability"]),
-        "#share of the gap": lambda row: share_text(row["gap_share"]),
-        "#share of the samples": lambda row: share_text(row["sample_share"]),
-        "#concentration": concentration,
-        "kind": lambda row: row["kind"],
-    }
-    return _table(study, study.where, columns, "Regions of the state space and stretches of time that hold the gap")
-
-
 def _effects(study: StudyResult, effects: pd.DataFrame) -> Table:
     def name(row: Any) -> str:
-        return f"{row['name']} ({turned})" if (turned := reversed_text(row)) else row["name"]
+        return f"{row['name']} ({turned})" if (turned := words.reversed_text(row)) else row["name"]
 
     def tied(row: Any) -> str:
         # What an improbable effect is tied with helps nobody.
-        return _tied(study, row["tied_with"]) if row["status"] or row["probability"] >= notable(study) else "–"
+        slugs = row["tied_with"] if row["status"] or row["probability"] >= notable(study) else ()
+        more = [f"{len(slugs) - 3} more"] if len(slugs) > 3 else []
+        return listing([*(words.name_of(study, slug) for slug in slugs[:3]), *more], ", ") or "–"
 
     columns = {
         "effect": name,
         "equation": lambda row: _rate(study, row["equation"]),
-        "#probability": lambda row: probability_text(row["probability"]),
-        "#coefficient": lambda row: estimate(row["mean"], row["sd"], row["unit"]),
-        "#90 % interval": lambda row: interval(row["lower"], row["upper"]),
-        "`term": lambda row: formula(whole_term(row)),
+        "#probability": lambda row: fmt.probability_text(row["probability"]),
+        "#coefficient": lambda row: fmt.estimate(row["mean"], row["sd"], row["unit"]),
+        "#90 % interval": lambda row: fmt.interval(row["lower"], row["upper"]),
+        "`term": lambda row: fmt.formula(words.whole_term(row)),
         "tied with": tied,
     }
     if "one of" in set(study.effects["status"]):
-        columns["status"] = lambda row: STATUS[row["status"]]
+        status = {"added": "in the model", "one of": "could stand in its place", "": "–"}
+        columns["status"] = lambda row: status[row["status"]]
     caption = "Effects of the catalogue, best first"
     if "added" in set(effects["status"]):
-        alone = "coefficients of the others are those that each would have alone"
-        caption += f"; those added to the model are marked, {alone}"
+        caption += (
+            "; those added to the model are marked, coefficients of the others are those that each would have alone"
+        )
     return _table(study, effects, columns, caption, lambda row: row["status"] == "added")
-
-
-def _tied(study: StudyResult, slugs: Sequence[str]) -> str:
-    names = [name_of(study, slug) for slug in slugs[:MOST_TIED]]
-    more = [f"{len(slugs) - MOST_TIED} more"] if len(slugs) > MOST_TIED else []
-    return listing([*names, *more], ", ") or "–"
-
-
-def _hypotheses(study: StudyResult) -> Table:
-    columns = {
-        "hypothesis": lambda row: name_of(study, row["hypothesis"]),
-        "equation": lambda row: _rate(study, row["equation"]),
-        "#P by itself": lambda row: probability_text(row["probability"]),
-        "#log evidence [nat]": lambda row: nats(row["log_evidence"], 2),
-        "#gap left": lambda row: share_text(row["share_left"]),
-    }
-    return _table(study, sorted_by_probability(study.hypotheses), columns, "Every hypothesis, best first")
-
-
-def _gap(study: StudyResult, part: str, caption: str) -> Table:
-    columns = {
-        "measure": lambda row: metric_words(study, row["metric"], str(row["variable"]))[0],
-        "#before": lambda row: metric_value(study, row["metric"], row["before"]),
-        "#after": lambda row: metric_value(study, row["metric"], row["after"]),
-        f"#{closed_heading(study)}": lambda row: closed_cell(study, part, row),
-        "#90 % interval of after": lambda row: metric_interval(study, row["metric"], row["lower"], row["upper"]),
-    }
-    return _table(study, study.gap.xs(part, level=0), columns, caption)
 
 
 def _table(study: StudyResult, rows: pd.DataFrame, columns: Any, caption: str, marked: Any = None) -> Table:
     return table_of(records_of(rows), columns, caption, marked, list(study.maps))
-
-
-def _equations(table: pd.DataFrame) -> list[str]:
-    return list(dict.fromkeys(table.index.get_level_values(0)))
 
 
 def _rate(study: StudyResult, equation: Any) -> str:

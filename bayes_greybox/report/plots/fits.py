@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from bayes_greybox.criticism.bands import Band
@@ -50,16 +51,10 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
 
 
 def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
-    """Draw the coefficients with their probabilities, beside the true values if they are known.
-
-    Args:
-        fit: Fit.
-        truth: True coefficients, {equation: {term: value}}.
-        level: Probability of the intervals.
-        least: Terms that are less probable are not drawn.
+    """Draw the coefficients with their intervals of probability `level`, and true values, {equation: {term: value}}.
 
     Raises:
-        InputError: No term is as probable as that.
+        InputError: No term is as probable as `least`.
     """
     table: Any = inclusion(fit, level)
     return plot_coefficients(table[table[probability_column(table)] >= least], truth=truth)
@@ -82,18 +77,12 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
-    """Draw a state as measured and as the fitted model runs it from its start alone.
-
-    Args:
-        run: Result of `fit.simulate(data)`.
-        state: Name of the state.
-        width: Width of the figure in inches.
-    """
-    data, band = run.data, run.states[state]
+    """Draw a state as measured and as the fitted model runs it from its start alone, by `fit.simulate(data)`."""
+    data = run.data
     return plot_free_run(
-        data.time, data.states[state], None, np.stack([band.mean, band.lower, band.upper]),
-        state=state, holds=run.holds, seen_as=seen_as(data, state), unit=data.unit(state), time_unit=data.unit("t"),
-        width=width, **_runs(data),
+        data.time, data.states[state], None, band_rows(run.states[state]),
+        state=state, holds=run.holds, seen_as=seen_as(data, state), unit=data.unit(state), width=width,
+        **runs_of(data, data.run),
     )  # fmt: skip
 
 
@@ -109,7 +98,7 @@ def discrepancy_over_states(
 def discrepancy_over_time(fit: Posterior, equation: str | None = None, level: float = 0.9) -> Figure:
     """Draw the posterior of f along the training data, against the noise level."""
     equation = equation or next(iter(fit.equations))
-    band: Band = predict(fit, fit.data, level)[equation].discrepancy
+    band = predict(fit, fit.data, level)[equation].discrepancy
     about = {"sigma": _noise(fit, equation), "level": level, **_along_time(fit, equation)}
     return plot_discrepancy_over_time(fit.data.time, band.mean, band.lower, band.upper, **about)
 
@@ -164,14 +153,19 @@ def sensitivity(fit: Posterior) -> Figure:
 
 
 def _noise(fit: Posterior, equation: str) -> float:
-    """Return the posterior mean of the noise's standard deviation."""
     return float(np.mean(fit.idata["posterior"][fit.sites[equation].sigma].to_numpy()))
 
 
-def _runs(data: Trajectories) -> dict[str, Any]:
-    return {} if data.n_run == 1 else {"run": data.run, "run_names": list(data.run_names)}
+def band_rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
+    """Return mean, lower and upper end of a band as rows."""
+    return np.stack([band.mean, band.lower, band.upper])
+
+
+def runs_of(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
+    """Return what figures along time are told of time and of runs, where there are several."""
+    about = {"time_unit": data.unit("t") or ""}
+    return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}
 
 
 def _along_time(fit: Posterior, equation: str) -> dict[str, Any]:
-    units = {"time_unit": fit.data.unit("t") or "", "unit": target_unit(equation, fit.data)}
-    return {"equation": equation, **units, **_runs(fit.data)}
+    return {"equation": equation, "unit": target_unit(equation, fit.data), **runs_of(fit.data, fit.data.run)}

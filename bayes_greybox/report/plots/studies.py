@@ -5,49 +5,28 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
-from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_greybox.criticism.bands import Band
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery import summary
 from bayes_greybox.discovery.answer.interval import INTERVAL_REACH
 from bayes_greybox.discovery.answer.where import GapMap
+from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.fleet.pooling import Pooled
 from bayes_greybox.discovery.learned import shown_effects
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import (
-    added,
-    added_draws,
-    answer,
-    changed,
-    shown_part,
-    support,
-    tied_sets,
-    trace_bands,
-)
 from bayes_greybox.discovery.ties import sorted_by_probability
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.plots.gap.before_after import plot_free_run, plot_gap_over_time, seen_as
 from bayes_greybox.report.plots.gap.gap_map import plot_gap_curve, plot_gap_map
-from bayes_greybox.report.words.formatting import formula
-from bayes_greybox.report.words.study import name_of, set_label
+from bayes_greybox.report.words.study import name_of
 from bayes_greybox.running.errors import InputError
 
+from ..words.formatting import formula, shorter
+from .fits import band_rows, runs_of
 from .gap.hypotheses import Coefficient, plot_hypotheses, plot_posteriors, plot_responses, plot_rounds
-
-MOST_HYPOTHESES, FEWEST_HYPOTHESES = 10, 3
-"""Hypotheses in the ranking's figure; a table has them all."""
-
-LEAST_PROBABLE = 0.001
-"""Beyond the fewest, hypotheses that are less probable are not drawn."""
-
-MOST_ASSETS = 60
-"""Largest number of assets in one figure; of more, as many from the smallest to the largest."""
-
-LONGEST_ASSET_NAME, LONGEST_SET_NAME = 28, 400
-"""Letters of an asset's name, and of a set's, in a figure."""
 
 
 def study_figures(study: StudyResult) -> dict[str, Figure]:
@@ -58,11 +37,11 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
         figures[f"gap_map{suffix}"] = gap_map(study, equation)
         if equation in study.traces:
             figures[f"gap_time{suffix}"] = gap_over_time(study, equation)
-        if equation in _equations(study.hypotheses):
+        if equation in study.hypotheses.index.unique(0):
             figures[f"ranking{suffix}"] = ranking(study, equation)
-        if equation in _equations(study.rounds):
+        if equation in study.rounds.index.unique(0):
             figures[f"rounds{suffix}"] = rounds(study, equation)
-    if added(study).size:
+    if summary.added(study).size:
         figures["added_coefficients"] = added_coefficients(study)
     figures |= {f"free_run_{state}": free_run(study, state) for state in study.paths}
     return figures
@@ -70,12 +49,12 @@ def study_figures(study: StudyResult) -> dict[str, Figure]:
 
 def gap_parts(study: StudyResult, equation: str) -> tuple[str, ...]:
     """Return the parts of the gap map, "before" and "after"; the first alone where nothing was changed."""
-    return ("before", "after") if changed(study.maps[equation]) else ("before",)
+    return ("before", "after") if summary.changed(study.maps[equation]) else ("before",)
 
 
 def gap_limit(gap: GapMap) -> float:
     """Return the end of the colour range of a gap before and after: what is small beside the noise is pale."""
-    inside = support(gap)
+    inside = summary.support(gap)
     seen = inside if inside.any() else np.ones_like(inside)
     return max(float(gap.threshold), *(float(np.abs(values[seen]).max()) for values in (gap.before, gap.after)))
 
@@ -88,17 +67,12 @@ def gap_map(
 ) -> Figure:
     """Draw the gap over the state space before and after, on one scale; curves where it is over one variable.
 
-    Colours go to the threshold at least: what is small beside the noise is pale.
-
-    Args:
-        study: The study.
-        equation: Learned state.
-        parts: Which of "before" and "after", by default `gap_parts`; curves always show both.
-        axes: Axes to draw into, one a part or one for curves.
+    Colours go to the threshold at least: what is small beside the noise is pale. `parts` are "before", "after" or
+    both, by default `gap_parts`, each on axes of its own; curves always show both.
     """
     gap = study.maps[equation]
     parts = parts or gap_parts(study, equation)
-    inside = support(gap)
+    inside = summary.support(gap)
     if len(gap.variables) == 1:
         values = (np.ravel(v) for v in (gap.before, gap.after, gap.probability, gap.after_probability))
         return plot_gap_curve(
@@ -124,41 +98,32 @@ def gap_over_time(study: StudyResult, equation: str, width: float = 9.0) -> Figu
     """Draw the gap along the training data before and after, with its 90 % bands."""
     trace = study.traces[equation]
     return plot_gap_over_time(
-        trace.time, *trace_bands(trace),
+        trace.time, *summary.trace_bands(trace),
         equation=equation, threshold=trace.threshold, probability=trace.probability, unit=trace.unit, width=width,
-        **_runs(study.train, trace.run),
+        **runs_of(study.train, trace.run),
     )  # fmt: skip
 
 
 def ranking(
     study: StudyResult,
     equation: str,
-    most: int = MOST_HYPOTHESES,
-    letters: int = LONGEST_SET_NAME,
+    most: int = 10,
+    letters: int = 400,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the hypotheses about one equation, most probable first.
-
-    Args:
-        study: The study.
-        equation: Learned state or output.
-        most: Largest number of hypotheses.
-        letters: Letters of a name.
-        axes: One axes to draw into.
-    """
+    """Draw the `most` probable hypotheses about one equation, likeliest first, by names of so many `letters`."""
 
     def label(slug: str) -> str:
-        name = name_of(study, slug)
-        return name if len(name) <= letters else f"{name[: letters - 1]}…"
+        return shorter(name_of(study, slug), letters)
 
     table: Any = sorted_by_probability(study.hypotheses.xs(equation, level=0))
-    likely = int((table["probability"] >= LEAST_PROBABLE).sum())
-    table = table.head(min(most, max(likely, FEWEST_HYPOTHESES)))
-    tied = tied_sets(study, equation)
+    # Three at least, of others those that are not next to impossible.
+    table = table.head(min(most, max(int((table["probability"] >= 0.001).sum()), 3)))
+    tied = summary.tied_sets(study, equation)
     return plot_hypotheses(
         [label(slug) for slug in table.index],
         table["probability"].to_numpy(float), table["share_left"].to_numpy(float),
-        chosen=[label(answer(study, equation))], tied=[label(slug) for slug in tied],
+        chosen=[label(summary.answer(study, equation))], tied=[label(slug) for slug in tied],
         title=f"Hypotheses about {study.train.target_label(equation)}", axes=axes,
     )  # fmt: skip
 
@@ -169,7 +134,8 @@ def rounds(study: StudyResult, equation: str) -> Figure:
     labels, left = ["the simulation as given"], [1.0]
     for row in table.to_dict("records"):
         if row["verdict"] != "no gap":
-            labels.append(set_label(study, row["verdict"]))
+            name = name_of(study, row["verdict"])
+            labels.append(f"no effect: {name}" if row["verdict"] in STOPS else name)
             left.append(float(row["share_left"]))
     title = f"Likeliest sets of each size, {study.train.target_label(equation)}"
     return plot_rounds(labels, np.array(left, float), title=title)
@@ -177,12 +143,12 @@ def rounds(study: StudyResult, equation: str) -> Figure:
 
 def added_coefficients(study: StudyResult) -> Figure:
     """Draw the posterior of the coefficient of each effect that was added."""
-    chosen = shown_effects(study).loc[added(study)]
+    chosen = shown_effects(study).loc[summary.added(study)]
     coefficients = []
     for place, row in enumerate(chosen.to_dict("records")):
         numbers: dict[str, Any] = {name: float(row[name]) for name in ("mean", "sd", "lower", "upper")}
         about = {"name": row["name"], "term": formula(row["expression"]), "unit": row["unit"]}
-        coefficients.append(Coefficient(**about, **numbers, draws=added_draws(study, place)))
+        coefficients.append(Coefficient(**about, **numbers, draws=summary.added_draws(study, place)))
     return plot_posteriors(coefficients)
 
 
@@ -193,7 +159,7 @@ def free_run(study: StudyResult, state: str, width: float = 9.0) -> Figure:
     return plot_free_run(
         path.time, path.measured, band_rows(path.before), band_rows(path.after),
         state=state, holds=path.holds, seen_as=seen_as(data, state), unit=data.unit(state), width=width,
-        **_runs(data, path.run),
+        **runs_of(data, path.run),
     )  # fmt: skip
 
 
@@ -201,12 +167,7 @@ def next_experiment(found: NextExperiment, place: int = 0, width: float = 9.0) -
     """Draw the responses of each sensor of an experiment under each explanation; figures by file name.
 
     Bands hold 90 % of the simulated outcomes, without noise; below, their difference from the likeliest explanation's
-    median.
-
-    Args:
-        found: The answer of `Study.next_experiment`.
-        place: Number of the experiment among those that are to be done together.
-        width: Width of the figures in inches.
+    median. `place` is the number of the experiment among those that are to be done together.
 
     Raises:
         InputError: Nothing was predicted, or fewer experiments were.
@@ -230,7 +191,8 @@ def plot_pooled(
 ) -> Figure:
     """Draw a forest of one coefficient: its mean and standard deviation in each asset, the pooled ones, their mean."""
     order = np.argsort(mean)
-    order = order[np.unique(np.linspace(0, len(order) - 1, min(MOST_ASSETS, len(order))).round().astype(int))]
+    # Of more than 60, as many from the smallest to the largest.
+    order = order[np.unique(np.linspace(0, len(order) - 1, min(60, len(order))).round().astype(int))]
     figure = style.new_figure(width, 1.3 + 0.24 * len(order))
     ax = figure.add_subplot()
     place = np.arange(len(order))
@@ -240,7 +202,7 @@ def plot_pooled(
     own_bars, pooled_bars = INTERVAL_REACH * sds, INTERVAL_REACH * pooled_sds
     ax.errorbar(means, place + 0.13, xerr=own_bars, fmt="o", ms=3.5, color=style.BLUE, label="its own data")
     ax.errorbar(pooled, place - 0.13, xerr=pooled_bars, fmt="s", ms=3, color=style.DARK, label="pooled")
-    ax.set_yticks(place, [style.shortened(str(names[int(i)]), LONGEST_ASSET_NAME) for i in order])
+    ax.set_yticks(place, [style.plain(shorter(str(names[int(i)]), 28)) for i in order])
     ax.set(ylim=(-0.7, len(order) - 0.3), xlabel=style.plain(label))
     figure.legend(loc="outside lower left", ncols=3)
     return figure
@@ -248,18 +210,4 @@ def plot_pooled(
 
 def run_data(study: StudyResult) -> Trajectories:
     """Return the data that free runs are compared with."""
-    return study.train if study.test is None or shown_part(study) == "train" else study.test
-
-
-def band_rows(band: Band) -> Float[np.ndarray, "3 n_obs"]:
-    """Return mean, lower and upper end of a band as rows."""
-    return np.stack([band.mean, band.lower, band.upper])
-
-
-def _runs(data: Trajectories, run: np.ndarray) -> dict[str, Any]:
-    about = {"time_unit": data.unit("t") or ""}
-    return about if len(np.unique(run)) == 1 else {**about, "run": run, "run_names": list(data.run_names)}
-
-
-def _equations(table: Any) -> list[str]:
-    return list(dict.fromkeys(table.index.get_level_values(0))) if len(table) else []
+    return study.train if study.test is None or summary.shown_part(study) == "train" else study.test

@@ -8,26 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import support, trace_bands
+from bayes_greybox.discovery.summary import changed, support, trace_bands
 from bayes_greybox.report.plots import style
 from bayes_greybox.running.errors import InputError
 
+from .fits import band_rows
 from .gap.before_after import UNSEEN_STATE, plot_free_run, plot_gap_over_time, seen_as
 from .posterior.over_states import fade_outside, finish_map
-from .studies import band_rows, gap_limit, gap_map, gap_parts, ranking, run_data
-
-MOST_SHOWN, LETTERS = 4, 44
-"""Hypotheses in the panel of a ranking, and letters of a name there."""
-
-MOST_ROWS = 800
-"""Rows of a run beyond which its end alone is drawn, where errors have had most time to grow."""
+from .studies import gap_limit, gap_map, ranking, run_data
 
 QUESTIONS = ("Where do simulation and measurements disagree?", "What is missing?", "Does adding it help?")
-WITHOUT_RUN = "And along time?"
-"""Titles of the panels; the last one where nothing was added, or no free run could be made."""
-
-CURVES = ("measured", UNSEEN_STATE, "before", "after", "before and after")
-"""Curves that a legend names."""
+"""Titles of the panels."""
 
 
 @mpl.rc_context({**style.STYLE, "font.size": 9.5, "axes.titlesize": 9.5})
@@ -38,16 +29,14 @@ def overview(study: StudyResult, equation: str | None = None, wide: bool = True)
     the state whose run was off most before, on held-out data if there are any, and of several runs the first. Where
     nothing was added, or without a free run, the gap along time is drawn.
 
-    Args:
-        study: The study.
-        equation: The equation, by the name of its state or output; by default the first one whose gap was closed.
-        wide: Draw the panels side by side, for a screen or a page; otherwise below each other, for a phone.
+    By default the equation is the first one whose gap was closed. Panels stand side by side, for a screen or a page, or
+    else, if not `wide`, below each other, for a phone.
 
     Raises:
         InputError: The study has no such equation.
     """
     if equation is None:
-        closed = [name for name in study.maps if _added(study, name)]
+        closed = [name for name, gap in study.maps.items() if changed(gap)]
         equation = next(iter([*closed, *study.maps]), "")
     if equation not in study.maps:
         raise InputError(f"The study has no equation {equation!r}; it has {', '.join(study.maps) or 'none'}.")
@@ -58,22 +47,22 @@ def overview(study: StudyResult, equation: str | None = None, wide: bool = True)
         panels = figure.subfigures(3, 1, height_ratios=(2.7, 2.4, 2.5), hspace=0.03)
     where, what, helps = panels
     _where(where, study, equation)
-    if equation in study.hypotheses.index.get_level_values(0):
-        ranking(study, equation, most=MOST_SHOWN, letters=LETTERS, axes=[what.subplots()])
-    state = _furthest(study) if _added(study, equation) else None
+    if equation in study.hypotheses.index.unique(0):
+        ranking(study, equation, most=4, letters=44, axes=[what.subplots()])
+    off: dict[str, float] = {}
+    for name, path in study.paths.items() if changed(study.maps[equation]) else ():
+        error = np.abs(path.before.mean - path.measured)
+        # Where a run failed it is off beyond all bounds.
+        off[name] = float(np.mean(np.nan_to_num(error, nan=np.inf))) / (float(np.std(path.measured)) or 1.0)
+    state = max(off, key=lambda name: off[name]) if off else None
     if state is None:
         _along_time(helps, study, equation)
     else:
         _free_run(helps, study, state)
-    asked = [*QUESTIONS[:2], WITHOUT_RUN if state is None else QUESTIONS[2]]
+    asked = [*QUESTIONS[:2], "And along time?" if state is None else QUESTIONS[2]]
     for number, (panel, question) in enumerate(zip(panels, asked, strict=True), start=1):
         panel.suptitle(f"{number}  {question}", x=0.02, ha="left", fontsize=10.5, fontweight="bold")
     return figure
-
-
-def _added(study: StudyResult, equation: str) -> bool:
-    """Return whether the extended model differs from the simulation on an equation's map."""
-    return len(gap_parts(study, equation)) > 1
 
 
 def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
@@ -81,8 +70,7 @@ def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
     if len(gap.variables) == 1:
         gap_map(study, equation, axes=[panel.subplots()])
         return
-    maps = {"the simulation as given": gap.before, "the extended model": gap.after}
-    shown = dict(list(maps.items())[: len(gap_parts(study, equation))])
+    shown = {"the simulation as given": gap.before, **({"the extended model": gap.after} if changed(gap) else {})}
     axes = np.ravel(panel.subplots(1, len(shown), sharey=True))
     inside, limit = support(gap), gap_limit(gap)
     grid = (np.asarray(gap.axes[0]), np.asarray(gap.axes[1]))
@@ -95,16 +83,6 @@ def _where(panel: SubFigure, study: StudyResult, equation: str) -> None:
         ax.set_title(title)
         ax.label_outer()
     panel.colorbar(meshes[-1], ax=list(axes), label=style.with_unit("gap", gap.unit))
-
-
-def _furthest(study: StudyResult) -> str | None:
-    """Return the state whose free run was off most before, on the scale of its measurements; none without a run."""
-    off: dict[str, float] = {}
-    for state, path in study.paths.items():
-        error = np.abs(path.before.mean - path.measured)
-        # Where a run failed it is off beyond all bounds.
-        off[state] = float(np.mean(np.nan_to_num(error, nan=np.inf))) / (float(np.std(path.measured)) or 1.0)
-    return max(off, key=lambda state: off[state]) if off else None
 
 
 def _free_run(panel: SubFigure, study: StudyResult, state: str) -> None:
@@ -132,12 +110,13 @@ def _along_time(panel: SubFigure, study: StudyResult, equation: str) -> None:
 def _first_run(run: np.ndarray, early: bool = False) -> np.ndarray:
     """Return the rows of the first run, of a long one those of its end, or its beginning: panels are small."""
     rows = np.flatnonzero(np.asarray(run) == run[0])
-    return rows[:MOST_ROWS] if early else rows[-MOST_ROWS:]
+    return rows[:800] if early else rows[-800:]
 
 
 def _finish(ax: Axes, title: str) -> None:
     """Set the title, and a legend of curves alone: what bands hold is long."""
     handles, labels = ax.get_legend_handles_labels()
-    curves = {label: handle for handle, label in zip(handles, labels, strict=True) if label in CURVES}
+    named = ("measured", UNSEEN_STATE, "before", "after", "before and after")
+    curves = {label: handle for handle, label in zip(handles, labels, strict=True) if label in named}
     ax.legend(list(curves.values()), list(curves), loc="lower left", ncols=3, columnspacing=1.2)
     ax.set_title(title)

@@ -1,7 +1,6 @@
 """Fits, alone and compared, as short tables for a terminal."""
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 import pandas as pd
 from rich.console import Group, RenderableType
@@ -17,17 +16,8 @@ from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.tables import records_of, table_of
 from bayes_greybox.report.terminal.tables import drawn
-from bayes_greybox.report.words.fit import compared, data_remarks, is_learned, size_text, stated_text, term_probability
-from bayes_greybox.report.words.formatting import (
-    PROBABILITIES,
-    formula,
-    interval,
-    level_text,
-    number,
-    probability_column,
-    share_text,
-    unit_text,
-)
+from bayes_greybox.report.words import formatting as fmt
+from bayes_greybox.report.words.fit import compared, data_remarks, ends_text, size_text, stated_text, term_probability
 
 
 def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[RenderableType]:
@@ -41,40 +31,38 @@ def fit_tables(fit: Posterior, held_out: pd.Series | None) -> Iterator[Renderabl
         yield _coefficients(fit.data.target_label(equation), table.loc[equation], priors)
     yield _discrepancy(discrepancy_table(fit, INTERVAL_LEVEL))
     if held_out is not None:
-        errors = ", ".join(f"{name} {share_text(value)}" for name, value in held_out.items())
+        errors = ", ".join(f"{name} {fmt.share_text(value)}" for name, value in held_out.items())
         outputs = any(fit.data.is_output(name) for name in fit.model.equations)
         yield Text(f"\nError on held-out data (NMSE{'' if outputs else ' of the derivative'}): {errors}")
 
 
 def _coefficients(label: str, table: pd.DataFrame, priors: Mapping[str, Coefficient]) -> RenderableType:
-    column = probability_column(table)
-
-    def ends(row: Any) -> str:
-        return interval(row["lower"], row["upper"]) if is_learned(priors.get(row["term"])) else "–"
-
+    column = fmt.probability_column(table)
     columns = {
-        "term": lambda row: formula(row["term"]),
-        f"#{PROBABILITIES[column]}": lambda row: term_probability(row, column),
+        "term": lambda row: fmt.formula(row["term"]),
+        f"#{fmt.PROBABILITIES[column]}": lambda row: term_probability(row, column),
         "#coefficient": lambda row: size_text(row, priors.get(row["term"]), unit=False),
-        f"#{level_text(INTERVAL_LEVEL)} interval": ends,
-        "unit": lambda row: unit_text(row["unit"]),
+        f"#{fmt.level_text(INTERVAL_LEVEL)} interval": lambda row: ends_text(row, priors.get(row["term"])),
+        "unit": lambda row: fmt.unit_text(row["unit"]),
     }
-    stated = [f"{formula(term)} {stated_text(priors[term])}" for term in map(str, table.index) if term in priors]
+    stated = [f"{fmt.formula(term)} {stated_text(priors[term])}" for term in map(str, table.index) if term in priors]
     below = f"Stated: {'; '.join(stated)}" if priors else ""
     return drawn(table_of(records_of(table), columns, f"Coefficients of {label}"), below)
 
 
 def _discrepancy(table: pd.DataFrame) -> RenderableType:
-    parts = {"simulation": "simulation", "dictionary": "dictionary", "noise": "noise", "discrepancy": "discrepancy"}
-    parts |= {"lower": "discrepancy_lower", "upper": "discrepancy_upper"}
-
-    def share(part: str) -> Callable[[Any], str]:
-        return lambda row: share_text(row[part])
-
-    columns = {"equation": lambda row: row["equation"], **{f"#{title}": share(part) for title, part in parts.items()}}
-    title = f"Shares of the variance, with the {level_text(INTERVAL_LEVEL)} interval of the discrepancy's"
+    columns = {
+        "equation": lambda row: row["equation"],
+        "#simulation": lambda row: fmt.share_text(row["simulation"]),
+        "#dictionary": lambda row: fmt.share_text(row["dictionary"]),
+        "#noise": lambda row: fmt.share_text(row["noise"]),
+        "#discrepancy": lambda row: fmt.share_text(row["discrepancy"]),
+        "#lower": lambda row: fmt.share_text(row["discrepancy_lower"]),
+        "#upper": lambda row: fmt.share_text(row["discrepancy_upper"]),
+    }
+    title = f"Shares of the variance, with the {fmt.level_text(INTERVAL_LEVEL)} interval of the discrepancy's"
     trades = ", ".join(
-        f"{number(row['correlation'], 2)} ({formula(row['term'])})" for row in table.to_dict("index").values()
+        f"{fmt.number(row['correlation'], 2)} ({fmt.formula(row['term'])})" for row in table.to_dict("index").values()
     )
     shown = drawn(table_of(records_of(table), columns, title))
     return Group(shown, Text(f"Largest correlation of a coefficient with the discrepancy: {trades}"))
@@ -93,7 +81,6 @@ def comparison_tables(fits: Mapping[str, Posterior], table: pd.DataFrame) -> Ite
 
 
 def _verdict(fit: Posterior, label: str = "") -> Text:
-    """Return the result of the convergence checks of a fit; `label` comes before it."""
     verdict = convergence(fit)
     first, *rest = str(verdict).splitlines()
     text = Text(f"{label}{first}", style="green" if verdict.ok else "bold yellow" if verdict.mixed else "bold red")

@@ -1,8 +1,9 @@
 """Missing-effect studies, one or those of a fleet, as a sentence and short tables for a terminal."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+import pandas as pd
 from rich.console import Group, RenderableType
 from rich.text import Text
 
@@ -25,13 +26,7 @@ from bayes_greybox.report.words.study import closed_cell, closed_heading, metric
 
 from ..words.formatting import estimate, formula, known_share, numbers_in, probability_text, share_text
 
-MOST_EFFECTS = 5
-"""Effects shown; the report and the record have them all."""
-
 STYLES = {"no gap": "bold green", "named": "bold green", "unknown": "bold red"}
-
-STATUS_MARKS = {"added": "+", "one of": "~", "": ""}
-"""Marks of effects by their status."""
 
 FINDING_MARKS = {True: ("✗", "bold red"), False: ("✓", "green"), None: ("–", "dim")}
 """Marks and styles of findings by whether they speak against the verdict; None where that was not looked at."""
@@ -46,7 +41,10 @@ def study_tables(study: StudyResult, file: str = "") -> Iterator[RenderableType]
     yield Text.assemble((study.verdict.upper(), STYLES.get(study.verdict, "bold yellow")), f": {first}")
     if others:
         yield Text(" ".join(others))
-    yield _asked(study, file)
+    lines = [("\nWhat to do now", "bold")]
+    for each in asked(study, file):
+        lines += [(f"\n{each.text}", ""), *([(f"\n  {each.command}", "cyan")] if each.command else [])]
+    yield Text.assemble(*lines, ("\n", ""))
     if study.fit is not None and not convergence(study.fit).ok:
         yield Text(str(convergence(study.fit)), style="yellow" if convergence(study.fit).mixed else "red")
     rows = f"{study.train.n_obs} rows: {study.base.rows.in_words(study.train)}"
@@ -57,18 +55,17 @@ def study_tables(study: StudyResult, file: str = "") -> Iterator[RenderableType]
     if IN_MODEL in set(study.instrument["status"]):
         yield _measurement(study)
     if len(study.where):
-        yield _where(study)
+        columns = {
+            "where": lambda row: numbers_in(row["description"]),
+            "equation": lambda row: row["equation"],
+            "#P": lambda row: probability_text(row["probability"]),
+            "#of the gap": lambda row: share_text(row["gap_share"]),
+            "#of the samples": lambda row: share_text(row["sample_share"]),
+        }
+        yield _table(study, study.where, columns, "Where the gap is")
     if len(study.effects):
         yield _effects(study)
     yield _gap(study)
-
-
-def _asked(study: StudyResult, file: str) -> Text:
-    """Return what the study asks of its reader, a line each, with commands to copy below."""
-    lines = [("\nWhat to do now", "bold")]
-    for each in asked(study, file):
-        lines += [(f"\n{each.text}", ""), *([(f"\n  {each.command}", "cyan")] if each.command else [])]
-    return Text.assemble(*lines, ("\n", ""))
 
 
 def _findings(study: StudyResult) -> Group:
@@ -84,7 +81,7 @@ def _findings(study: StudyResult) -> Group:
 
 def _measurement(study: StudyResult) -> Group:
     rows = study.instrument
-    shown = rows[(rows["status"] == IN_MODEL) | (rows["probability"] >= notable(study))]
+    shown: Any = rows[(rows["status"] == IN_MODEL) | (rows["probability"] >= notable(study))]
     columns = {
         "": lambda row: "+" if row["status"] == IN_MODEL else "",
         "what": lambda row: numbers_in(row["text"]),
@@ -93,23 +90,12 @@ def _measurement(study: StudyResult) -> Group:
         "#size": lambda row: suspect_size(row)[0],
         "#90 % interval": lambda row: suspect_size(row)[1],
     }
-    return _table(study, records_of(shown), columns, "The measurement (+ in the model)")
-
-
-def _where(study: StudyResult) -> Group:
-    columns = {
-        "where": lambda row: numbers_in(row["description"]),
-        "equation": lambda row: row["equation"],
-        "#P": lambda row: probability_text(row["probability"]),
-        "#of the gap": lambda row: share_text(row["gap_share"]),
-        "#of the samples": lambda row: share_text(row["sample_share"]),
-    }
-    return _table(study, records_of(study.where), columns, "Where the gap is")
+    return _table(study, shown, columns, "The measurement (+ in the model)")
 
 
 def _effects(study: StudyResult) -> Group:
     columns = {
-        "": lambda row: STATUS_MARKS[row["status"]],
+        "": lambda row: {"added": "+", "one of": "~", "": ""}[row["status"]],
         # The sentence says what a reversed sign means.
         "effect": lambda row: f"{row['name']}{', sign reversed' if reversed_text(row) else ''}",
         "equation": lambda row: row["equation"],
@@ -119,7 +105,8 @@ def _effects(study: StudyResult) -> Group:
     }
     several = "; ~ could stand in its place" if "one of" in set(study.effects["status"]) else ""
     title = f"Effects, best first (+ added to the model{several})"
-    return _table(study, records_of(shown_effects(study).head(MOST_EFFECTS)), columns, title)
+    # The report and the record have them all.
+    return _table(study, shown_effects(study).head(5), columns, title)
 
 
 def _gap(study: StudyResult) -> Group:
@@ -132,11 +119,11 @@ def _gap(study: StudyResult) -> Group:
         f"#{closed_heading(study)}": lambda row: closed_cell(study, part, row),
     }
     title = f"The gap before and after, on {'held-out' if part == 'test' else 'training'} data"
-    return _table(study, records_of(study.gap.xs(part, level=0)), columns, title)
+    return _table(study, study.gap.xs(part, level=0), columns, title)
 
 
-def _table(study: StudyResult, rows: Iterable[Mapping[Any, Any]], columns: Mapping[str, Any], title: str) -> Group:
-    return drawn(table_of(rows, columns, title, equations=list(study.maps)))
+def _table(study: StudyResult, rows: pd.DataFrame, columns: Mapping[str, Any], title: str) -> Group:
+    return drawn(table_of(records_of(rows), columns, title, equations=list(study.maps)))
 
 
 def fleet_tables(fleet: Fleet) -> tuple[Text | Group, ...]:

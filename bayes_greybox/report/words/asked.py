@@ -70,7 +70,8 @@ def _in_words(study: StudyResult, request: Request, file: str) -> Asked:
             unseen = values["reason"] == reasons.UNSEEN_SHAPE
             return Asked(f"{DOUBT_TEXTS[values['reason']]}.", samples if unseen else "")
         case codes.TELL_APART:
-            return Asked(_experiment(study, values), _ranked(file) if values["ranked"] else "")
+            command = f"bayes-greybox next {file}" if file else "study.next_experiment()"
+            return Asked(_experiment(study, values), command if values["ranked"] else "")
         case codes.SET:
             return Asked(_set(study, values["row"]), _again(study))
         case codes.CORRECT:
@@ -99,18 +100,12 @@ def _experiment(study: StudyResult, tie: Mapping[str, Any]) -> str:
     return f"{advice[:1].upper()}{advice[1:].removesuffix('.')}."
 
 
-def _ranked(file: str) -> str:
-    return f"bayes-greybox next {file}" if file else "study.next_experiment()"
-
-
 def _again(study: StudyResult) -> str:
-    """Return the command that studies the corrected configuration."""
     config = study.settings.get("configuration", "")
     return f"bayes-greybox discover {shlex.quote(config)}" if config else ""
 
 
 def _set(study: StudyResult, row: Mapping[str, Any]) -> str:
-    """Return the value to give a parameter, or a coefficient of the simulation."""
     now = estimate(row["nominal"] + row["mean"], row["sd"], row["unit"])
     what = str(row["term"])
     if not row.get("parameter"):
@@ -119,7 +114,6 @@ def _set(study: StudyResult, row: Mapping[str, Any]) -> str:
 
 
 def _correct(row: Mapping[str, Any]) -> str:
-    """Return how a sensor's reading is put right."""
     channel, mean = "all states" if row["channel"] == "states" else row["channel"], float(row["mean"])
     size = quantity(abs(mean), row["unit"], 3)
     match row["suspect"]:

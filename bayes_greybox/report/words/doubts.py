@@ -165,14 +165,14 @@ def _free_run(study: StudyResult, change: str, part: str = "", states: Iterable[
         return f"{RUN_TEXTS[change].format(states=listed(names))} {where}: {errors}"
     worse = "; ".join(f"the free run of {name} gets worse" for name in names)
     texts = [f"{worse} {where}: {errors}"] if names else []
-    return "; ".join([*texts, *([f"{_sooner(study, sooner)} {where}"] if sooner else [])])
-
-
-def _sooner(study: StudyResult, key: tuple[str, str, str]) -> str:
-    after, before = (float(study.gap.loc[[key], name].iloc[0]) for name in ("after", "before"))
-    later, earlier = (metric_value(study, key[1], value) for value in (after, before))
-    earlier = f"after {earlier}" if math.isfinite(before) else earlier
-    return f"{worse_in_words(key)}: the extended model's after {later}, the simulation's {earlier},"
+    if sooner:
+        before, after = (float(study.gap.loc[[sooner], name].iloc[0]) for name in ("before", "after"))
+        earlier, later = (metric_value(study, sooner[1], value) for value in (before, after))
+        earlier = f"after {earlier}" if math.isfinite(before) else earlier
+        texts.append(
+            f"{worse_in_words(sooner)}: the extended model's after {later}, the simulation's {earlier}, {where}"
+        )
+    return "; ".join(texts)
 
 
 def _sampler(state: str, reasons: Iterable[str] = (), apart: Iterable[tuple[Any, float, float]] = ()) -> str:

@@ -7,7 +7,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.physics.coefficient import Coefficient
 
-from .formatting import estimate, exact_text, nats, number, pareto, probability_text, weight_text
+from .formatting import estimate, exact, interval, nats, number, pareto, probability_text, unit_text
 
 LIKELY_TO_MATTER = 0.5
 """Probability from which on a term is more likely to matter than not, and stands in the first table."""
@@ -36,7 +36,15 @@ def term_probability(row: Mapping[Any, Any], column: str) -> str:
 def size_text(row: Mapping[Any, Any], prior: Coefficient | None, unit: bool = True) -> str:
     """Return mean and standard deviation of a coefficient, or its value where it was fixed."""
     of = row["unit"] if unit else ""
-    return estimate(row["mean"], row["sd"], of) if is_learned(prior) else exact_text(row["mean"], of)
+    if is_learned(prior):
+        return estimate(row["mean"], row["sd"], of)
+    negative, size = exact(row["mean"])
+    return f"{'−' if negative else ''}{size} {unit_text(of)}".rstrip()
+
+
+def ends_text(row: Mapping[Any, Any], prior: Coefficient | None) -> str:
+    """Return the interval of a coefficient; a dash where it was fixed."""
+    return interval(row["lower"], row["upper"]) if is_learned(prior) else "–"
 
 
 def stated_text(prior: Coefficient | None) -> str:
@@ -51,5 +59,5 @@ def data_remarks(*parts: Trajectories | None) -> list[str]:
 
 def compared(column: str) -> Callable[[Mapping[Any, Any]], str]:
     """Return the function that writes the cell of a row of a comparison, a log density unless it is known otherwise."""
-    others = {"model": str, "weight": weight_text, "worst_k": pareto, "refits": number}
+    others = {"model": str, "weight": "{:.2f}".format, "worst_k": pareto, "refits": number}
     return lambda row: others.get(column, nats)(row[column])

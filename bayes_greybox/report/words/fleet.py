@@ -14,7 +14,19 @@ def fleet_sentence(fleet: Fleet) -> str:
     n, failed = len(fleet.studied), len(fleet.failed)
     if not n:
         return f"None of {counted(failed, 'asset')} could be studied."
-    return f"{_found(fleet)}.{f' {failed} of {n + failed} files could not be studied.' if failed else ''}"
+    off, wrong = fleet.recalibrated, fleet.mismeasured
+
+    def so_many(k: int) -> str:
+        return f"{'it' if n == 1 else k} {'has' if k == 1 else 'have'}"
+
+    others = [f"{so_many(off)} a wrong coefficient"] if off else []
+    others += [f"{wrong if off else so_many(wrong)} a fault of the measurement"] if wrong else []
+    if fleet.lacking:
+        text = f"{_lacking(fleet)}{f'. Of the others {listed(others)}' if others else ''}"
+    else:
+        text = f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}"
+        text += f", but {listed(others)}" if others else ""
+    return f"{text}.{f' {failed} of {n + failed} files could not be studied.' if failed else ''}"
 
 
 def shared_text(shared: Shared) -> str:
@@ -58,21 +70,6 @@ def not_pooled(fleet: Fleet) -> list[str]:
     return list(dict.fromkeys(f"The coefficients of {name} are not pooled, as {why}." for name, why in reasons))
 
 
-def _found(fleet: Fleet) -> str:
-    n, off, wrong = len(fleet.studied), fleet.recalibrated, fleet.mismeasured
-
-    def so_many(k: int) -> str:
-        return f"{'it' if n == 1 else k} {'has' if k == 1 else 'have'}"
-
-    others = ([f"{so_many(off)} a wrong coefficient"] if off else []) + (
-        [f"{wrong if off else so_many(wrong)} a fault of the measurement"] if wrong else []
-    )
-    if fleet.lacking:
-        return f"{_lacking(fleet)}{f'. Of the others {listed(others)}' if others else ''}"
-    nothing = f"Nothing is missing in {'the one asset' if n == 1 else f'any of {n} assets'}"
-    return f"{nothing}, but {listed(others)}" if others else nothing
-
-
 def _lacking(fleet: Fleet) -> str:
     n, k = len(fleet.studied), fleet.lacking
     have = f"{k} of {counted(n, 'asset')} {'lacks' if k == 1 else 'lack'} something"
@@ -96,7 +93,6 @@ def _lacking(fleet: Fleet) -> str:
 
 
 def _who(shared: Shared, of: str) -> str:
-    """Return the number of assets that lack an effect, and of those that may."""
     sure, more = len(shared.assets), len(shared.possible)
     what = f"{within(shared.name)} in the equation of {shared.equation}"
     if not sure:

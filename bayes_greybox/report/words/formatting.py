@@ -17,8 +17,6 @@ from bayes_greybox.data.writing import unit_text as unit_text
 PROBABILITIES = {"inclusion": "P(included)", "outside_rope": "P(|θ| > ROPE)"}
 """What the probability of a term is called; continuous priors have no inclusion."""
 
-_LEAST_PROBABILITY = 1e-3
-"""Probabilities nearer than this to 0 or 1 are not told from each other, and never rounded to certainty."""
 
 _LEAST_SHARE = 1e-4
 """Shares below it are not told from each other: that none is left of anything is not known so well."""
@@ -26,16 +24,14 @@ _LEAST_SHARE = 1e-4
 _WITHOUT_POWER = 1e-3, 1e5
 """Numbers below the first and from the second on are written with a power of ten."""
 
-_RAISED_NUMBERS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def probability_text(value: float | np.floating) -> str:
     """Return a probability to three decimals, never rounded to certainty."""
     if not np.isfinite(value):
         return "–"
-    if value < _LEAST_PROBABILITY:
+    if value < 1e-3:
         return "<\u00a00.001"
-    return ">\u00a00.999" if value > 1 - _LEAST_PROBABILITY else f"{value:.3f}"
+    return ">\u00a00.999" if value > 1 - 1e-3 else f"{value:.3f}"
 
 
 def percent_text(share: float | np.floating, digits: int | None = None) -> str:
@@ -63,7 +59,7 @@ def level_text(level: float | np.floating) -> str:
 
 def share_text(share: float | np.floating) -> str:
     """Return a share in percent; one too small to show is less than 0.01 %, and not nothing."""
-    return f"<\u00a0{_LEAST_SHARE:.2%}".replace("%", "\u00a0%") if abs(share) < _LEAST_SHARE else percent_text(share)
+    return "<\u00a00.01\u00a0%" if abs(share) < _LEAST_SHARE else percent_text(share)
 
 
 def known_share(share: float) -> str:
@@ -140,11 +136,6 @@ def pareto(k: float) -> str:
     return f"{k:.2f}".replace("-", "−") if math.isfinite(k) else "–" if k < 0 else number(k)
 
 
-def weight_text(weight: float) -> str:
-    """Return the weight of a model among others."""
-    return f"{weight:.2f}"
-
-
 def estimate(mean: float | np.floating, sd: float | np.floating, unit: str | None = "") -> str:
     """Return `mean ± sd unit`, to two significant digits of the sd, with one power of ten for both if needed."""
     mean, sd = float(mean), float(sd)
@@ -169,17 +160,7 @@ def _power(size: float) -> int:
 
 
 def _times(power: int) -> str:
-    return f"·10{str(power).translate(_RAISED_NUMBERS)}"
-
-
-def _alike(lower: float, upper: float, decimals: int) -> tuple[str, str]:
-    """Return both ends with the same decimals, without zeros that neither needs; nothing is a plain zero."""
-    ends = (lower, upper)
-    while decimals > 0 and all(round(end, decimals - 1) == round(end, decimals) for end in ends):
-        decimals -= 1
-    places = max(decimals, 0)
-    low, high = ("0" if round(end, places) == 0 else f"{end:.{places}f}".replace("-", "−") for end in ends)
-    return low, high
+    return "·10" + str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 class Concise(NamedTuple):
@@ -199,9 +180,9 @@ def concise(mean: float, sd: float) -> tuple[bool, Concise]:
     change that too much. Nothing is put in brackets where it is zero or not known.
     """
     size = abs(mean)
-    if not (math.isfinite(mean) and math.isfinite(sd) and sd > 0):
-        if not math.isfinite(mean):
-            return False, Concise("–", 0)
+    if not math.isfinite(mean):
+        return False, Concise("–", 0)
+    if not (math.isfinite(sd) and sd > 0):
         mantissa, _, power = f"{size:.4g}".partition("e")
         return mean < 0, Concise(mantissa, int(power or 0))
     last = math.floor(math.log10(sd))
@@ -226,12 +207,6 @@ def exact(value: float) -> tuple[bool, Concise]:
     return value < 0, Concise(mantissa.removesuffix(".0"), int(power or 0))
 
 
-def exact_text(value: float, unit: str = "") -> str:
-    """Return a known number as tables write it: `−40 1/(m²·s²)`."""
-    negative, size = exact(value)
-    return f"{'−' if negative else ''}{size}{f' {unit_text(unit)}' if unit_text(unit) else ''}"
-
-
 def interval(lower: float, upper: float) -> str:
     """Return `lower to upper`, with digits that tell them apart and one power of ten for both if needed."""
     if not (math.isfinite(lower) and math.isfinite(upper)):
@@ -241,7 +216,12 @@ def interval(lower: float, upper: float) -> str:
     power = _power(size)
     # What does not show beside the other end is nothing.
     decimals = digits - 1 - (math.floor(math.log10(size)) - power if size else 0)
-    low, high = _alike(lower / 10.0**power, upper / 10.0**power, decimals)
+    ends = (lower / 10.0**power, upper / 10.0**power)
+    # The same decimals for both, without zeros that neither needs; nothing is a plain zero.
+    while decimals > 0 and all(round(end, decimals - 1) == round(end, decimals) for end in ends):
+        decimals -= 1
+    places = max(decimals, 0)
+    low, high = ("0" if round(end, places) == 0 else f"{end:.{places}f}".replace("-", "−") for end in ends)
     if low == high:
         return number(lower, digits)
     return f"({low} to {high}){_times(power)}" if power else f"{low} to {high}"
@@ -255,6 +235,11 @@ def probability_column(inclusion: pd.DataFrame) -> str:
 def counted(count: int, what: str) -> str:
     """Return a number of things: 1 asset, 2 assets."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def shorter(name: str, most: int) -> str:
+    """Return a name with at most so many letters."""
+    return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
 def listed(words: Sequence[str]) -> str:

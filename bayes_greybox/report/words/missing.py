@@ -8,7 +8,7 @@ import numpy as np
 
 from bayes_greybox.discovery.answer.instrument import LISTED
 from bayes_greybox.discovery.candidates import fault_probability, law_behind, rivals
-from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND
+from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.reasons import OF_SHAPE, ONE_LAW, ONE_LAW_AND_MORE
 from bayes_greybox.discovery.sensor_errors.channels import LAG, fault_kind
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
@@ -19,14 +19,6 @@ from .formatting import listed, probability_text
 from .study import name_of, named_in, remembered, reversed_text
 
 Row = Mapping[str, Any]
-
-OPEN_TEXTS = {
-    UNKNOWN_KIND: "one without a name",
-    NO_GAP: "none",
-    RECALIBRATE: "a coefficient of the simulation instead",
-    INSTRUMENT: "an error of the measurement instead",
-}
-"""Words for hypotheses without effects, in a list of candidates."""
 
 
 class Closed(NamedTuple):
@@ -86,7 +78,11 @@ def missing_in_words(study: StudyResult, closed: Closed) -> list[str]:
         return closed.after(lacks, f"adding {it}")
     if study.against:
         return closed.after(f"{lacks}, but that is not all", f"adding {it}")
-    return closed.after(f"{lacks}, and {_rest(study)}", "adding what has a name")
+    # Older files know no probability of what is missing besides.
+    p = max(study.settings.get("rest beside the answer", {}).values(), default=1.0)
+    rest = "something else that the catalogue does not have"
+    rest = rest if p >= study.criteria.missing else f"perhaps {rest} (probability {probability_text(p)})"
+    return closed.after(f"{lacks}, and {rest}", "adding what has a name")
 
 
 def _lacks(study: StudyResult, added: Sequence[Added]) -> str:
@@ -159,13 +155,6 @@ def _without_name(study: StudyResult) -> str:
     return f"{likely(study, what, p)}; {shape}"
 
 
-def _rest(study: StudyResult) -> str:
-    """Return what is missing besides what was added, as surely as it is known; older files know no probability."""
-    p = max(study.settings.get("rest beside the answer", {}).values(), default=1.0)
-    what = "something else that the catalogue does not have"
-    return what if p >= study.criteria.missing else f"perhaps {what} (probability {probability_text(p)})"
-
-
 class Candidate(NamedTuple):
     """One of several explanations: in words, its probability, NaN if it has none, and the columns of an effect."""
 
@@ -178,12 +167,10 @@ class Candidate(NamedTuple):
 
 
 def _list(candidates: Sequence[Candidate], joint: str = ", ") -> str:
-    """Return candidates with their probabilities, likeliest first."""
     return joint.join(map(str, sorted(candidates, key=lambda each: -np.nan_to_num(each.probability))))
 
 
 def _something(study: StudyResult, equations: Sequence[str]) -> str:
-    """Return that something is missing in equations, and how sure that is."""
     p = probability_missing(study, equations)
     what = f"Something is missing in {' and '.join(map(study.train.target_label, equations))}"
     return likely(study, what, p, f"probability {probability_text(p)}" if p >= study.criteria.named else "")
@@ -262,6 +249,7 @@ def _effect(study: StudyResult, row: Row) -> Candidate:
 def _hypothesis(study: StudyResult, equation: str, name: str, p: float) -> Candidate:
     """Return a hypothesis as a candidate; an effect by itself has its own probability and not that of the set alone."""
     if name in STOPS:
-        return Candidate(OPEN_TEXTS[name], p)
+        texts = {UNKNOWN_KIND: "one without a name", NO_GAP: "none", INSTRUMENT: "an error of the measurement instead"}
+        return Candidate(texts.get(name, "a coefficient of the simulation instead"), p)
     own = study.effects[(study.effects["slug"] == name) & (study.effects["equation"] == equation)]
     return _effect(study, own.iloc[0].to_dict()) if len(own) else Candidate(within(name_of(study, name)), p)

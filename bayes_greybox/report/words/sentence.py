@@ -4,37 +4,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import pandas as pd
-
+from bayes_greybox.discovery import summary
 from bayes_greybox.discovery.candidates import found_of_sensors, rivals
-from bayes_greybox.discovery.decision.criteria import CRITERIA, Criteria
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.vetoes import worse_in_words
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import (
-    CommonFactor,
-    GapChange,
-    answer,
-    by_common_factor,
-    corrections_above,
-    gap_change,
-    probability_of_answer,
-    rows_by_part,
-    sensors_like,
-)
 from bayes_greybox.physics.catalogue.names import within
 
 from .formatting import estimate, formula, listed, number, numbers_in, probability_text, share_text, unit_text
 from .missing import Closed, likely, missing_in_words
 from .study import closed_share, name_of, remembered, risen
-
-STOP_TEXTS = {
-    NO_GAP: "that nothing is missing",
-    UNKNOWN_KIND: "something that the catalogue does not have",
-    RECALIBRATE: "a coefficient of the simulation that is off",
-    INSTRUMENT: "an error of the measurement",
-}
-"""Words for hypotheses without effects, as an explanation."""
 
 
 def sentence(study: StudyResult) -> str:
@@ -65,17 +44,20 @@ def statements(study: StudyResult) -> list[str]:
 
 def _next_likeliest(study: StudyResult) -> list[str]:
     """Return the likeliest explanation beside an answer without effects that is likely and not sure, as a sentence."""
-    p = probability_of_answer(study) if study.verdict in STOPS and len(study.maps) == 1 else 1.0
+    p = summary.probability_of_answer(study) if study.verdict in STOPS and len(study.maps) == 1 else 1.0
     if not study.criteria.missing <= p < study.criteria.named:
         return []
     (equation,) = study.maps
     # Delays are put right before hypotheses are weighed: no gap then means the same.
     others = [each for each in rivals(study, equation) if (study.verdict, each[0]) != (INSTRUMENT, NO_GAP)]
-    return [f"Next likeliest: {_explanation(study, name)} ({probability_text(q)})." for name, q in others[:1]]
-
-
-def _explanation(study: StudyResult, name: str) -> str:
-    return STOP_TEXTS[name] if name in STOPS else within(name_of(study, name))
+    stops = {
+        NO_GAP: "that nothing is missing",
+        UNKNOWN_KIND: "something that the catalogue does not have",
+        RECALIBRATE: "a coefficient of the simulation that is off",
+        INSTRUMENT: "an error of the measurement",
+    }
+    texts = [(stops[name] if name in STOPS else within(name_of(study, name)), q) for name, q in others[:1]]
+    return [f"Next likeliest: {text} ({probability_text(q)})." for text, q in texts]
 
 
 def measurement_in_words(study: StudyResult) -> list[str]:
@@ -85,12 +67,7 @@ def measurement_in_words(study: StudyResult) -> list[str]:
     return [numbers_in(text) for text in dict.fromkeys(found["text"])] if len(found) else []
 
 
-def closed_in_words(gap: pd.DataFrame, what: str = "the rate", criteria: Criteria = CRITERIA) -> str:
-    """Return what became of the gap, on held-out data where the rates were measured there."""
-    return _closed(gap_change(gap, criteria), what).text
-
-
-def _closed(change: GapChange, what: str) -> Closed:
+def _closed(change: summary.GapChange, what: str) -> Closed:
     where = "held-out data" if change.part == "test" else "the training data"
     if change.code == "none shown":
         # Next to nothing, whatever multiple of it is left; what precise data show of a small gap may well be closed.
@@ -119,20 +96,22 @@ def _closed(change: GapChange, what: str) -> Closed:
 
 def _answer(study: StudyResult) -> list[str]:
     criteria, verdict = study.criteria, study.verdict
-    change = gap_change(study.gap, criteria, rows_by_part(study))
+    change = summary.gap_change(study.gap, criteria, summary.rows_by_part(study))
     closed = _closed(change, study.train.target_in_words(*study.maps, article="the "))
     if verdict == "no gap":
         if left := _left_in_practice(study):
             return ["Nothing of size is missing: simulation and measurements agree.", *left]
-        clause = likely(study, "Nothing is missing", probability_of_answer(study))
+        clause = likely(study, "Nothing is missing", summary.probability_of_answer(study))
         return [f"{clause}: simulation and measurements agree to within the noise."]
     if verdict == "instrument":
-        clause = likely(study, "No effect is missing, it is the measurement", probability_of_answer(study))
+        clause = likely(study, "No effect is missing, it is the measurement", summary.probability_of_answer(study))
         return [f"{clause}: {'; '.join(measurement_in_words(study)) or 'what of it the data cannot say'}."]
-    off = corrections_above(study, criteria.missing)
+    off = summary.corrections_above(study, criteria.missing)
     if verdict == "recalibrate":
         return _recalibrate(study, off, closed)
-    if any(row["probability"] >= criteria.named and answer(study, row["equation"]) != UNKNOWN_KIND for row in off):
+    if any(
+        row["probability"] >= criteria.named and summary.answer(study, row["equation"]) != UNKNOWN_KIND for row in off
+    ):
         # Most of a gap may be a coefficient's, whatever is added.
         right = f"and setting {'a coefficient' if len(off) == 1 else 'coefficients'} right"
         closed = closed._replace(text=f"{right} {closed.text}")
@@ -146,8 +125,8 @@ def _answer(study: StudyResult) -> list[str]:
 
 def _recalibrate(study: StudyResult, off: Sequence[Mapping[str, Any]], closed: Closed) -> list[str]:
     right = "; ".join(
-        _by_one_factor(study, each) if isinstance(each, CommonFactor) else _should_be(study, each)
-        for each in by_common_factor(study, off)
+        _by_one_factor(study, each) if isinstance(each, summary.CommonFactor) else _should_be(study, each)
+        for each in summary.by_common_factor(study, off)
     )
     one = len(off) <= 1
     word = _number_word(off)
@@ -156,7 +135,7 @@ def _recalibrate(study: StudyResult, off: Sequence[Mapping[str, Any]], closed: C
     unsaid = "which one the data cannot say"
     if not off and (tied := tied_parameters(study)):
         clause, unsaid = "No effect is missing; a parameter of the simulation is off", f"{tied}, {unsaid}"
-    clause, it = likely(study, clause, probability_of_answer(study), right or unsaid), "it" if one else "them"
+    clause, it = likely(study, clause, summary.probability_of_answer(study), right or unsaid), "it" if one else "them"
     said = [f"{clause}, and setting {it} right {closed.text}."]
     if closed.denied:
         said = [f"{clause}.", closed.alone(f"setting {it} right")]
@@ -187,8 +166,7 @@ def tied_parameters(study: StudyResult) -> str:
     return " or ".join(likely["term"].astype(str)) if len(likely) > 1 else ""
 
 
-def _by_one_factor(study: StudyResult, each: CommonFactor) -> str:
-    """Return the right coefficients of an equation that are all off by one factor."""
+def _by_one_factor(study: StudyResult, each: summary.CommonFactor) -> str:
     gains = "".join(f", or else {numbers_in(row['text'])}, which does the same" for row in each.gains)
     right = listed([f"{formula(row['term'])} {number(row['nominal'] + row['mean'], 4)}" for row in each.rows])
     factor = f"{number(each.factor, 4)} times what they are"
@@ -202,7 +180,7 @@ def _should_be(study: StudyResult, row: Mapping[str, Any]) -> str:
     # As many digits as show that the corrected coefficient is another one.
     digits = min(max(4, 2 - math.floor(math.log10(share))), 15) if share > 0 else 4
     right, wrong = number(row["nominal"] + row["mean"], digits), number(row["nominal"], digits)
-    twins = sensors_like(study, row)
+    twins = summary.sensors_like(study, row)
     instead = f", or else it is the {' or the '.join(twins)}, which does the same" if twins else ""
     unsure = row["probability"] < study.criteria.named
     p = f" (probability {probability_text(row['probability'])})" if unsure else ""

@@ -5,34 +5,15 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from bayes_greybox.discovery import summary
 from bayes_greybox.discovery.answer.gap import NMSES, SHARE, within_noise
-from bayes_greybox.discovery.decision.probabilities import STOPS
 from bayes_greybox.discovery.decision.vetoes import MISFIT, NAMES_ALONE
 from bayes_greybox.discovery.sensor_errors import bends, channels
 from bayes_greybox.discovery.study import StudyResult
-from bayes_greybox.discovery.summary import (
-    LEAST_CLOSED,
-    QUANTITY,
-    channels_weighed,
-    is_denied,
-    remainders,
-    rows_by_part,
-    same_as,
-)
 from bayes_greybox.physics.catalogue.loading import load_catalogue
 from bayes_greybox.physics.catalogue.names import listing, slug_and_columns
 
-from .formatting import (
-    estimate,
-    interval,
-    listed,
-    number,
-    percent_text,
-    probability_text,
-    quantity,
-    share_interval,
-    share_text,
-)
+from . import formatting as fmt
 
 METRICS: dict[str, tuple[str, str]] = {
     "unexplained share": ("Unexplained part of {target}",
@@ -61,22 +42,6 @@ NAMES = {
 }
 """Names of the hypotheses without effects, in figures and tables."""
 
-TWICE = 2.0
-"""Ratio from which a rise is written as a multiple: hundreds of per cent are hard to read."""
-
-MOST_CLOSED = 0.9999
-"""Largest share of a gap that is called closed: the rest may only be hidden by the noise."""
-
-REMAINDER_TEXTS = {
-    "law": "is a law of the states",
-    "time": "is something in time, of the machine or of its sensor",
-    "memory": "remembers",
-}
-"""Words for the kinds of discrepancy without a channel."""
-
-CHANNEL_TEXTS = {"drift": "changes with time", "law": "follows another law"}
-"""Words for the discrepancy of a channel, by its kind; all others remember."""
-
 
 def name_of(study: StudyResult, name: str) -> str:
     """Return the plain name of a hypothesis, of a set of effects, or of an effect on its columns.
@@ -87,7 +52,7 @@ def name_of(study: StudyResult, name: str) -> str:
         return NAMES[name]
     slug, columns = slug_and_columns(name)
     if columns:
-        return f"{name_of(study, slug)} of {listed(columns)}"
+        return f"{name_of(study, slug)} of {fmt.listed(columns)}"
     named = dict(zip(study.effects["slug"], study.effects["name"], strict=True))
     return listing(named.get(part) or _catalogued(part) for part in name.split(" + "))
 
@@ -97,7 +62,7 @@ def named_in(study: StudyResult, row: Mapping[str, Any]) -> str:
     table = study.effects
     alike = (table["equation"] == row["equation"]) & (table["slug"] == row["slug"])
     columns = row.get("quantity", "").split(", ")
-    return f"{row['name']} of {listed(columns)}" if alike.sum() > 1 and any(columns) else row["name"]
+    return f"{row['name']} of {fmt.listed(columns)}" if alike.sum() > 1 and any(columns) else row["name"]
 
 
 @cache
@@ -113,29 +78,24 @@ def reversed_text(row: Mapping[str, Any]) -> str:
     return f"sign reversed: “{words}”" if (words := row.get("reverse")) else ""
 
 
-def set_label(study: StudyResult, name: str) -> str:
-    """Return the name of a hypothesis, marked if it has no effect."""
-    return f"no effect: {name_of(study, name)}" if name in STOPS else name_of(study, name)
-
-
 def remembered(study: StudyResult, equation: str) -> str:
     """Return what the discrepancy likely is, as in "is a law of y (probability 0.97)"; "" if it is not known."""
-    statements = remainders(study, equation)
-    laws = [
-        f"a law of {each.of.replace(', ', ' and ')} (probability {probability_text(each.probability)})"
-        for each in statements
-        if each.kind == QUANTITY
-    ]
-    texts = [f"is {' and '.join(laws)}"] if laws else []
-    for each in statements:
-        p = probability_text(each.probability)
-        if each.kind == QUANTITY:
-            continue
-        if each.of:
-            texts.append(f"{CHANNEL_TEXTS.get(each.kind, 'remembers')} ({each.kind} of {each.of}, probability {p})")
+    of_channel = {"drift": "changes with time", "law": "follows another law"}
+    of_none = {
+        "law": "is a law of the states",
+        "time": "is something in time, of the machine or of its sensor",
+        "memory": "remembers",
+    }
+    laws, texts = [], []
+    for each in summary.remainders(study, equation):
+        p = fmt.probability_text(each.probability)
+        if each.kind == summary.QUANTITY:
+            laws.append(f"a law of {each.of.replace(', ', ' and ')} (probability {p})")
+        elif each.of:
+            texts.append(f"{of_channel.get(each.kind, 'remembers')} ({each.kind} of {each.of}, probability {p})")
         else:
-            texts.append(f"{REMAINDER_TEXTS[each.kind]} (probability {p})")
-    return "; ".join(texts)
+            texts.append(f"{of_none[each.kind]} (probability {p})")
+    return "; ".join([*([f"is {' and '.join(laws)}"] if laws else []), *texts])
 
 
 def metric_words(study: StudyResult, metric: str, variable: str) -> tuple[str, str]:
@@ -148,8 +108,8 @@ def metric_words(study: StudyResult, metric: str, variable: str) -> tuple[str, s
 def metric_value(study: StudyResult, metric: str, value: float) -> str:
     """Return a value of a measure of the gap as text."""
     if metric == "time to failure":
-        return quantity(value, study.train.unit("t")) if math.isfinite(value) else "never"
-    return number(value, 3) if metric == MISFIT else share_text(value)
+        return fmt.quantity(value, study.train.unit("t")) if math.isfinite(value) else "never"
+    return fmt.number(value, 3) if metric == MISFIT else fmt.share_text(value)
 
 
 def metric_interval(study: StudyResult, metric: str, lower: float, upper: float) -> str:
@@ -160,19 +120,20 @@ def metric_interval(study: StudyResult, metric: str, lower: float, upper: float)
         return " to ".join(dict.fromkeys(ends))
     if math.isnan(lower) or math.isnan(upper):
         return "–"
-    return interval(lower, upper) if metric == MISFIT else share_interval(lower, upper)
+    return fmt.interval(lower, upper) if metric == MISFIT else fmt.share_interval(lower, upper)
 
 
 def closed_share(closed: float) -> str:
     """Return the closed share of the gap, never 100 %; by how much it grew stand before and after beside it."""
-    if abs(closed) < LEAST_CLOSED:
+    if abs(closed) < summary.LEAST_CLOSED:
         return "unchanged"
-    return "grew" if closed < 0 else percent_text(min(closed, MOST_CLOSED))
+    # What is left of it may only be hidden by the noise.
+    return "grew" if closed < 0 else fmt.percent_text(min(closed, 0.9999))
 
 
 def closed_heading(study: StudyResult) -> str:
     """Return the heading of the shares by which errors shrank: nothing is called closed that is denied."""
-    return "lower by" if is_denied(study) else "closed"
+    return "lower by" if summary.is_denied(study) else "closed"
 
 
 def closed_cell(study: StudyResult, part: str, row: Mapping[str, Any]) -> str:
@@ -182,19 +143,16 @@ def closed_cell(study: StudyResult, part: str, row: Mapping[str, Any]) -> str:
 
 def in_noise(study: StudyResult, part: str, row: Mapping[str, Any]) -> bool:
     """Return whether a row of the gap table is of a misfit that was within the noise before."""
-    n_row = rows_by_part(study).get(part)
+    n_row = summary.rows_by_part(study).get(part)
     of_gap = row["metric"] in (SHARE, NAMES_ALONE, MISFIT, *NMSES)
     return of_gap and within_noise(study.gap, part, row["variable"], n_row)
 
 
 def risen(ratio: float) -> str:
-    """Return by how much something rose: in per cent below a doubling, from there on as a multiple."""
-    return f"by {percent_text(ratio - 1)}" if ratio < TWICE else f"to {_multiple(ratio)} what it was"
-
-
-def _multiple(ratio: float) -> str:
-    """Return a multiple to two digits, such as 23000 times, unbroken."""
-    return f"{number(float(f'{ratio:.2g}'), 2)}\u00a0times"
+    """Return by how much something rose: in per cent below a doubling, from there on as a multiple of two digits."""
+    if ratio < 2:
+        return f"by {fmt.percent_text(ratio - 1)}"
+    return f"to {fmt.number(float(f'{ratio:.2g}'), 2)}\u00a0times what it was"
 
 
 def closed_text(closed: float, denied: bool = False) -> str:
@@ -217,44 +175,44 @@ def closed_text(closed: float, denied: bool = False) -> str:
 def suspect_size(row: Mapping[str, Any]) -> tuple[str, str, str]:
     """Return the size of a sensor error, its 90 % interval in the same unit, and both in samples for a delay."""
     if row["suspect"] == channels.GAIN:
-        span = f"{percent_text(row['lower'])} to {percent_text(row['upper'])}"
-        return f"{percent_text(row['mean'])} ± {percent_text(row['sd'])}", span, "–"
+        span = f"{fmt.percent_text(row['lower'])} to {fmt.percent_text(row['upper'])}"
+        return f"{fmt.percent_text(row['mean'])} ± {fmt.percent_text(row['sd'])}", span, "–"
     if math.isnan(row["sd"]):
-        return (quantity(row["mean"], row["unit"], 2) if row["unit"] else "–"), "–", "–"
-    span, samples = interval(row["lower"], row["upper"]), "–"
+        return (fmt.quantity(row["mean"], row["unit"], 2) if row["unit"] else "–"), "–", "–"
+    span, samples = fmt.interval(row["lower"], row["upper"]), "–"
     if math.isfinite(row["samples"]):
-        samples = f"{number(row['samples'], 2)} ({interval(row['lower_samples'], row['upper_samples'])})"
-    return estimate(row["mean"], row["sd"], row["unit"]), span, samples
+        samples = f"{fmt.number(row['samples'], 2)} ({fmt.interval(row['lower_samples'], row['upper_samples'])})"
+    return fmt.estimate(row["mean"], row["sd"], row["unit"]), span, samples
 
 
 def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     """Return every weighed sensor error and kind of noise, with its prior probability and size."""
-    weighed = channels_weighed(study)
+    weighed = summary.channels_weighed(study)
     if not weighed:
         return []
     odds, labels = study.settings["prior odds"], [study.train.target_label(name) for name in study.maps]
-    each, noise = (probability_text(odds[key]) for key in ("suspect", "noise"))
-    of_rms = f"±\u00a0{percent_text(channels.OFFSET_SD, 0)} of the channel's RMS"
+    each, noise = (fmt.probability_text(odds[key]) for key in ("suspect", "noise"))
+    of_rms = f"±\u00a0{fmt.percent_text(channels.OFFSET_SD, 0)} of the channel's RMS"
     sizes = {
         channels.DELAY: f"±\u00a0{channels.DELAY_STEPS:g}\u00a0samples",
-        channels.GAIN: f"±\u00a0{percent_text(channels.GAIN_SD, 0)}",
+        channels.GAIN: f"±\u00a0{fmt.percent_text(channels.GAIN_SD, 0)}",
         **dict.fromkeys((channels.OFFSET, channels.DRIFT), of_rms),
         channels.NOISE: "what smoothing takes off",
         channels.DEPARTURE: "what the other state of its pair lacks",
-        **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{percent_text(bends.BEND_SD, 0)} at the end of the range"),
+        **dict.fromkeys(bends.BEND_ERRORS, f"±\u00a0{fmt.percent_text(bends.BEND_SD, 0)} at the end of the range"),
     }
     rows = []
     for kind, names in weighed.items():
         if kind != channels.LAG:
             named = ", ".join("all states together" if name == channels.STATES else name for name in names)
             rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
-    share = f"{probability_text(odds.get('slow_sensor', 0.5))}: it, or a lag of an input, which does the same"
+    share = f"{fmt.probability_text(odds.get('slow_sensor', 0.5))}: it, or a lag of an input, which does the same"
     rows += [(f"Lag of {name}", share) for name in weighed.get(channels.LAG, ())]
     for equation, rate in zip(study.maps, labels, strict=True):
         where = f" in {rate}" if len(labels) > 1 else ""
         rows += [
             (f"{key.capitalize()}{where}", f"as {other['what']}, which does the same")
-            for key, other in same_as(study, equation).items()
+            for key, other in summary.same_as(study, equation).items()
         ]
     return [*rows, ("Noise that is correlated, that depends on the state, that has outliers", f"{noise} each")]
 

@@ -59,11 +59,7 @@ def packed(content: Mapping[str, bytes]) -> bytes:
 
 
 def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
-    """Return the library that a C compiler makes of the file `main` among sources and headers by name.
-
-    Raises:
-        InputError: It cannot compile them.
-    """
+    """Return the library that a C compiler makes of the file `main` among sources and headers by name, or refuse it."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_bytes(text)
@@ -78,11 +74,7 @@ def compiled(compiler: str, sources: Mapping[str, bytes], main: str) -> bytes:
 
 
 def c_compiler() -> str:
-    """Return the C compiler of this system.
-
-    Raises:
-        InputError: There is none.
-    """
+    """Return the C compiler of this system, or refuse one without."""
     compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
     if compiler is None:
         raise InputError(
@@ -93,14 +85,9 @@ def c_compiler() -> str:
 
 
 def installed_fmpy() -> Any:
-    """Return FMPy, which comes with the headers of the standard.
-
-    Raises:
-        InputError: It is not installed.
-    """
-    # Imported here because it is optional.
+    """Return FMPy, which comes with the headers of the standard, or refuse a system without."""
     try:
-        import fmpy
+        import fmpy  # optional
     except ImportError:
         raise InputError('Writing an FMU needs FMPy; install it with pip install ".[fmu]" in the checkout.') from None
     return fmpy
@@ -159,33 +146,28 @@ def description(model: ExportedModel, name: str, called: str, guid: str, about: 
             ElementTree.SubElement(definitions, "Unit", name=text)
     variables = ElementTree.SubElement(root, "ModelVariables")
 
-    def variable(name: str, about: str, unit: str, number: dict[str, str], **kind: str) -> None:
-        attributes = {"name": name, "valueReference": str(len(variables)), "description": one_line(about), **kind}
-        scalar = ElementTree.SubElement(variables, "ScalarVariable", attributes)
-        text = unit_text(unit)
-        ElementTree.SubElement(scalar, "Real", {**number, **({"unit": text} if text else {})})
-
-    for each in model.states:
-        # One that moves along with another where a run starts is calculated from it.
-        known = {} if each.follows else {"start": repr(each.start)}
-        variable(
-            each.name, each.about, each.unit, known, causality="output", variability="continuous",
-            initial="calculated" if each.follows else "exact",
-        )  # fmt: skip
-    for k, each in enumerate(model.rates):
-        of = {"derivative": str(k + 1)}
+    # A state that moves along with another where a run starts is calculated from it.
+    rows: list[tuple[str, str, str, dict[str, str], str, str]] = [
+        (each.name, each.about, each.unit, {}, "output", "calculated")
+        if each.follows
+        else (each.name, each.about, each.unit, {"start": repr(each.start)}, "output", "exact")
+        for each in model.states
+    ]
+    for k, each in enumerate(model.rates, start=1):
         # Per second, whatever the data's time is in.
         unit = each.unit if model.per_second == 1.0 else ""
-        variable(f"der({each.name})", "", unit, of, causality="local", variability="continuous")
-    for each in model.inputs:
-        variable(each.name, each.about, each.unit, {"start": "0.0"}, causality="input", variability="continuous")
-    for each in model.outputs:
-        variable(each.name, each.about, each.unit, {}, causality="output", variability="continuous")
+        rows.append((f"der({each.name})", "", unit, {"derivative": str(k)}, "local", ""))
+    rows += [(each.name, each.about, each.unit, {"start": "0.0"}, "input", "") for each in model.inputs]
+    rows += [(each.name, each.about, each.unit, {}, "output", "") for each in model.outputs]
     for each in model.factors:
         mean = {"start": repr(float(each.value.mean))}
-        variable(
-            each.name, uncertainty(each), each.unit, mean, causality="parameter", variability="tunable", initial="exact"
-        )
+        rows.append((each.name, uncertainty(each), each.unit, mean, "parameter", "exact"))
+    for place, (name, about, unit, number, causality, initial) in enumerate(rows):
+        kind = {"causality": causality, "variability": "tunable" if causality == "parameter" else "continuous"}
+        attributes = {"name": name, "valueReference": str(place), "description": one_line(about), **kind}
+        attributes |= {"initial": initial} if initial else {}
+        scalar = ElementTree.SubElement(variables, "ScalarVariable", attributes)
+        ElementTree.SubElement(scalar, "Real", number | ({"unit": unit_text(unit)} if unit_text(unit) else {}))
 
     n, inputs = len(model.states), len(model.inputs)
     states, rates = range(1, n + 1), range(n + 1, 2 * n + 1)

@@ -19,16 +19,8 @@ from .gap_map import SURE_GAP
 UNSEEN_STATE = "path through the samples"
 """Name of the curve that runs of a state without a sensor are compared with."""
 
-# Stretches of time closer than this share of the record are drawn as one.
-_NEAR_STRETCHES = 1 / 400
 # Width in inches below which four labels of a legend do not fit in a row.
 _NARROW_LEGEND = 6.0
-# Characters of three labels that fit in a row there.
-_LEGEND_CHARACTERS = 45
-# Characters of a label that fit beside another one there.
-_LABEL_CHARACTERS = 34
-# Rows up to which measurements are drawn as points.
-_MOST_RUN_MARKERS = 400
 # Rows of a run whose swings may be too many to be told apart in one panel, and of its end that is then shown again.
 _LONG_RUN, _LAST_ROWS = 2000, 200
 
@@ -51,19 +43,10 @@ def plot_gap_over_time(
 ) -> Figure:
     """Draw the gap along the record before and after, with the times at which it surely exceeds the threshold.
 
-    Args:
-        time: time of each row, in `time_unit`.
-        before: mean, lower and upper end of the gap that the simulation leaves, in `unit`.
-        after: the same of the extended model.
-        equation: name of the state whose derivative the equation gives.
-        threshold: size from which on a gap counts as one, in `unit`.
-        probability: probability that `|gap|` exceeds the threshold, before.
-        run: run of each row; all one run by default. At most six runs are drawn.
-        run_names: name of each run.
-        time_unit: unit of time.
-        unit: unit of the gap.
-        width: width of the figure in inches.
-        axes: axes to draw into, one a drawn run.
+    `before` and `after` are mean, lower and upper end of the gap, in `unit`, that the simulation and the extended model
+    leave; from the threshold on a gap counts as one, and `probability` is that it does so before. `run` numbers the run
+    of each row from 0, all one by default; at most six are drawn, on axes of their own. `width` is the figure's in
+    inches.
     """
     rows, note = rows_of_runs(len(time), run)
     panels = _panels(rows, width, axes)
@@ -112,20 +95,10 @@ def plot_free_run(
     a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
     again close up.
 
-    Args:
-        time: time of each row, in `time_unit`.
-        measured: the measured state, in `unit`.
-        before: mean, lower and upper end of the free run before; NaN from where it failed. None: there is one model.
-        after: the same of the extended model.
-        state: name of the state.
-        holds: sources of uncertainty in the band after, for the legend.
-        seen_as: name of the curve that the runs are compared with, for the legend.
-        run: run of each row; all one run by default. At most six runs are drawn.
-        run_names: name of each run.
-        time_unit: unit of time.
-        unit: unit of the state.
-        width: width of the figure in inches.
-        axes: axes to draw into, one a drawn run.
+    `before` and `after` are mean, lower and upper end of the free run, in `unit`, NaN from where it failed; without
+    `before` there is one model. For the legend, `holds` are the sources of uncertainty in the band after, and `seen_as`
+    names the curve that runs are compared with. `run` numbers the run of each row from 0, all one by default; at most
+    six are drawn, on axes of their own. `width` is that of the figure in inches.
     """
     rows, note = rows_of_runs(len(time), run)
     closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG_RUN
@@ -135,7 +108,7 @@ def plot_free_run(
     low, high = float(measured.min()), float(measured.max())
     margin = 0.35 * (high - low) or 1.0
     if style.figure_of(panels[0]).get_figwidth() < _NARROW_LEGEND:
-        holds = fill(holds, _LABEL_CHARACTERS)
+        holds = fill(holds, 34)
     shown = [(after, style.AFTER, "model" if before is None else "after", holds)]
     if before is not None:
         # Draws of its start alone: where a run fails they are anywhere.
@@ -146,7 +119,7 @@ def plot_free_run(
         for values, model_look, label, band in shown:
             draw_band(ax, t, values[:, chosen], model_look, label, band)
         look: dict[str, Any] = {"color": style.DARK, "zorder": 4, "label": seen_as}
-        if len(t) <= _MOST_RUN_MARKERS:
+        if len(t) <= 400:
             ax.plot(t, seen, "o", markersize=2.2, markeredgewidth=0, **look)
         else:
             kept = extreme_rows(seen)
@@ -185,7 +158,7 @@ def _stretches(time: Float[np.ndarray, " n_obs"], on: Bool[np.ndarray, " n_obs"]
     pairs = np.stack([time[edges[::2]], time[edges[1::2] - 1]], axis=1)
     joined: list[np.ndarray] = []
     for pair in pairs:
-        if joined and pair[0] - joined[-1][1] < _NEAR_STRETCHES * (time[-1] - time[0]):
+        if joined and pair[0] - joined[-1][1] < (time[-1] - time[0]) / 400:
             joined[-1][1] = pair[1]
         else:
             joined.append(pair)
@@ -201,5 +174,5 @@ def _label(panels: list[Axes], quantity: str, time_unit: str | None, ours: bool)
     # What a band holds is a long label.
     widest = _NARROW_LEGEND + 0.06 * max(0, sum(map(len, order)) - 50)
     narrow = style.figure_of(panels[0]).get_figwidth() < widest
-    columns = 2 if narrow and (len(order) > 3 or sum(map(len, order)) > _LEGEND_CHARACTERS) else None
+    columns = 2 if narrow and (len(order) > 3 or sum(map(len, order)) > 45) else None
     style.place_legend(panels[0], ours, [handles[label] for label in order], columns)

@@ -15,9 +15,6 @@ from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import estimate, level_text, probability_text, share_text
 from bayes_greybox.running.errors import InputError
 
-# Points between the columns of text, and the width of a character in them.
-_COLUMN_SPACE, _CHARACTER = 8.0, 6.0
-
 
 @mpl.rc_context(style.STYLE)
 def plot_hypotheses(
@@ -32,14 +29,9 @@ def plot_hypotheses(
 ) -> Figure:
     """Draw the probability of each hypothesis, and the share of the gap that it leaves open.
 
-    Args:
-        names: the hypotheses, best first.
-        probability: probability of each; they sum to one over all hypotheses.
-        share_left: share of the gap that f has to carry under each.
-        chosen: names that the study settled on: drawn dark.
-        tied: names that these data do not tell from a chosen one: drawn pale and marked.
-        title: title of the bars.
-        axes: one axes to draw into.
+    Names are best first; probabilities sum to one over all hypotheses; `share_left` is the share of the gap that f has
+    to carry under each. Those `chosen`, on which the study settled, are drawn dark, and those `tied` with one of these,
+    which these data do not tell apart, pale and marked.
     """
     colours = [style.BLUE if name in chosen else style.SKY if name in tied else style.LIGHT for name in names]
     labels = [f"{name}  (tied)" if name in tied else name for name in names]
@@ -58,14 +50,7 @@ def plot_rounds(
     title: str = "Likeliest sets of each size",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the share of the gap that the likeliest set with no effect, with one, with two leaves.
-
-    Args:
-        labels: names of the sets, in order.
-        share_left: share of the gap that it leaves.
-        title: title of the bars.
-        axes: one axes to draw into.
-    """
+    """Draw the share of the gap that the likeliest set with no effect, with one, with two leaves, in this order."""
     columns = {"left by columns": [share_text(value) for value in share_left]}
     return _bars(labels, share_left, [style.BLUE] * len(labels), columns, title, "share of the gap left", axes)
 
@@ -89,7 +74,8 @@ def _bars(
         ax.text(0.0, row - 0.24, style.plain(label), va="bottom", fontsize=9.5, color=style.DARK)
     right, at = ax.get_yaxis_transform(), 0.0
     for heading, texts in columns.items():
-        at += _COLUMN_SPACE + _CHARACTER * max(len(text) for text in (heading, *texts))
+        # Points between the columns, and the width of a character in them.
+        at += 8.0 + 6.0 * max(len(text) for text in (heading, *texts))
         beside: dict[str, Any] = {"xytext": (at, 0), "textcoords": "offset points", "ha": "right"}
         ax.annotate(heading, (1, 1), xycoords="axes fraction", va="bottom", fontsize=9, color=style.GREY, **beside)
         for row, text in enumerate(texts):
@@ -120,17 +106,9 @@ def plot_responses(
 ) -> Figure:
     """Draw bands of one sensor under each explanation, and their difference from the likeliest one's median.
 
-    Args:
-        time: times of the rows, in `time_unit`.
-        bands: lower end, median and upper end for each explanation, without noise, in `unit`.
-        names: explanations, likeliest first; the first four are drawn.
-        probability: probability of each.
-        noise: standard deviation of the sensor.
-        channel: measured quantity.
-        unit: unit of the channel.
-        time_unit: unit of time.
-        width: width of the figure in inches.
-        axes: two axes to draw into: the response, and the difference.
+    Bands are lower end, median and upper end for each explanation, without noise, in the `unit` of the `channel`.
+    Explanations are likeliest first, and the first four are drawn. `noise` is the standard deviation of the sensor,
+    `width` that of the figure in inches; `axes` are those of the response, and of the difference.
     """
     order = "the response, then the difference"
     above, below = style.panels_of(axes, 2, order, (width, 5.4), sharex=True, height_ratios=[1.2, 1.0])
@@ -155,22 +133,11 @@ def plot_responses(
     return style.figure_of(above)
 
 
-_HISTOGRAM_BINS = 40
-
-
 @dataclass(frozen=True)
 class Coefficient:
-    """A coefficient to draw.
+    """A coefficient to draw, in `unit`, with the heading of its panel and the ends of its credible interval.
 
-    Attributes:
-        name: Heading of the panel.
-        term: The term it multiplies.
-        mean: Posterior mean, in `unit`.
-        sd: Posterior standard deviation, in `unit`.
-        lower: Lower end of the credible interval.
-        upper: Upper end of it.
-        unit: Unit.
-        draws: Posterior draws; None where there are none, and only the interval is drawn.
+    Without posterior draws the interval alone is drawn.
     """
 
     name: str
@@ -189,10 +156,7 @@ def plot_posteriors(
 ) -> Figure:
     """Draw a histogram of the draws of each coefficient, with its mean and interval, one panel each.
 
-    Args:
-        coefficients: Coefficients to draw.
-        level: Probability that the intervals hold.
-        axes: Axes to draw into, one a coefficient.
+    Intervals hold the probability `level`.
 
     Raises:
         InputError: There are no coefficients.
@@ -210,7 +174,7 @@ def plot_posteriors(
 
 def _draw(ax: Axes, item: Coefficient) -> None:
     if item.draws is not None and np.ptp(item.draws) > 0:
-        ax.hist(item.draws, bins=_HISTOGRAM_BINS, color=style.BLUE, alpha=0.35)
+        ax.hist(item.draws, bins=40, color=style.BLUE, alpha=0.35)
     low, high = ax.get_xlim() if item.draws is not None else (item.lower, item.upper)
     pad = 0.15 * (item.upper - item.lower) or 0.1 * abs(item.mean) or 1.0
     low, high = min(low, item.lower - pad), max(high, item.upper + pad)

@@ -1,6 +1,7 @@
 """Figures along time, one panel a run: the discrepancy, and predicted against measured; long records are thinned."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -11,12 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.words.formatting import level_text
+from bayes_greybox.report.words.formatting import level_text, shorter
 
 MOST_PANELS = 6
 # Bins of a long record: about one a pixel column of a notebook figure.
 RECORD_BINS = 1200
-_LONGEST_NAME = 24
 
 POSTERIOR: dict[str, Any] = {"color": style.BLUE, "linewidth": 1.6}
 
@@ -37,23 +37,11 @@ def plot_discrepancy_over_time(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the posterior of the discrepancy f along time, against the noise standard deviation.
+    """Draw the posterior of the discrepancy f along time, against the noise standard deviation `sigma`.
 
-    A long record is thinned for drawing to the extremes of neighbouring rows, so peaks stay.
-
-    Args:
-        time: time of each row, in `time_unit`.
-        mean: posterior mean of f at each row, in `unit`.
-        lower: lower end of the credible interval.
-        upper: upper end of the credible interval.
-        equation: name of the state whose derivative the equation gives.
-        run: run of each row, 0..n_run-1; all one run by default. At most six runs are drawn.
-        run_names: name of each run.
-        sigma: noise standard deviation, in `unit`: drawn as a pair of reference lines.
-        level: probability that the credible interval holds.
-        time_unit: unit of time.
-        unit: unit of f.
-        axes: axes to draw into, one a drawn run.
+    f is in `unit`: its mean, and the ends of the credible interval of probability `level`. `run` numbers the run of
+    each row from 0, all one by default; at most six are drawn, on axes of their own. A long record is thinned for
+    drawing to the extremes of neighbouring rows, so peaks stay. `equation` is the state whose derivative it gives.
     """
     rows, note = rows_of_runs(len(time), run)
     values = np.stack([mean, lower, upper])
@@ -108,7 +96,7 @@ def each_run(
     for index, (ax, chosen) in enumerate(zip(panels, rows, strict=True)):
         yield ax, chosen
         if len(rows) > 1:
-            name = style.shortened(f"run {index}" if run_names is None else str(run_names[index]), _LONGEST_NAME)
+            name = style.plain(shorter(f"run {index}" if run_names is None else str(run_names[index]), 24))
             ax.text(1.0, 1.0, name, transform=ax.transAxes, ha="right", va="bottom", fontsize=9, color=style.DARK)
         ax.margins(x=0.01)
 
@@ -128,11 +116,6 @@ def draw_threshold(ax: Axes, size: float | np.floating, label: str = "± thresho
         ax.axhline(sign * float(size), color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label=name)
 
 
-# Beyond these numbers of rows points merge into a blot: along time a line, across a density.
-_MOST_MARKERS = 2000
-_MOST_SCATTER = 3000
-
-
 @mpl.rc_context(style.STYLE)
 def plot_predicted(
     time: Float[np.ndarray, " n_obs"],
@@ -150,25 +133,12 @@ def plot_predicted(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw predicted and measured derivative along time, and beside it predicted against measured.
+    """Draw predicted and measured derivative of the state `equation` along time, and predicted against measured.
 
-    The scatter holds every row; along time at most six runs are drawn, thinned to the extremes of
-    neighbouring rows where they are long.
-
-    Args:
-        time: time of each row, in `time_unit`.
-        measured: measured derivative, in `unit`.
-        mean: posterior predictive mean, in `unit`.
-        lower: lower end of the predictive interval.
-        upper: upper end of the predictive interval.
-        equation: name of the state whose derivative is predicted.
-        label: name of another predicted quantity, such as an output.
-        level: probability that the interval holds.
-        run: run of each row, 0..n_run-1; all one run by default.
-        run_names: name of each run.
-        time_unit: unit of time.
-        unit: unit of the derivative.
-        axes: axes to draw into: one a drawn run, then the scatter.
+    All are in `unit`: what was measured, the posterior predictive mean, and the ends of the interval of probability
+    `level`. `label` names another predicted quantity, such as an output. The scatter holds every row; along time at
+    most six runs are drawn, thinned to the extremes of neighbouring rows where they are long. `run` numbers the run of
+    each row from 0, all one by default; `axes` are one a drawn run, then the scatter.
     """
     rows, note = rows_of_runs(len(time), run)
     values = np.stack([mean, lower, upper])
@@ -194,10 +164,11 @@ def plot_predicted(
 
 
 def _draw_measured(ax: Axes, time: np.ndarray, measured: np.ndarray) -> None:
-    if len(time) <= _MOST_MARKERS:
+    if len(time) <= 2000:
         size = _marker_size(len(time))
         ax.plot(time, measured, "o", color=style.DARK, markersize=size, markeredgewidth=0, zorder=2.5, label="measured")
         return
+    # Points would merge into a blot.
     kept = extreme_rows(measured)
     ax.plot(time[kept], measured[kept], color=style.GREY, linewidth=0.8, label="measured")
 
@@ -206,7 +177,7 @@ def _draw_across(ax: Axes, measured: np.ndarray, mean: np.ndarray, quantity: str
     low, high = float(min(measured.min(), mean.min())), float(max(measured.max(), mean.max()))
     pad = 0.05 * (high - low) or 1.0
     view = (low - pad, high + pad)
-    if len(measured) <= _MOST_SCATTER:
+    if len(measured) <= 3000:
         size = _marker_size(len(measured)) + 0.7
         ax.plot(measured, mean, "o", color=style.BLUE, markersize=size, alpha=0.5, markeredgewidth=0, label="rows")
     else:
@@ -218,10 +189,8 @@ def _draw_across(ax: Axes, measured: np.ndarray, mean: np.ndarray, quantity: str
     ax.set_aspect("equal", anchor="N")
     ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.yaxis.set_major_locator(MaxNLocator(5))
-    measured_label, predicted_label = (
-        style.with_unit(f"{kind} {quantity}", unit) for kind in ("measured", "predicted")
-    )
-    ax.set(xlim=view, ylim=view, xlabel=measured_label, ylabel=predicted_label)
+    ax.set(xlim=view, ylim=view, xlabel=style.with_unit(f"measured {quantity}", unit))
+    ax.set_ylabel(style.with_unit(f"predicted {quantity}", unit))
     ax.legend(loc="upper left", handletextpad=0.5)
 
 
@@ -237,24 +206,19 @@ def extreme_rows(values: Float[np.ndarray, " n_obs"]) -> Int[np.ndarray, " n_kep
     n_obs = len(values)
     if n_obs <= 2 * RECORD_BINS:
         return np.arange(n_obs)
-    starts = _starts(n_obs)
-    ends = np.append(starts[1:], n_obs)
     kept = [0, n_obs - 1]
-    for start, end in zip(starts, ends, strict=True):
+    for start, end in pairwise(_edges(n_obs)):
         kept += [start + int(np.argmin(values[start:end])), start + int(np.argmax(values[start:end]))]
     return np.unique(np.asarray(kept))
 
 
 def _outer_band(time: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record.
-
-    Each bin of neighbouring rows has its lowest lower and its highest upper edge, drawn at its first and its last row.
-    """
+    """Return a band to draw, by time, lower and upper edge, that covers the whole band of a long record."""
     n_obs = len(time)
     if n_obs <= 2 * RECORD_BINS:
         return time, lower, upper
-    starts = _starts(n_obs)
-    ends = np.append(starts[1:], n_obs) - 1
+    # Each bin has its lowest lower and its highest upper edge, at its first and its last row.
+    starts, ends = (edges := _edges(n_obs))[:-1], edges[1:] - 1
     return (
         np.stack([time[starts], time[ends]], axis=1).ravel(),
         np.repeat(np.minimum.reduceat(lower, starts), 2),
@@ -262,5 +226,5 @@ def _outer_band(time: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> tuple
     )
 
 
-def _starts(n_obs: int) -> np.ndarray:
-    return np.linspace(0, n_obs, RECORD_BINS + 1).astype(np.int64)[:-1]
+def _edges(n_obs: int) -> np.ndarray:
+    return np.linspace(0, n_obs, RECORD_BINS + 1).astype(np.int64)

@@ -15,8 +15,6 @@ from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import formula, number, p_text
 from bayes_greybox.running.errors import InputError
 
-_MOST_CURVES = 60
-
 
 @mpl.rc_context(style.STYLE)
 def plot_predictive(
@@ -29,21 +27,15 @@ def plot_predictive(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw distribution functions of the measured derivative, and of data drawn from prior and posterior.
+    """Draw distribution functions of the measured derivative, and of data sets drawn from prior and posterior.
 
-    Args:
-        measured: measured derivative, in `unit`.
-        posterior: posterior predictive data sets.
-        prior: prior predictive data sets.
-        equation: name of the state whose derivative is drawn.
-        label: name of another drawn quantity, such as an output.
-        unit: unit of the derivative.
-        axes: axes to draw into: prior, posterior.
+    All are in `unit`, of the state `equation` unless `label` names another quantity, such as an output. `axes` are
+    those of prior and posterior.
     """
     panels = style.panels_of(axes, 2, "prior, posterior", (9.0, 3.6), nrows=1, ncols=2)
     steps = (np.arange(len(measured)) + 0.5) / len(measured)
     for ax, drawn, name in zip(panels, (prior, posterior), ("prior", "posterior"), strict=True):
-        shown = drawn[np.unique(np.linspace(0, len(drawn) - 1, _MOST_CURVES).round().astype(int))]
+        shown = drawn[np.unique(np.linspace(0, len(drawn) - 1, 60).round().astype(int))]
         for i, values in enumerate(np.sort(shown, axis=1)):
             ax.plot(values, steps, color=style.SKY, linewidth=0.6, alpha=0.5, label="predicted" if i == 0 else None)
         ax.plot(np.sort(measured), steps, color=style.DARK, linewidth=1.6, label="measured")
@@ -66,17 +58,11 @@ def plot_loo_pit(
     p: float | np.floating,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the distribution function of the LOO-PIT values less the uniform one, with its band.
+    """Draw the distribution function of the LOO-PIT values of one equation less the uniform one, with its band.
 
     A curve that rises on the left and falls on the right comes from predictions that are too narrow, the opposite from
-    predictions that are too wide.
-
-    Args:
-        value: LOO-PIT values.
-        equation: name of the state whose derivative is predicted.
-        band: half-width of the band that holds the whole curve in 99 % of well-specified data sets.
-        p: p-value of uniformity.
-        axes: axes to draw into, one.
+    predictions that are too wide. `band` is the half-width of the band that holds the whole curve in 99 % of
+    well-specified data sets, `p` the p-value of uniformity.
     """
     (ax,) = style.panels_of(axes, 1, "the curve", (5.6, 3.4))
     # The distribution function jumps at each value, and less uniform it falls between them.
@@ -103,17 +89,10 @@ def plot_autocorrelation(
     by_frequency: bool = False,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the autocorrelation of the whitened residuals with the bound that white noise keeps.
+    """Draw the autocorrelation of the whitened residuals of one equation with the bound that white noise keeps.
 
-    Args:
-        lag: lags.
-        autocorrelation: at each lag, mean over posterior draws.
-        bound: bound of each.
-        equation: name of the state whose derivative is modelled.
-        p: p-value of whiteness.
-        standing_out: lags to mark.
-        by_frequency: if true, the lags are steps of frequency.
-        axes: axes to draw into, one.
+    It is the mean over posterior draws at each lag, a step of frequency if `by_frequency`; the lags `standing_out` are
+    marked, and `p` is the p-value of whiteness.
     """
     (ax,) = style.panels_of(axes, 1, "the bars", (5.6, 3.4))
     ax.fill_between(lag, -bound, bound, color=style.LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
@@ -138,18 +117,14 @@ def plot_sensitivity(
     labels: Mapping[str, str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the sensitivity of each quantity to prior and likelihood, against the threshold.
+    """Draw the sensitivity of each quantity to prior and likelihood, which is worth a look above the threshold.
 
-    Args:
-        table: indexed by (equation, quantity), with columns prior and likelihood.
-        threshold: sensitivities above it are worth a look.
-        labels: left-hand side of each equation; by default the derivative of a state.
-        axes: axes to draw into, one.
+    The table is indexed by (equation, quantity), with columns prior and likelihood. `labels` are left-hand sides of
+    equations, by default the derivative of a state.
     """
     (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
-    equations = list(dict.fromkeys(table.index.get_level_values(0)))
-    labels = {name: f"d({name})/dt" for name in equations} | dict(labels or {})
-    where = {name: f" in {labels[name]}" if len(equations) > 1 else "" for name in equations}
+    equations, labels = table.index.unique(0), labels or {}
+    where = {name: f" in {labels.get(name, f'd({name})/dt')}" if len(equations) > 1 else "" for name in equations}
     names = [f"{formula(str(quantity))}{where[equation]}" for equation, quantity in table.index]
     rows = style.guide_rows(ax, len(table))
     ax.axvline(float(threshold), color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="threshold")
@@ -165,10 +140,6 @@ def plot_sensitivity(
     return style.figure_of(ax)
 
 
-_ACROSS = 4
-"""Panels in a row."""
-
-
 @mpl.rc_context(style.STYLE)
 def plot_calibration(
     differences: pd.DataFrame,
@@ -181,13 +152,9 @@ def plot_calibration(
 
     A curve that leaves the band, drawn in orange where its test failed, says that the posterior is wrong: an arch above
     zero that the draws are too large, one below that they are too small, an S that they are too wide or too narrow.
-
-    Args:
-        differences: ECDF of the ranks less that of uniform values, one column a quantity, indexed by where.
-        lower: Least difference inside the simultaneous band.
-        upper: Largest.
-        tests: By quantity: adjusted p and passed.
-        reliability: By equation: low, high, count, predicted and observed share of included terms, lower and upper.
+    `differences` are the ECDF of the ranks less that of uniform values, one column a quantity, by place, between
+    the ends of their simultaneous band; `tests` have adjusted p and passed by quantity; `reliability` low, high, count,
+    predicted and observed share of included terms, lower and upper, by equation.
 
     Raises:
         InputError: Nothing to draw, or a column is missing.
@@ -200,9 +167,9 @@ def plot_calibration(
         if missing:
             raise InputError(f"The reliability table lacks the column {min(missing)!r}; pass that of calibrate().")
     n_panel = differences.shape[1] + len(reliability)
-    down = -(-n_panel // _ACROSS)
+    down = -(-n_panel // 4)
     figure = style.new_figure(10.5, 0.4 + 2.0 * down)
-    panels = figure.subplots(down, _ACROSS, squeeze=False).ravel()
+    panels = figure.subplots(down, 4, squeeze=False).ravel()
     at = differences.index.to_numpy(float)
     reach = 1.15 * max(float(np.abs(differences.to_numpy()).max()), float(-lower.min()), float(upper.max()))
     for ax, name in zip(panels, differences, strict=False):

@@ -14,11 +14,6 @@ from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import PROBABILITIES, estimate, formula, number, probability_text, unit_text
 from bayes_greybox.running.errors import InputError
 
-# Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
-_LINEAR_RATIO = 30.0
-# Half width of the linear part of a symmetric-log axis, in decades.
-_LINEAR_DECADES = 1.0
-
 
 @mpl.rc_context(style.STYLE)
 def plot_coefficients(
@@ -36,30 +31,34 @@ def plot_coefficients(
     `inclusion` where the table has it, and otherwise `outside_rope` under its own name; without either column there
     are no bars.
 
-    Args:
-        table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
-            outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text).
-        equation: draw this equation only.
-        truth: true coefficients, `{(equation, term): value}` or `{equation: {term: value}}`; terms without
-            one get no marker.
-        units: units of the coefficients, keyed as `truth`; they go before the table's own column.
-        scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
-        axes: axes to draw into, in reading order: per equation the coefficients, whatever their units, and, where
-            there are probabilities, the bars.
+    The table is indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
+    outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text). True
+    coefficients are `{(equation, term): value}` or `{equation: {term: value}}`, and so are units, which go before the
+    table's own. The scale `auto` is linear unless the clear coefficients span orders of magnitude. `axes` are, per
+    equation, those of the coefficients, whatever their units, and, where there are probabilities, of the bars.
 
     Raises:
         InputError: a column is missing, the table is empty, or it does not hold the equation.
     """
     names = _equations(table, equation)
-    blocks = [table.xs(name, level=0) for name in names]
+    blocks: list[Any] = [table.xs(name, level=0) for name in names]
+    units_of = {
+        name: _texts(block, "unit") | _for_equation(units, name) for name, block in zip(names, blocks, strict=True)
+    }
     if axes is None:
-        names, blocks = _by_unit(names, blocks, units)
-    sources = [_probability_column(block) for block in blocks]
+        parts = [part for pair in zip(names, blocks, strict=True) for part in _by_unit(*pair, units_of[pair[0]])]
+        names, blocks = [name for name, _ in parts], [block for _, block in parts]
+    sources = [next((c for c in PROBABILITIES if c in block and not block[c].isna().any()), None) for block in blocks]
     with_bars = any(source is not None for source in sources)
-    pairs = _own_axes(blocks, with_bars) if axes is None else _their_axes(axes, len(names), with_bars)
+    if axes is None:
+        pairs = _own_axes(blocks, with_bars)
+    elif with_bars:
+        flat = style.given_axes(axes, 2 * len(names), "coefficients and bars of each equation")
+        pairs = list(zip(flat[::2], flat[1::2], strict=True))
+    else:
+        pairs = [(ax, None) for ax in style.given_axes(axes, len(names), "one an equation")]
     for k, (name, block, source, (forest, bars)) in enumerate(zip(names, blocks, sources, pairs, strict=True)):
-        true = _for_equation(truth, name)
-        _draw_forest(forest, block, true, _units_of(name, block, units), scale)
+        _draw_forest(forest, block, _for_equation(truth, name), units_of[name], scale)
         if k == 0 or names[k - 1] != name:
             forest.set_title(f"Coefficients in the equation for {style.plain(name)}")
         if bars is not None:
@@ -78,7 +77,7 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     missing = [column for column in ("mean", "sd", "lower", "upper") if column not in table.columns]
     if missing:
         raise InputError(f"The coefficient table lacks the column {missing[0]!r}; pass inclusion(fit).")
-    names = list(dict.fromkeys(table.index.get_level_values(0)))
+    names = list(table.index.unique(0))
     if equation is not None and equation not in names:
         raise InputError(f"The coefficient table has no equation {equation!r}; it has {', '.join(names)}.")
     if not names:
@@ -86,27 +85,10 @@ def _equations(table: pd.DataFrame, equation: str | None) -> list[str]:
     return names if equation is None else [equation]
 
 
-def _by_unit(
-    names: list[str], blocks: list[pd.DataFrame], units: Mapping[Any, Any] | None
-) -> tuple[list[str], list[pd.DataFrame]]:
-    """Return each equation's terms by the unit of their coefficients, in the order in which the units come."""
-    parts = []
-    for name, block in zip(names, blocks, strict=True):
-        by_term = _units_of(name, block, units)
-        of = [unit_text(by_term.get(str(term))) for term in block.index]
-        parts += [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
-    return [name for name, _ in parts], [block for _, block in parts]
-
-
-def _units_of(name: str, block: pd.DataFrame, units: Mapping[Any, Any] | None) -> dict[str, Any]:
-    return {**_column(block, "unit"), **_for_equation(units, name)}
-
-
-def _probability_column(block: pd.DataFrame) -> str | None:
-    for column in PROBABILITIES:
-        if column in block.columns and not np.isnan(block[column].to_numpy(dtype=float)).any():
-            return column
-    return None
+def _by_unit(name: str, block: pd.DataFrame, units: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return an equation's terms by the unit of their coefficients, in the order in which the units come."""
+    of = [unit_text(units.get(str(term))) for term in block.index]
+    return [(name, block[[other == unit for other in of]]) for unit in dict.fromkeys(of)]
 
 
 def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, Axes | None]]:
@@ -119,31 +101,21 @@ def _own_axes(blocks: list[pd.DataFrame], with_bars: bool) -> list[tuple[Axes, A
     return [(row[0], row[1] if with_bars else None) for row in grid]
 
 
-def _their_axes(axes: Sequence[Axes] | np.ndarray, n_equation: int, with_bars: bool) -> list[tuple[Axes, Axes | None]]:
-    if not with_bars:
-        return [(ax, None) for ax in style.given_axes(axes, n_equation, "one an equation")]
-    flat = style.given_axes(axes, 2 * n_equation, "coefficients and bars of each equation")
-    return list(zip(flat[::2], flat[1::2], strict=True))
-
-
 def _for_equation(values: Mapping[Any, Any] | None, equation: str) -> dict[str, Any]:
-    if values is None:
-        return {}
+    values = values or {}
     if isinstance(values.get(equation), Mapping):
         return dict(values[equation])
     return {key[1]: value for key, value in values.items() if isinstance(key, tuple) and key[0] == equation}
 
 
-def _column(block: pd.DataFrame, name: str) -> dict[str, str]:
-    if name not in block.columns:
-        return {}
-    return {str(term): value for term, value in block[name].items() if isinstance(value, str)}
+def _texts(block: pd.DataFrame, name: str) -> dict[str, Any]:
+    column: Any = block.get(name, {})
+    return {str(term): value for term, value in column.items() if isinstance(value, str)}
 
 
 def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: dict[str, Any], scale: str) -> None:
     terms = [str(term) for term in block.index]
-    latex = _column(block, "latex")
-    rows = np.arange(len(terms))
+    latex = _texts(block, "latex")
     lower, upper, mean = (block[name].to_numpy(dtype=float) for name in ("lower", "upper", "mean"))
     true = np.asarray([float(truth.get(term, np.nan)) for term in terms])
     threshold = _linear_range(mean, lower, upper, true) if scale != "linear" else None
@@ -155,7 +127,7 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
     label = _set_scale(ax, float(values.min()), float(values.max()), threshold, about)
     several = "each in its own" in about
     ax.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
-    ax.hlines(rows, 0, 1, transform=ax.get_yaxis_transform(), color=style.LIGHT, linewidth=0.6, zorder=0)
+    rows = style.guide_rows(ax, len(terms))
     ax.hlines(rows, lower, upper, color=style.BLUE, linewidth=2.2, zorder=2)
     ax.plot(mean, rows, "o", color=style.BLUE, markersize=5.5, zorder=3, label="mean")
     if np.isfinite(true).any():
@@ -166,7 +138,6 @@ def _draw_forest(ax: Axes, block: pd.DataFrame, truth: dict[str, Any], units: di
         ax.text(1.02, row, text, transform=ax.get_yaxis_transform(), va="center", fontsize=9, color=style.DARK)
     ax.set_yticks(rows, [style.formula_or_name(formula(term), latex.get(term)) for term in terms])
     ax.set_ylim(len(terms) - 0.4, -0.6)
-    ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.set_xlabel(label)
 
@@ -178,7 +149,7 @@ def _set_scale(ax: Axes, low: float, high: float, threshold: float | None, label
         ax.set_xlim(low - pad, high + pad)
         ax.xaxis.set_major_locator(MaxNLocator(6, min_n_ticks=3))
         return label
-    ax.set_xscale("symlog", linthresh=threshold, linscale=_LINEAR_DECADES)
+    ax.set_xscale("symlog", linthresh=threshold, linscale=1.0)
     ax.set_xlim(min(2.0 * low, -threshold), max(2.0 * high, threshold))
     first = round(np.log10(threshold))
     below, above = (max(int(np.ceil(np.log10(max(end, threshold)))) - first, 0) for end in (-low, high))
@@ -200,7 +171,8 @@ def _linear_range(mean: np.ndarray, lower: np.ndarray, upper: np.ndarray, true: 
     """Return the half width of the linear part of a symmetric-log axis; None where a linear axis will do."""
     clear = np.abs(mean[(lower * upper > 0) & (mean != 0)])
     largest = np.nanmax(np.abs(np.stack([mean, lower, upper, true])))
-    if clear.size == 0 or largest <= _LINEAR_RATIO * clear.min():
+    # Beyond this ratio of the largest to the smallest clear coefficient a linear axis hides the small ones.
+    if clear.size == 0 or largest <= 30 * clear.min():
         return None
     return _power_of_ten(max(clear.min(), 1e-5 * largest))
 

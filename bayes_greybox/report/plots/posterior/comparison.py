@@ -12,14 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from bayes_greybox.report.plots import style
-from bayes_greybox.report.words.formatting import pareto, weight_text
+from bayes_greybox.report.words.formatting import pareto
 from bayes_greybox.running.errors import InputError
-
-# Above this Pareto shape the importance sampling behind an elpd is not to be trusted, however many draws there are
-# (Vehtari, Simpson, Gelman, Yao & Gabry 2024); with few draws the table names a smaller one.
-_WORST_K = 0.7
-# Characters below a panel.
-_LINE = 40
 
 
 @mpl.rc_context(style.STYLE)
@@ -28,10 +22,8 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
 
     Models whose worst Pareto k is above the table's threshold are marked, because their elpd may be off.
 
-    Args:
-        table: indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and
-            worst_k; what `compare` puts into its `attrs` ("folds", "threshold") is shown.
-        axes: axes to draw into: elpd, difference.
+    The table is indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and worst_k;
+    what `compare` puts into its `attrs` ("folds", "threshold") is shown. `axes` are those of elpd and difference.
 
     Raises:
         InputError: a column is missing or the table is empty.
@@ -44,13 +36,15 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     size = (8.4 + 0.06 * min(max(0, longest - 14), 40), 1.25 + 0.36 * len(table))
     left, right = style.panels_of(axes, 2, "elpd, difference", size, nrows=1, ncols=2, width_ratios=[1.25, 1.0])
     elpd, se, difference, diff_se, weight, worst_k = (table[name].to_numpy(dtype=float) for name in needed)
-    threshold = table.attrs.get("threshold", _WORST_K)
+    # Above this Pareto shape the importance sampling behind an elpd is not to be trusted, however many draws there are
+    # (Vehtari, Simpson, Gelman, Yao & Gabry 2024); with few draws the table names a smaller one.
+    threshold = table.attrs.get("threshold", 0.7)
     suspect = worst_k > threshold
     rows = _draw_intervals(left, elpd, se, suspect, threshold)
     _draw_intervals(right, difference, diff_se, suspect, threshold)
     left.set_yticks(rows, [style.plain(str(name)) for name in table.index])
     # A longer line would run on below the other panel.
-    left_out = f"\n{fill('leaving out ' + table.attrs['folds'], _LINE)}" if "folds" in table.attrs else ""
+    left_out = f"\n{fill('leaving out ' + table.attrs['folds'], 40)}" if "folds" in table.attrs else ""
     left.set_xlabel(f"elpd ± se [nat]{left_out}\nhigher is better")
     right.set_yticks([])
     right.axvline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
@@ -58,7 +52,7 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
     beside = right.get_yaxis_transform()
     right.text(1.03, 1.0, "weight", transform=right.transAxes, va="bottom", fontsize=9, color=style.DARK)
     for row, (share, k, bad) in enumerate(zip(weight, worst_k, suspect, strict=True)):
-        right.text(1.03, row, weight_text(share), transform=beside, va="center", fontsize=9, color=style.DARK)
+        right.text(1.03, row, f"{share:.2f}", transform=beside, va="center", fontsize=9, color=style.DARK)
         if bad:
             warning = f"▲ worst k = {pareto(k)}"
             right.text(1.18, row, warning, transform=beside, va="center", fontsize=9, color=style.ORANGE)
@@ -82,12 +76,10 @@ def _draw_intervals(ax: Axes, value: np.ndarray, half: np.ndarray, suspect: np.n
 def plot_confounding(terms: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
     """Draw errors of posterior means with mean posterior SDs, and coverage of the 90 % intervals.
 
-    Args:
-        terms: indexed by (situation, kernel, measure, term), with columns bias, sd, projection, coverage and
-            coverage_projection.
-        axes: axes to draw into: bias and coverage for each situation in turn.
+    `terms` are indexed by (situation, kernel, measure, term), with columns bias, sd, projection, coverage and
+    coverage_projection. `axes` are those of bias and coverage for each situation in turn.
     """
-    situations = list(dict.fromkeys(terms.index.get_level_values("situation")))
+    situations = terms.index.unique("situation")
     parts = [terms.xs(name, level="situation") for name in situations]
     panels = style.panels_of(
         axes, 2 * len(parts), "bias and coverage of each situation", (9.5, 1.4 + 0.24 * len(terms)),

@@ -35,23 +35,16 @@ def plot_discrepancy_over_states(
     """Draw the posterior of f over one variable (curve with band) or two (maps of mean and sd).
 
     Where the grid lies outside the data's support, f is extrapolated: a curve is dashed and pale there, a map
-    is hatched and pale, and the colour range ignores it.
-
-    Args:
-        grid: the posterior of f on the grid.
-        data: positions of the data rows to mark, one column a variable; the grid's own points by default.
-        noise: noise standard deviation, in the unit of f: colours of maps reach to it at least, so that what is small
-            beside the noise is pale.
-        axes: axes to draw into: one for one variable; mean and sd for two.
+    is hatched and pale, and the colour range ignores it. Rows of `data`, by default the grid's own, are marked. Colours
+    reach to the standard deviation of the `noise`, in the unit of f, at least: what is small beside it is pale.
 
     Raises:
         InputError: the grid spans neither one variable nor two.
     """
     points = grid.points if data is None else data
-    n_variable = len(grid.variables)
-    if n_variable not in (1, 2):
-        raise InputError(f"A discrepancy is drawn over 1 or 2 variables, but the grid spans {n_variable}.")
-    if n_variable == 1:
+    if len(grid.variables) not in (1, 2):
+        raise InputError(f"A discrepancy is drawn over 1 or 2 variables, but the grid spans {len(grid.variables)}.")
+    if len(grid.variables) == 1:
         panels = style.panels_of(axes, 1, "the curve", (6.6, 3.9))
         _draw_curve(panels[0], grid, points, axes is None)
     else:
@@ -93,7 +86,12 @@ def _draw_maps(panels: list[Axes], grid: DiscrepancyGrid, points: np.ndarray, no
     largest = max(noise, _first_positive(grid.sd[seen]))
     draw_map(panels[1], grid.axes, grid.sd, _PALE, (0.0, largest), style.with_unit("sd of f", grid.unit))
     fade_outside(panels[1], grid.axes, grid.inside)
-    _draw_lines(panels[0], grid, np.linspace(-limit, limit, 9))
+    mean = np.ma.array(grid.mean, mask=~seen)
+    levels = np.linspace(-limit, limit, 9)
+    inner = levels[(levels > mean.min()) & (levels < mean.max())]
+    if inner.size:
+        # Negative levels are dashed, so that the sign survives in grayscale.
+        panels[0].contour(*grid.axes, mean.T, levels=inner, colors=[style.DARK], linewidths=0.6)
     # Positive where the interval lies on one side of zero.
     beyond = np.maximum(grid.lower, -grid.upper)
     bold = outline(panels[0], grid.axes, beyond, 0.0, seen)
@@ -151,11 +149,9 @@ def legend_mark(kind: str, label: str) -> Artist:
     """Return a legend's entry for the outline of a map, its marked data rows, or where there are none ("outside")."""
     if kind == "outside":
         return Patch(facecolor="white", edgecolor=style.GREY, hatch="////", label=label)
-    looks: dict[str, Any] = {
-        "outline": {"linewidth": 2.0},
-        "data": {"marker": "o", "linestyle": "none", "markersize": 2.5},
-    }
-    return Line2D([], [], color=style.DARK, label=label, **looks[kind])
+    dot = {"marker": "o", "linestyle": "none", "markersize": 2.5}
+    look: dict[str, Any] = dot if kind == "data" else {"linewidth": 2.0}
+    return Line2D([], [], color=style.DARK, label=label, **look)
 
 
 def outline(ax: Axes, grid: Sequence[np.ndarray], values: np.ndarray, level: float, seen: np.ndarray) -> bool:
@@ -174,17 +170,7 @@ def outline(ax: Axes, grid: Sequence[np.ndarray], values: np.ndarray, level: flo
 
 def fade_outside(ax: Axes, grid: Sequence[np.ndarray], inside: np.ndarray) -> None:
     """Hatch a map and make it pale where there are no data."""
-    if inside.all():
-        return
-    outside = (~inside).T.astype(float)
-    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
-    ax.contourf(*grid, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
-
-
-def _draw_lines(ax: Axes, grid: DiscrepancyGrid, levels: np.ndarray) -> None:
-    """Draw contour lines of the mean where there are data."""
-    shown = np.ma.array(grid.mean, mask=~grid.inside) if grid.inside.any() else np.ma.array(grid.mean)
-    inner = levels[(levels > shown.min()) & (levels < shown.max())]
-    if inner.size:
-        # Negative levels are dashed, so that the sign survives in grayscale.
-        ax.contour(*grid.axes, shown.T, levels=inner, colors=[style.DARK], linewidths=0.6)
+    if not inside.all():
+        outside = (~inside).T.astype(float)
+        ax.contourf(*grid, outside, levels=[0.5, 1.5], colors=["white"], alpha=0.55)
+        ax.contourf(*grid, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])

@@ -14,10 +14,6 @@ from scipy.ndimage import convolve1d
 from bayes_greybox.report.plots import style
 from bayes_greybox.report.words.formatting import number
 
-_MOST_DRAWS = 4000
-_MARGINAL_BINS = 40
-_N_CELL = 30
-
 
 @mpl.rc_context(style.STYLE)
 def plot_tradeoff(
@@ -32,17 +28,10 @@ def plot_tradeoff(
 ) -> Figure:
     """Draw posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
 
-    Both axes have the same unit and the same width. A discrepancy that steals from the term shows as a cloud
-    along the line θ + f = constant; one that is orthogonal to it as a flat line at zero.
-
-    Args:
-        theta: draws of the coefficient, in `unit`.
-        projection: the same draws of the coefficient f amounts to along the term, in `unit`.
-        term: name of the term.
-        equation: name of the state whose derivative the equation gives.
-        correlation: posterior correlation of the two, to print; NaN where one of them does not vary.
-        unit: unit of the coefficient.
-        axes: axes to draw into: the pairs, the distribution of θ (above), that of f (right).
+    Both axes have the same `unit` and the same width. A discrepancy that steals from the term shows as a cloud
+    along the line θ + f = constant; one that is orthogonal to it as a flat line at zero. `projection` are the same
+    draws of the coefficient f amounts to along the term, `correlation` is that of both, NaN where one does not vary.
+    `axes` are those of the pairs, of the distribution of θ (above), and of that of f (right).
     """
     if axes is None:
         figure = style.new_figure(5.8, 5.8)
@@ -81,7 +70,7 @@ def _draw_pairs(ax: Axes, theta: np.ndarray, projection: np.ndarray, zero: np.nd
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)
     on_line = (0.0, float(np.median(theta + projection)))
     ax.axline(on_line, slope=-1.0, color=style.DARK, linewidth=1.0, linestyle=style.DASHED, label="θ + f = constant")
-    kept = style.every_nth(len(theta), _MOST_DRAWS)
+    kept = style.every_nth(len(theta), 4000)
     for chosen, colour, label in ((~zero, style.BLUE, "draws"), (zero, style.ORANGE, "draws with θ exactly 0")):
         if chosen.any():
             x, y = theta[kept][chosen[kept]], projection[kept][chosen[kept]]
@@ -105,7 +94,7 @@ def _draw_contours(ax: Axes, x: np.ndarray, y: np.ndarray, width: float) -> None
     to_draws = direction * np.sqrt(variance)
     whitened = (draws - draws.mean(axis=0)) @ direction / np.sqrt(variance)
     reach = 1.1 * float(np.abs(whitened).max())
-    count, edge, _ = np.histogram2d(*whitened.T, bins=_N_CELL, range=[(-reach, reach)] * 2)
+    count, edge, _ = np.histogram2d(*whitened.T, bins=30, range=[(-reach, reach)] * 2)
     for axis in (0, 1, 0, 1, 0, 1):
         count = convolve1d(count, [0.25, 0.5, 0.25], axis, mode="constant")
     ordered = np.sort(count.ravel())[::-1]
@@ -120,7 +109,7 @@ def _draw_contours(ax: Axes, x: np.ndarray, y: np.ndarray, width: float) -> None
 def _draw_marginal(
     ax: Axes, draws: np.ndarray, zero: np.ndarray, view: tuple[float, float], side: Literal["vertical", "horizontal"]
 ) -> None:
-    parts, bins = [draws[~zero], draws[zero]], np.linspace(*view, _MARGINAL_BINS + 2).tolist()
+    parts, bins = [draws[~zero], draws[zero]], np.linspace(*view, 42).tolist()
     ax.hist(parts, bins=bins, color=[style.BLUE, style.ORANGE], stacked=True, orientation=side)
     ax.set(**{"xlim" if side == "vertical" else "ylim": view}, xticks=[], yticks=[])
     ax.spines[:].set_visible(False)
