@@ -111,8 +111,9 @@ class Coefficient:
 
     def record(self) -> dict[str, Any]:
         """Return the statement as plain values."""
-        stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
-        return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
+        stated = {name: getattr(self, name) for name in ("mean", "sd", "sign", "lower", "upper", "fixed")}
+        plain = {name: int if name == "sign" else float for name in stated}
+        return {name: plain[name](value) for name, value in stated.items() if value is not None}
 
     def __str__(self) -> str:
         """Return the statement in a few signs: `N(-2, 0.1²) ≤ 0`."""
@@ -120,19 +121,13 @@ class Coefficient:
             return f"= {_digits(self.fixed)}"
         law = "" if self.mean is None or self.sd is None else f"N({_digits(self.mean)}, {_digits(self.sd)}²)"
         low, high = self.interval
-        limits = (
-            f"≥ {_digits(low)}" if math.isfinite(low) else "",
-            f"≤ {_digits(high)}" if math.isfinite(high) else "",
-        )
-        return ", ".join(part for part in (law, *limits) if part)
+        limits = [f"{sign} {_digits(end)}" for sign, end in (("≥", low), ("≤", high)) if math.isfinite(end)]
+        return ", ".join([law, *limits] if law else limits)
 
 
 def _digits(value: float) -> str:
     """Write a number as it was stated, with all its digits."""
     return repr(float(value)).removesuffix(".0")
-
-
-_FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,10 @@ is not. The expressions of a simulation are not checked: all their numbers carry
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache, reduce
+from functools import reduce
 from operator import mul
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import sympy
 
@@ -40,7 +39,8 @@ def parse_unit(text: str, what: str) -> Any:
         except Exception:  # pint raises errors of many kinds on malformed text
             pass
     unknown = [word for word in re.findall(r"[^\W\d]+", text[:100]) if not hasattr(registry(), word)]
-    near = [match for word in unknown for match in get_close_matches(word, _unit_names(), n=2, cutoff=0.7)]
+    names = [name for name in dir(registry()) if not name.startswith("_")] if unknown else []
+    near = [match for word in unknown for match in get_close_matches(word, names, n=2, cutoff=0.7)]
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
     raise InputError(f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}")
 
@@ -198,8 +198,7 @@ def _require_time(text: str, name: str) -> None:
     raise InputError(f"The unit {text!r} of {name!r} is {unit}, which is no unit of time; {remedy}")
 
 
-@dataclass(frozen=True)
-class _Quantity:
+class _Quantity(NamedTuple):
     """Unit of a part of a formula (None: unknown), with `free` true if a number in it may carry a further unit."""
 
     unit: Any
@@ -288,8 +287,3 @@ def _same(a: Any, b: Any) -> bool:
 
 def _shown(unit: Any) -> str:
     return f"{unit:~P}" or "1"
-
-
-@cache
-def _unit_names() -> tuple[str, ...]:
-    return tuple(sorted(name for name in dir(registry()) if not name.startswith("_")))

@@ -13,6 +13,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast
 
+import pandas as pd
+
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
@@ -29,6 +31,10 @@ IN_ALL = tuple(domain for domain in DOMAINS if domain != "vehicle")
 
 CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
 """What `load_catalogue` takes."""
+
+_TABLE_FIELDS = (
+    "slug", "name", "domain", "expression", "roles", "inner", "hidden", "sign", "meaning", "reverse", "confusions",
+)  # fmt: skip
 
 
 def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
@@ -54,6 +60,34 @@ def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
         raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
     _check_confusions(effects)
     return tuple(effects.values())
+
+
+def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.DataFrame:
+    """List the effects that a study can name, as a table; `find_missing_effects` takes the same first argument.
+
+    Args:
+        domain: "mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle",
+            "all", the path of a TOML file of the user's own, or a list of these.
+        search: Words that must all occur in an effect, in any column and in either case; all effects by default.
+
+    Returns:
+        One row for each effect: slug, name, domain, expression over roles, the roles, the nonlinear parameters, the
+        hidden states of one with memory, the sign of its coefficient when it dissipates or restores (0: either), its
+        meaning, the meaning of the other sign, and the slugs of effects that it is easily taken for.
+
+    Raises:
+        InputError: There is no such catalogue, or no effect has the words.
+    """
+    effects = load_catalogue(domain)
+    table = pd.DataFrame([{field: getattr(effect, field) for field in _TABLE_FIELDS} for effect in effects])
+    for part in ("inner", "hidden"):
+        table[part] = [tuple(each.name for each in parts) for parts in table[part]]
+    words = (search or "").casefold().split()
+    texts = table.apply(lambda row: " ".join(map(str, row)).casefold(), axis=1)
+    matching = table.loc[[all(word in text for word in words) for text in texts]].reset_index(drop=True)
+    if matching.empty:
+        raise InputError(f"No effect of the catalogue has {search!r} in it: search for one word, or in domain='all'.")
+    return matching
 
 
 def located(spec: CatalogueSpec) -> CatalogueSpec:

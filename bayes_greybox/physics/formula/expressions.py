@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from bayes_greybox.running.errors import InputError
 
 from .functions import FUNCTIONS, NODE_CLASSES
-from .grammar import REMEMBERED_FORMULAS, check_known, check_name, check_size, function_list, read, symbol
+from .grammar import FUNCTION_LIST, REMEMBERED_FORMULAS, check_known, check_name, check_size, read, symbol
 
 MOST_FACTORS = 8
 """Exponent from which on powers are no longer evaluated as products."""
@@ -50,7 +50,7 @@ def check_expression(expr: sympy.Expr) -> sympy.Expr:
     real: Any = expr.xreplace({s: symbol(check_name(s.name)) for s in expr.atoms(sympy.Symbol)})
     for node in sympy.preorder_traversal(real):
         if not isinstance(node, NODE_CLASSES):
-            raise InputError(f"{node} in {expr} is not available; use {function_list()}.")
+            raise InputError(f"{node} in {expr} is not available; use {FUNCTION_LIST}.")
     check_size(real, str(expr))
     return real
 
@@ -126,7 +126,7 @@ def _operation(node: sympy.Basic) -> Operation:
         if isinstance(node, function.node):
             array = function.array
             return lambda xp, columns, args: array(xp, *args)
-    raise InputError(f"{node} is not available in formulas; use {function_list()}.")
+    raise InputError(f"{node} is not available in formulas; use {FUNCTION_LIST}.")
 
 
 def _power(base: Any, exponent: sympy.Basic, exponent_value: Any, xp: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .description import Description
-from .loaded import DEAD, Instance, Key, Ports, instantiated
+from .loaded import DEAD, Instance, Key, Ports
 
 ITERATIONS = 100
 """Most iterations of an event."""
@@ -60,13 +60,9 @@ class Exchange(Instance):
         description = self._description
         try:
             self._reset()
-            if self._fmu is None:
-                self._fmu = instantiated(description, self._messages)
-            for name, value in key:
-                self._fmu.setReal([description.variables[name].ref], [value])
+            self._set_parameters(key)
             self._began = min(description.start, t)
-            self._fmu.setupExperiment(startTime=self._began)
-            self._fmu.enterInitializationMode()
+            self._enter_initialization(startTime=self._began)
             self._fmu.exitInitializationMode()
             # It may set its states at its own start: every point has its own.
             timed = self._settled(None)

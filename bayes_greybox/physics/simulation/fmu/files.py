@@ -94,6 +94,8 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             )
         library.extract(str(file), str(folder))
         parsed = library.read_model_description(str(folder), validate=False)
+        if parsed.modelExchange is None and parsed.coSimulation is None:
+            raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
         description = description_of(file, content, folder, parsed)
     except InputError:
         raise
@@ -101,8 +103,6 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
         # FMPy and its XML reader raise errors of many kinds on what is no model description.
         line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
         raise InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.') from error
-    if not description.interfaces:
-        raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
     _require_library(description, names, library)
     return description
 
@@ -110,7 +110,7 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
 def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
     here, file = library.platform if description.version == "2.0" else library.platform_tuple, description.file
-    called = f"{description.interface.identifier}{library.sharedLibraryExtension}"
+    called = f"{description.identifier}{library.sharedLibraryExtension}"
     if f"binaries/{here}/{called}" in names:
         return
     # Archives may have folders without a library in them.

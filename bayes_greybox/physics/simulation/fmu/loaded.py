@@ -2,26 +2,23 @@
 
 import os
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from ctypes import byref
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
 from .files import fmpy
-from .version_3 import Instance3
 
 DEAD, FATAL = 3, 4
 """Status of FMI from which on an instance is of no use, and from which on it may not even be freed."""
 
 Key = tuple[tuple[str, float], ...]
-"""Parameters of an FMU, as a key."""
+"""Parameters of an FMU, sorted, as a key."""
 
 
-@dataclass(frozen=True)
-class Ports:
+class Ports(NamedTuple):
     """Value references of the variables that are set at a point.
 
     Attributes:
@@ -37,31 +34,37 @@ class Ports:
     step: float
 
 
-def key_of(parameters: Mapping[str, float]) -> Key:
-    """Return parameters as a key."""
-    return tuple(sorted((name, float(value)) for name, value in parameters.items()))
-
-
 def instantiated(description: Description, messages: deque[str]) -> Any:
-    """Instantiate an FMU by FMPy; its messages are appended to the queue."""
-    from fmpy.fmi2 import FMU2Model, FMU2Slave
+    """Instantiate an FMU by FMPy, with the calls of FMI 2.0; its messages are appended to the queue."""
+    from fmpy import fmi2, fmi3
 
-    here, kind = os.getcwd(), FMU2Model if description.exchanged else FMU2Slave
+    def heard(*event: Any) -> None:
+        status, _, message = event[-3:]
+        if status > 1 and message:
+            messages.append(message.decode("utf-8", "replace").strip())
+
+    here, exchanged = os.getcwd(), description.exchanged
+    about: dict[str, Any] = {
+        "guid": description.guid,
+        # It lives as long as the description, as the instance may read its resources at any time.
+        "unzipDirectory": str(description.folder),
+        "modelIdentifier": description.identifier,
+    }
     try:
         if description.version == "3.0":
-            fmu = Instance3(description, messages)
+            kind = fmi3.FMU3Model if exchanged else fmi3.FMU3Slave
+            fmu: Any = kind(**about, instanceName=description.name)
         else:
-            # The folder lives as long as the description, as the instance may read its resources at any time.
-            fmu = kind(
-                guid=description.guid,
-                unzipDirectory=str(description.folder),
-                modelIdentifier=description.interface.identifier,
-            )
+            fmu = (fmi2.FMU2Model if exchanged else fmi2.FMU2Slave)(**about)
     finally:
         # FMPy stays in the folder of a library that cannot be loaded.
         os.chdir(here)
     # FMPy keeps the callbacks as long as the instance lives.
-    fmu.instantiate(**({} if isinstance(fmu, Instance3) else {"callbacks": _callbacks(messages.append)}))
+    if description.version == "3.0":
+        fmu.instantiate(logMessage=heard)
+        fmu.getReal, fmu.setReal, fmu.newDiscreteStates = fmu.getFloat64, fmu.setFloat64, fmu.updateDiscreteStates
+    else:
+        fmu.instantiate(callbacks=_callbacks(heard))
     return fmu
 
 
@@ -81,6 +84,17 @@ class Instance:
         """Return values of variables at the present point."""
         return self._fmu.getReal(refs)
 
+    def _set_parameters(self, key: Key) -> None:
+        for name, value in key:
+            self._fmu.setReal([self._description.variables[name].ref], [value])
+
+    def _enter_initialization(self, **experiment: float) -> None:
+        if self._description.version == "3.0":
+            self._fmu.enterInitializationMode(**experiment)
+        else:
+            self._fmu.setupExperiment(**experiment)
+            self._fmu.enterInitializationMode()
+
     def _discard(self, error: Exception) -> None:
         """Free an instance that is of no use; after a fatal error nothing may be asked of it."""
         self._fmu, fmu = None, self._fmu
@@ -88,27 +102,24 @@ class Instance:
             fmu.freeInstance()
 
     def _reset(self) -> None:
-        """Reset the instance, or discard one that refuses."""
+        """Reset the instance, or make a new one where there is none or it refuses."""
         if self._fmu is not None:
             try:
                 self._fmu.reset()
             except Exception as error:
                 self._discard(error)
+        if self._fmu is None:
+            self._fmu = instantiated(self._description, self._messages)
 
     def _not_started(self, error: Exception, remedy: str = "") -> InputError:
         words = "; ".join([*self._messages][-2:]) or str(error)
         return InputError(f"The FMU {self._description.name} cannot be started ({words}){remedy}.")
 
 
-def _callbacks(hear: Callable[[str], None]) -> Any:
+def _callbacks(heard: Callable[..., None]) -> Any:
     from fmpy import fmi2, logging
 
     library = fmpy()
-
-    def heard(environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-        if status > 1 and message:
-            hear(message.decode("utf-8", "replace").strip())
-
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(heard)
     callbacks.allocateMemory = fmi2.fmi2CallbackAllocateMemoryTYPE(library.calloc)

@@ -2,14 +2,13 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
-from .loaded import Instance, Key, Ports, instantiated
+from .loaded import Instance, Key, Ports
 
 SOLVER_TOLERANCE = 1e-9
 """Relative tolerance that its own solver is asked for."""
@@ -41,15 +40,16 @@ class Stepping(Instance):
         Raises:
             InputError: It does not start at these states.
         """
-        self._begin()
+        try:
+            self._reset()
+        except Exception as error:
+            raise self._not_started(error) from error
         fmu, inputs = self._fmu, [float(each) for each in u]
-        for name, value in key:
-            fmu.setReal([self._description.variables[name].ref], [value])
+        self._set_parameters(key)
         fmu.setReal(ports.starts, [float(each) for each in x])
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
-        fmu.setupExperiment(tolerance=SOLVER_TOLERANCE, startTime=t)
-        fmu.enterInitializationMode()
+        self._enter_initialization(tolerance=SOLVER_TOLERANCE, startTime=t)
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
         fmu.exitInitializationMode()
@@ -76,7 +76,7 @@ class Stepping(Instance):
         if started is None:
             return whole.tolist()
         key, ports, t, x, u = started
-        self.place(key, replace(ports, step=ports.step / 2), t, x, u)
+        self.place(key, ports._replace(step=ports.step / 2), t, x, u)
         half = self.differences(refs)
         self.noted.append((whole, half, rounding(x, ports.step / 2)))
         return (2 * half - whole).tolist()
@@ -96,15 +96,6 @@ class Stepping(Instance):
     def failed(self, error: Exception) -> None:
         """Discard the instance after a failure at a point."""
         self._discard(error)
-
-    def _begin(self) -> None:
-        """Reset the instance, or make a new one where that fails."""
-        self._reset()
-        if self._fmu is None:
-            try:
-                self._fmu = instantiated(self._description, self._messages)
-            except Exception as error:
-                raise self._not_started(error) from error
 
     def _require_start(self, ports: Ports, x: np.ndarray) -> None:
         """Refuse an instance that starts elsewhere."""

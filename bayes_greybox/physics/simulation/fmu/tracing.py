@@ -39,7 +39,7 @@ def traced(of: Rates) -> Any:
 
     def values(*point: Any) -> np.ndarray:
         t, x, u = map(np.asarray, point)
-        return simulation.rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
+        return simulation._rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
 
     def shape(x: Array, *more: int) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct((*(x.shape if output is None else x.shape[:-1]), *more), x.dtype)
