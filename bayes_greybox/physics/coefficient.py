@@ -3,20 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Annotated, Any
 
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.limits import Rule, require_limits
+from bayes_greybox.running.limits import Rule, is_finite, require_limits
 
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
-_Finite = Annotated[float, Rule(_finite, "must be a finite number")]
-_Width = Annotated[float, Rule(lambda value: _finite(value) and value > 0, "must be a finite number above 0")]
-_Sign = Annotated[int, Rule(lambda value: _finite(value) and abs(value) == 1, "must be 1 or -1")]
+_Finite = Annotated[float, Rule(is_finite, "must be a finite number")]
+_Width = Annotated[float, Rule(lambda value: is_finite(value) and value > 0, "must be a finite number above 0")]
+_Sign = Annotated[int, Rule(lambda value: is_finite(value) and abs(value) == 1, "must be 1 or -1")]
 
 
 @dataclass(frozen=True)
@@ -155,12 +149,7 @@ def coefficient_of_term(
     fixed: float | None,
     bounds: Sequence[float | None] | None,
 ) -> Coefficient | None:
-    """Return what a term states of its own coefficient (see `Term`) as a `Coefficient`; None where it states nothing.
-
-    Raises:
-        InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the
-            sign; sign or bounds rule the mean out.
-    """
+    """Return what a term states of its own coefficient (see `Term`); None where it states nothing."""
     every = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
     stated = {key: value for key, value in every.items() if value is not None}
     if not stated:
@@ -207,13 +196,13 @@ def _is_pair(value: Any) -> bool:
 _STATEMENT_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
     "prior": (
-        lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,
+        lambda prior: _is_pair(prior) and all(map(is_finite, prior)) and prior[1] > 0,
         "give mean and standard deviation of the coefficient, two finite numbers of which the second is above 0, such "
         "as (-40, 10)",
     ),
-    "fixed": (_finite, "give the coefficient, a finite number"),
+    "fixed": (is_finite, "give the coefficient, a finite number"),
     "bounds": (
-        lambda bounds: _is_pair(bounds) and all(end is None or _finite(end) for end in bounds),
+        lambda bounds: _is_pair(bounds) and all(end is None or is_finite(end) for end in bounds),
         "give least and largest value of the coefficient, two finite numbers such as (-50, 0); None in place of one "
         "leaves that end open",
     ),

@@ -111,11 +111,7 @@ Parameters = Mapping[str, Parameter]
 
 
 def read_parameters(given: Any) -> dict[str, Parameter]:
-    """Return the parameters that a user gave, numbers among them.
-
-    Raises:
-        InputError: A name that formulas cannot use, or a value that is neither a number nor a `Parameter`.
-    """
+    """Return the parameters that a user gave, numbers among them."""
     if not isinstance(given, Mapping):
         raise InputError(
             f"GreyBox(parameters={given!r}) must map names in the formulas to numbers or bg.Parameter(...), for "
@@ -149,9 +145,6 @@ def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
 
     The rest is g(p̂) − Σ p̂_k ∂g/∂p_k over learned parameters, and + Σ (p_k − p̂_k) ∂g/∂p_k over believed ones, whose
     values p_k stay what they are said to be, wherever the tangent is taken.
-
-    Raises:
-        InputError: The formula or a slope has no value at the values of the parameters.
     """
     return _tangent(formula, tuple(parameters.items()))
 

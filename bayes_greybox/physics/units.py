@@ -26,11 +26,7 @@ UNKNOWN_UNIT = "?"
 
 
 def parse_unit(text: str, what: str) -> Any:
-    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'".
-
-    Raises:
-        InputError: The unit is unknown; the message names the nearest known ones.
-    """
+    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'"."""
     # Chains of powers and long numbers are no units and could take pint for ever.
     chained = re.search(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}", text)
     if len(text) <= 100 and not chained:
@@ -46,11 +42,7 @@ def parse_unit(text: str, what: str) -> Any:
 
 
 def same_unit(first: str, second: str, what: str) -> bool:
-    """Return True if two units, as in "m/s", are one, however they are written.
-
-    Raises:
-        InputError: One of them is unknown; `what` names their owner in the message.
-    """
+    """Return True if two units, as in "m/s", are one, however they are written."""
     if first == second:
         return True
     one, other = parse_unit(first, what), parse_unit(second, what)
@@ -59,11 +51,7 @@ def same_unit(first: str, second: str, what: str) -> bool:
 
 
 def require_units_of(data: Runs, train: Runs) -> None:
-    """Refuse test data in other units than those of the training data, where both are declared.
-
-    Raises:
-        InputError: Units of a column differ, or one is unknown.
-    """
+    """Refuse test data in other units than those of the training data, where both are declared."""
     for name, unit in train.units.items():
         other = data.units.get(name)
         if unit and other and not same_unit(unit, other, f"column {name!r}"):
@@ -115,11 +103,7 @@ def target_unit(equation: str, data: Runs) -> str:
 
 
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:
-    """Return the pint unit of a term, from the units of its columns or its own declaration; None if it is unknown.
-
-    Raises:
-        InputError: The term adds or compares different units, or has a unit inside a function such as sin.
-    """
+    """Return the pint unit of a term, from the units of its columns or its own declaration; None if it is unknown."""
     if term.unit == UNKNOWN_UNIT:
         return None
     if term.unit:
@@ -131,9 +115,6 @@ def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> 
     """Return the unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print: "1/s²", or "1" for none.
 
     It is "" if a unit is missing. `target_unit` is the unit of what the equation gives.
-
-    Raises:
-        InputError: As for `term_unit` and `parse_unit`.
     """
     unit = term_unit(term, units)
     if unit is None or not target_unit:
@@ -163,10 +144,6 @@ def check_units(
         units: Units by column name, the time's under "t"; columns without one are not checked.
         states: States beside the equations whose declared derivative unit is compared with state over time.
         time: Name of the time, for the message.
-
-    Raises:
-        InputError: A unit is unknown; the time's is none of time, of an angle or of a plain number; a derivative's unit
-            is not state over time; a term adds, compares or puts into a function what its units forbid.
     """
     for name, unit in units.items():
         if unit:

@@ -23,9 +23,6 @@ class Keys(NamedTuple):
     needed: tuple[str, ...]
 
 
-_FILE = Keys({"domain": str, "effect": list}, ())
-
-
 def keys_of(part: type, *elsewhere: str) -> Keys:
     """Return the keys of a table with the fields of a dataclass, without those that stand elsewhere in the file."""
     hints = get_type_hints(part)
@@ -48,20 +45,15 @@ def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, 
 
     `parts` has the keys of the tables within an effect: "inner", its nonlinear parameters, and "hidden", its hidden
     states. They become lists of tables that carry their name.
-
-    Raises:
-        InputError: A key is unknown or missing, a value has the wrong kind, a slug occurs twice, or there are no
-            effects.
     """
-    _check_keys(content, _FILE, "")
+    _check_keys(content, Keys({"domain": str, "effect": list}, ()), "")
     tables = content.get("effect", [])
     if not tables:
         raise InputError("there are no effects; write at least one table [[effect]].")
     effects = [_effect_table(table, place, effect, parts) for place, table in enumerate(tables, start=1)]
     slugs = [table["slug"] for table in effects]
-    for slug in slugs:
-        if slugs.count(slug) > 1:
-            raise InputError(f"the slug {slug!r} occurs {slugs.count(slug)} times; give every effect its own.")
+    if twice := [slug for slug in slugs if slugs.count(slug) > 1]:
+        raise InputError(f"the slug {twice[0]!r} occurs {slugs.count(twice[0])} times; give every effect its own.")
     return effects
 
 
@@ -80,11 +72,10 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
     confusions = table.get("confusions", [])
     if not all(isinstance(item, str) for item in confusions):
         raise InputError(f"{where}confusions = {confusions!r} cannot be used; it must be a list of slugs in quotes.")
-    read = {
-        part: [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
-        for part, keys in parts.items()
-    }
-    return {**table, "confusions": confusions, **read}
+    read = {"confusions": confusions}
+    for part, keys in parts.items():
+        read[part] = [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
+    return {**table, **read}
 
 
 _PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
@@ -110,8 +101,7 @@ def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
             raise InputError(f"{where}unknown key {key!r}; {nearest(key, list(keys.types))}")
         kind = keys.types[key]
         # To Python, true and false are numbers.
-        right = isinstance(value, int | float if kind is float else kind) and not isinstance(value, bool)
-        if not right:
+        if isinstance(value, bool) or not isinstance(value, int | float if kind is float else kind):
             raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_TOML_WORDS[kind]}.")
         if isinstance(value, str) and not value.strip() and key != "unit_of":
             raise InputError(f"{where}{key} is empty; write it or leave it out.")

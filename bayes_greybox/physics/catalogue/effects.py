@@ -115,11 +115,7 @@ class Effect:
         object.__setattr__(self, "latex", self.latex or to_latex(expr))
 
     def bind(self, names: Mapping[str, str]) -> "BoundEffect":
-        """Put a column in place of each role; other roles are ignored.
-
-        Raises:
-            InputError: A role has no column, two roles share one, or formulas cannot use its name.
-        """
+        """Put a column in place of each role; other roles are ignored."""
         lacking = [role for role in self.roles if role not in names]
         if lacking:
             raise InputError(f"The effect {self.slug!r} needs a column for the role {lacking[0]!r}.")
@@ -164,14 +160,10 @@ class BoundEffect:
         return self.effect.name
 
     def term(self, inner: Mapping[str, float] | None = None) -> Term:
-        """Return the effect as a term, with all digits of nonlinear parameters in its expression and four in its name.
-
-        Raises:
-            InputError: A value is missing, unknown, or not positive and finite.
-        """
+        """Return the effect as a term: all digits of nonlinear parameters in its expression, four in its name."""
         values = inner or {}
-        parameters = {parameter.name for parameter in self.effect.inner}
-        if set(values) != parameters:
+        parameters = [parameter.name for parameter in self.effect.inner]
+        if set(values) != set(parameters):
             wanted = f"a value of {', '.join(parameters)}" if parameters else "no values"
             raise InputError(f"The effect {self.slug!r} takes {wanted}, not {', '.join(values) or 'none'}.")
         for name, value in values.items():
@@ -180,19 +172,13 @@ class BoundEffect:
         exact = {name: repr(float(value)) for name, value in values.items()}
         marked = {name + _INNER_MARK: value for name, value in values.items()}
         named, *rates = self._parts.at(marked) if marked else [None] * (1 + len(self.effect.hidden))
-        states = tuple(
-            HiddenState(
-                self._hidden[state.name],
-                self._written(state.rate, exact),
-                self.names[state.unit_of],
-                state.meaning,
-                self.names.get(state.start, ""),
-                named=rate,
-            )
-            for state, rate in zip(self.effect.hidden, rates, strict=True)
-        )
+        states = []
+        for state, rate in zip(self.effect.hidden, rates, strict=True):
+            formula, start = self._written(state.rate, exact), self.names.get(state.start, "")
+            name, unit_of = self._hidden[state.name], self.names[state.unit_of]
+            states.append(HiddenState(name, formula, unit_of, state.meaning, start, named=rate))
         name = "".join(self.text(values).split())
-        return Term(self._written(self.effect.expression, exact), name=name, states=states, named=named)
+        return Term(self._written(self.effect.expression, exact), name=name, states=tuple(states), named=named)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
         """Write the formula over columns, for readers: nonlinear parameters with four digits, or by name."""

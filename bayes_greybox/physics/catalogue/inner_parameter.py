@@ -113,11 +113,7 @@ class InnerParameter:
         return (least, most) if least < most else (0.0, 0.0)
 
     def nodes(self, least: float, most: float) -> Float[np.ndarray, " node"]:
-        """Return increasing values between the `ends` that stand for the prior: middles of equally probable parts.
-
-        Raises:
-            InputError: The ends are not positive, finite and apart, or there are no values.
-        """
+        """Return increasing values between the `ends` that stand for the prior: middles of equally probable parts."""
         if not 0.0 < least < most < math.inf:
             raise InputError(
                 f"{self.name} is a share of {self.scaled_by}, which leaves it from {least:g} to {most:g} on the data; "

@@ -139,27 +139,21 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
     # The domain is the whole file's, and the name of a nonlinear parameter or a hidden state that of its table.
     parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name", "rest")}
-    tables = effect_tables(content, keys_of(Effect, "domain"), parts)
-    return tuple(_effect(table, content.get("domain", domain)) for table in tables)
-
-
-def _effect(table: dict[str, Any], domain: str) -> Effect:
-    try:
-        inner = tuple(InnerParameter(**item) for item in table["inner"])
-        hidden = tuple(HiddenState(**item) for item in table["hidden"])
-        confusions = tuple(table["confusions"])
-        return Effect(**{**table, "domain": domain, "inner": inner, "hidden": hidden, "confusions": confusions})
-    except InputError as error:
-        raise InputError(f"effect {table['slug']!r}: {error}") from None
+    effects, domain = [], content.get("domain", domain)
+    for table in effect_tables(content, keys_of(Effect, "domain"), parts):
+        try:
+            table["inner"] = tuple(InnerParameter(**item) for item in table["inner"])
+            table["hidden"] = tuple(HiddenState(**item) for item in table["hidden"])
+            effects.append(Effect(**{**table, "domain": domain, "confusions": tuple(table["confusions"])}))
+        except InputError as error:
+            raise InputError(f"effect {table['slug']!r}: {error}") from None
+    return tuple(effects)
 
 
 def _check_confusions(effects: Mapping[str, Effect]) -> None:
     for effect in effects.values():
-        for slug in effect.confusions:
-            if slug not in effects:
-                known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
-                if slug not in known:
-                    hint = nearest(slug, known)
-                    raise InputError(
-                        f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}"
-                    )
+        for slug in [slug for slug in effect.confusions if slug not in effects]:
+            known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
+            if slug not in known:
+                hint = nearest(slug, known)
+                raise InputError(f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}")

@@ -42,11 +42,7 @@ def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Exp
 
 
 def check_expression(expr: sympy.Expr) -> sympy.Expr:
-    """Return a SymPy expression of a user's own over real symbols, as `parse_expression` does.
-
-    Raises:
-        InputError: A part of it is outside the whitelist, or a number in it is not finite.
-    """
+    """Return a SymPy expression of a user's own over real symbols, as `parse_expression` does."""
     real: Any = expr.xreplace({s: symbol(check_name(s.name)) for s in expr.atoms(sympy.Symbol)})
     for node in sympy.preorder_traversal(real):
         if not isinstance(node, NODE_CLASSES):

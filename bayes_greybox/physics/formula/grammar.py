@@ -16,8 +16,10 @@ from contextlib import suppress
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any, NoReturn
 
+import numpy as np
 import sympy
 
 from bayes_greybox.running.errors import InputError
@@ -73,11 +75,7 @@ def symbol(name: str) -> sympy.Symbol:
 
 
 def check_name(name: str) -> str:
-    """Return a column name unchanged, or refuse one that formulas cannot use.
-
-    Raises:
-        InputError: It is no identifier, a word of the formula language, or a function's name.
-    """
+    """Return a column name unchanged, or refuse one that formulas cannot use."""
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
             f"{name!r} cannot be used as a column name in formulas; rename it to letters, digits and '_', "
@@ -94,11 +92,7 @@ def check_name(name: str) -> str:
 
 
 def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.Expr) -> None:
-    """Refuse names in a formula that are not columns.
-
-    Raises:
-        InputError: A name is unknown; the message has the nearest known ones and the list.
-    """
+    """Refuse names in a formula that are not columns."""
     known = tuple(names)
     for name in sorted(set(used) - set(known)):
         odd = [c for c in name if ord(c) > 127]
@@ -141,11 +135,8 @@ def _clean(text: str) -> str:
             raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {remedy!r}.")
         if char in "#\\\0;" or not (char.isprintable()):
             raise InputError(f"{_shown(text)}: {_named(char)} at position {position + 1} must be removed.")
-    depth = 0
-    for char in text:
-        depth += (char in "([{") - (char in ")]}")
-        if depth > MAX_DEPTH:
-            raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
+    if max(accumulate((char in "([{") - (char in ")]}") for char in text)) > MAX_DEPTH:
+        raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
     return text
 
 
@@ -184,9 +175,8 @@ class _Builder:
             return self.binary(node, depth)
         if isinstance(node, ast.Call):
             return self.call(node, depth)
-        piece = ast.get_source_segment(self.text, node) or self.text
         reason = _REFUSED.get(type(node), f"only formulas are allowed: numbers, columns, {FUNCTION_LIST}")
-        self.refuse(f"contains {piece[:60]!r}: {reason}")
+        self.refuse(f"contains {self.piece(node)}: {reason}")
 
     def number(self, node: ast.Constant) -> sympy.Expr:
         value = node.value
@@ -212,9 +202,8 @@ class _Builder:
         left: ast.expr = node
         while isinstance(left, ast.BinOp):
             if type(left.op) not in (*_BINARY, ast.Pow):
-                piece = ast.get_source_segment(self.text, left) or self.text
                 remedy = "write powers with '**'" if isinstance(left.op, ast.BitXor) else "use + - * / **"
-                self.refuse(f"contains {piece[:60]!r} with an operator that is not available; {remedy}")
+                self.refuse(f"contains {self.piece(left)} with an operator that is not available; {remedy}")
             spine.append(left)
             left = left.left
         result = self.build(left, depth + 1)
@@ -296,14 +285,15 @@ class _Builder:
         args = [self.build(arg, depth + 1) for arg in node.args]
         numbers = [value for arg in args if (value := _number_value(arg)) is not None]
         if len(numbers) == len(args):
-            try:
-                result = function.number(*numbers)
-            except (ValueError, OverflowError):
-                result = math.nan
+            with np.errstate(all="ignore"):
+                result = function.array(np, *numbers)
             if not _finite(result):
                 shown = ", ".join(f"{v:g}" for v in numbers)
                 self.refuse(f"contains {name}({shown}), which is not a finite real number")
         return self.checked(_apply(function, args))
+
+    def piece(self, node: ast.expr) -> str:
+        return repr((ast.get_source_segment(self.text, node) or self.text)[:60])
 
     def checked(self, expr: sympy.Expr) -> sympy.Expr:
         check_size(expr, self.text)

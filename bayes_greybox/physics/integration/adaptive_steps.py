@@ -67,11 +67,7 @@ class StepSettings(NamedTuple):
 
 
 def check_interpolation(kind: str | Sequence[str]) -> None:
-    """Refuse interpolations, of all inputs or of each, that are not among `INTERPOLATIONS`.
-
-    Raises:
-        InputError: The name is unknown.
-    """
+    """Refuse interpolations, of all inputs or of each, that are not among `INTERPOLATIONS`."""
     for unknown in {kind} if isinstance(kind, str) else {str(each) for each in kind}:
         if unknown not in INTERPOLATIONS:
             raise InputError(f"Unknown interpolation {unknown!r}; use 'linear', 'zoh' or 'cubic'.")
@@ -91,9 +87,6 @@ def cut(
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
-
-    Raises:
-        InputError: Shapes do not fit, or there are fewer than two times.
     """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
@@ -265,11 +258,7 @@ def between_samples_of_runs(
 def curvature_of(
     t: Float[Array | np.ndarray, " n"], values: Float[Array | np.ndarray, "n p"], kind: str | Sequence[str]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "n p"]]:
-    """Return the interpolation of each column, and second derivatives at the samples: zero but for splines.
-
-    Raises:
-        InputError: An interpolation is unknown, or there are fewer than four samples for a spline.
-    """
+    """Return the interpolation of each column, and second derivatives at the samples: zero but for splines."""
     kinds, curvature = one_for_each(kind, values.shape[1]), np.zeros(values.shape)
     if "cubic" in kinds:
         if len(t) < 4:
@@ -280,11 +269,7 @@ def curvature_of(
 
 
 def one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
-    """Return the interpolation of each of n inputs, which may have one for all.
-
-    Raises:
-        InputError: An interpolation is unknown, or their number is another one.
-    """
+    """Return the interpolation of each of n inputs, which may have one for all."""
     check_interpolation(kind)
     kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
     if len(kinds) != n:

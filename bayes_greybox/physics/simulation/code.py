@@ -117,9 +117,6 @@ def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
     """Refuse a simulation that an integrator could not follow; rates of rows do with plain NumPy, paths do not.
 
     The message ends with `otherwise`, an alternative for the user.
-
-    Raises:
-        InputError: It fails under JAX.
     """
     x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
     try:

@@ -111,10 +111,8 @@ class ExpressionSimulation(Simulation):
         off = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
         slopes = tangent(formula, self.parameters).slopes
         for name, each in self.parameters.items():
-            through = through_states(state, name, self.written, self.begun, self.parameters)
-            slope: Any = slopes.get(name, sympy.S.Zero)
-            hidden = () if through is None else through.states
-            slope = slope if through is None else slope + through.slope
+            through, hidden = through_states(state, name, self.written, self.begun, self.parameters)
+            slope: Any = slopes.get(name, sympy.S.Zero) + through
             if slope != 0 and not each.learned:
                 term = Term(slope, name, states=hidden, parameter=name)
                 off.append(Correctable(term, each.value, name, each.changes))

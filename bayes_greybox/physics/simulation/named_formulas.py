@@ -33,12 +33,7 @@ class NamedFormulas:
 
     @classmethod
     def of(cls, given: UserSimulation, parameters: Parameters, starts: Starts) -> "NamedFormulas":
-        """Read the formulas of a user's simulation.
-
-        Raises:
-            InputError: The simulation is a function or an FMU; a parameter is in none of its formulas, or is learned
-                and in several, each of which would have a coefficient of its own.
-        """
+        """Read the formulas of a user's simulation."""
         if not parameters:
             return cls({}, {})
         if not readable(given):

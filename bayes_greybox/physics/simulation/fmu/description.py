@@ -159,11 +159,7 @@ def _unit(given: Any) -> Unit:
 
 
 def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[str, str]) -> None:
-    """Refuse columns in other units than the FMU's variables; where one of them is not stated, nothing is compared.
-
-    Raises:
-        InputError: A unit differs, or the time, "t", is not in seconds.
-    """
+    """Refuse columns in other units than the FMU's variables; where one of them is not stated, nothing is compared."""
     if units.get("t") and not _same(units["t"], "the time", Unit("s", "second")):
         raise InputError(f"The time is in {units['t']}, and an FMU's is in s: convert it.")
     for column, variable in variables.items():

@@ -27,11 +27,7 @@ class Exchange(Instance):
         self._eventful, self._began = False, math.inf
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
-        """Set the instance to a point: parameters, time, states in its order, inputs.
-
-        Raises:
-            InputError: It cannot be started.
-        """
+        """Set the instance to a point: parameters, time, states in its order, inputs."""
         if self._fmu is None or key != self._key or t < self._began:
             self._start(key, t)
         fmu: Any = self._fmu

@@ -250,11 +250,7 @@ def _require_once(fmu: Description, what: str, names: list[str]) -> None:
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
-    """Invert `FMU.record`.
-
-    Raises:
-        InputError: The file is not where it was, or is another one.
-    """
+    """Invert `FMU.record`."""
     path = record["path"]
     again = "give it again, bg.load(path, simulation=bg.FMU(...))"
     if not Path(path).is_file():
@@ -279,11 +275,7 @@ def _given(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
-    """Read an FMU in another process.
-
-    Raises:
-        InputError: The file has changed.
-    """
+    """Read an FMU in another process."""
     fmu = FMU(path, **given)
     if fmu.description.content != content:
         raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')

@@ -71,11 +71,7 @@ class Running:
         self.derivatives_right: dict[Key, bool] = {}
 
     def at_each(self, key: Key, points: Points, reading: Reading) -> Float[np.ndarray, "n k"]:
-        """Read values at points of its states and inputs, NaN where the FMU refuses one; one thread at a time.
-
-        Raises:
-            InputError: It cannot be started, it has memory, or its steps are too long.
-        """
+        """Read values at points of its states and inputs, NaN where the FMU refuses one; one thread at a time."""
         with self._lock:
             self.messages.clear()
             if (key, reading.ports) not in self._trusted and len(points[0]) > 1:

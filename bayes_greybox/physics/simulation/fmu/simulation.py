@@ -236,11 +236,7 @@ def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:
 def fmu_simulation(
     given: FMU, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Any, units: Mapping[str, str]
 ) -> FMUSimulation:
-    """Return the right-hand side of an FMU with the names of the data.
-
-    Raises:
-        InputError: A state or an input of the FMU has no column, the data lack an output, or units differ.
-    """
+    """Return the right-hand side of an FMU with the names of the data."""
     name = given.description.name
     for column, variable in given.state_columns.items():
         if column not in states:

@@ -35,11 +35,7 @@ class Stepping(Instance):
         self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=NOTED)
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
-        """Start the instance at a point: parameters, time, states, inputs.
-
-        Raises:
-            InputError: It does not start at these states.
-        """
+        """Start the instance at a point: parameters, time, states, inputs."""
         try:
             self._reset()
         except Exception as error:
