@@ -22,10 +22,6 @@ from bayes_greybox.running.limits import is_finite
 
 from .coefficient import Bounds, Coefficient
 
-RELATIVE_STEP = 1e-4
-"""Step of central differences over a parameter's size, where a formula has no finite derivative by it everywhere: their
-error is of the order of its square."""
-
 
 @dataclass(frozen=True)
 class Parameter:
@@ -203,13 +199,13 @@ def at_here(formula: sympy.Expr, parameters: Parameters) -> sympy.Expr:
 def slope_by(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
     """Return the derivative of a formula by a name, or central differences where it is not finite everywhere.
 
-    The step of these goes with the size of `value`.
+    Their step goes with the size of `value`, their error with its square.
     """
     slope = sympy.diff(formula, symbol(name))
     logs = slope.atoms(sympy.log) - formula.atoms(sympy.log)
     if not logs and not slope.has(sympy.DiracDelta, sympy.Derivative, sympy.Subs):
         return slope
-    step = _number(RELATIVE_STEP * (abs(value) or 1.0))
+    step = _number(1e-4 * (abs(value) or 1.0))
     p: Any = symbol(name)
     more: Any = formula.xreplace({p: p + step})
     return (more - formula.xreplace({p: p - step})) / (2 * step)

@@ -15,9 +15,6 @@ from bayes_greybox.running.errors import InputError
 from .functions import FUNCTIONS, NODE_CLASSES
 from .grammar import FUNCTION_LIST, REMEMBERED_FORMULAS, check_known, check_name, check_size, read, symbol
 
-MOST_FACTORS = 8
-"""Exponent from which on powers are no longer evaluated as products."""
-
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:
     """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression.
@@ -128,7 +125,7 @@ def _operation(node: sympy.Basic) -> Operation:
 def _power(base: Any, exponent: sympy.Basic, exponent_value: Any, xp: Any) -> Any:
     if isinstance(exponent, sympy.Integer):
         # Products are ten times as fast as NumPy's powers.
-        return reduce(xp.multiply, [base] * int(exponent)) if 1 < exponent < MOST_FACTORS else base ** int(exponent)
+        return reduce(xp.multiply, [base] * int(exponent)) if 1 < exponent < 8 else base ** int(exponent)
     if isinstance(exponent, sympy.Rational) and exponent.q == 2:
         return FUNCTIONS["sqrt"].array(xp, base) ** int(exponent.p)
     return xp.power(base, exponent_value)

@@ -19,15 +19,8 @@ INTERPOLATIONS = ("linear", "zoh", "cubic")
 PIECE = 128
 """Rows that are integrated in one go."""
 
-MOST_STEPS_OF_A_PIECE = 32 * PIECE
-"""Steps allowed for a piece: equations that need more are stiff, such as friction that rises steeply at rest."""
-
 BLOW_UP = 1e12
 """Size at which a run has failed, over the largest size of a state."""
-
-# Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
-# all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
-_SMALLEST_STEP = 1e-12
 
 
 class Samples(NamedTuple):
@@ -54,14 +47,14 @@ class StepSettings(NamedTuple):
     Attributes:
         rtol: Relative tolerance.
         atol: Absolute tolerance, as a share of the states' sizes.
-        max_steps: Steps allowed for a piece; the run has failed where it needs more.
+        max_steps: Steps allowed for a piece; equations that need more are stiff, and the run has failed.
         solver: Diffrax solver; by default Dormand and Prince's method of order 8.
         adjoint: Diffrax adjoint; by default derivatives are taken backwards.
     """
 
     rtol: Float[Array, ""] | float = 1e-8
     atol: Float[Array, ""] | float = 1e-8
-    max_steps: int = MOST_STEPS_OF_A_PIECE
+    max_steps: int = 32 * PIECE
     solver: Any = None
     adjoint: Any = None
 
@@ -117,14 +110,9 @@ def limits_of(
 
 
 def follow_piece(
-    rhs: Callable[[Any, Any, Any, Any], Any],
-    start: tuple[Float[Array, " d"], Array],
-    samples: Samples,
-    limits: Limits,
-    args: Any,
-    kinds: tuple[str, ...],
-    settings: StepSettings | None = None,
-) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:
+    rhs: Callable[[Any, Any, Any, Any], Any], start: tuple[Float[Array, " d"], Array], samples: Samples, limits: Limits,
+    args: Any, kinds: tuple[str, ...], settings: StepSettings | None = None,
+) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:  # fmt: skip
     """Integrate over one piece; a program compiled for it serves runs of any length, and works under jit and vmap.
 
     Steps are adaptive and never step over a sample of the inputs. The default method is explicit, so a stiff system
@@ -161,14 +149,9 @@ def follow_piece(
 
 
 def _solution(
-    rhs: Callable[[Any, Any, Any, Any], Any],
-    start: tuple[Array, Array],
-    samples: Samples,
-    limits: Limits,
-    args: Any,
-    kinds: tuple[str, ...],
-    settings: StepSettings,
-) -> Any:
+    rhs: Callable[[Any, Any, Any, Any], Any], start: tuple[Array, Array], samples: Samples, limits: Limits, args: Any,
+    kinds: tuple[str, ...], settings: StepSettings,
+) -> Any:  # fmt: skip
     """Solve over one piece by Diffrax; arguments are those of `follow_piece`."""
     dfx = diffrax()
     (x, alive), (times, values, _) = start, samples
@@ -181,9 +164,10 @@ def _solution(
     def exploded(time, x, given, **_):
         return ~jnp.all(jnp.abs(x) < limits.limit)
 
-    control = dfx.PIDController(
-        rtol=cast(Any, settings.rtol), atol=settings.atol * limits.sizes, dtmin=_SMALLEST_STEP * limits.span
-    )
+    # Shortest steps are taken whatever their error: at a singularity the state then leaves all bounds, or turns NaN,
+    # and the run ends there; across a jump in the right-hand side they do no harm.
+    rtol: Any = settings.rtol
+    control = dfx.PIDController(rtol=rtol, atol=settings.atol * limits.sizes, dtmin=1e-12 * limits.span)
     if values.shape[1] and times.shape[0] > 2:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
         # rows has no inner sample, and the controller refuses an empty list.

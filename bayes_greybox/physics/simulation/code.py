@@ -26,9 +26,6 @@ from .protocol import (
     Times,
 )
 
-PROBES = 3
-"""Points at which a function's values show whether it still reads the same numbers."""
-
 
 @dataclass(frozen=True)
 class CallableSimulation(Simulation):
@@ -137,7 +134,7 @@ class _Now:
 
     def __init__(self, function: RightHandSide, n_state: int, n_input: int) -> None:
         self._function = function
-        points = np.random.default_rng(0).standard_normal((PROBES, 1 + n_state + n_input))
+        points = np.random.default_rng(0).standard_normal((3, 1 + n_state + n_input))
         try:
             values = [np.asarray(function(z[0], z[1 : 1 + n_state], z[1 + n_state :]), float) for z in points]
             self._seen = b"".join(each.tobytes() for each in values)

@@ -32,14 +32,9 @@ UserSimulation = Mapping[str, str] | RightHandSide | FMU | None
 
 
 def simulation_of(
-    given: UserSimulation,
-    states: tuple[str, ...],
-    inputs: tuple[str, ...],
-    outputs: Sequence[str] = (),
-    units: Mapping[str, str] | None = None,
-    parameters: Parameters | None = None,
-    starts: Starts | None = None,
-) -> Simulation:
+    given: UserSimulation, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Sequence[str] = (),
+    units: Mapping[str, str] | None = None, parameters: Parameters | None = None, starts: Starts | None = None,
+) -> Simulation:  # fmt: skip
     """Read the user's simulation for data with these names; units are compared with those of an FMU."""
     if isinstance(given, FMU):
         return fmu_simulation(given, states, inputs, outputs, units or {})

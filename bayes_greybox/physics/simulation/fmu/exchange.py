@@ -11,12 +11,6 @@ import numpy as np
 from .description import Description
 from .loaded import DEAD, Instance, Key, Ports
 
-ITERATIONS = 100
-"""Most iterations of an event."""
-
-STAY = 1e-9
-"""Share of its size by which an event that reports new states may move one, and still leave it where it was."""
-
 
 class Exchange(Instance):
     """An instance for Model Exchange; other parameters are set by starting it anew."""
@@ -72,7 +66,7 @@ class Exchange(Instance):
     def _settled(self, x: np.ndarray | None) -> bool:
         """Iterate an event at states that it must leave as they are; return True if another is due at some time."""
         changed = False
-        for _ in range(ITERATIONS):
+        for _ in range(100):
             again, ended, _, moved, timed, _ = self._fmu.newDiscreteStates()
             changed = changed or bool(moved)
             if ended:
@@ -81,7 +75,7 @@ class Exchange(Instance):
                 if x is not None and changed:
                     states = (c_double * len(x))()
                     self._fmu.getContinuousStates(states, len(x))
-                    if not np.allclose(np.array(states), x, rtol=STAY, atol=STAY):
+                    if not np.allclose(np.array(states), x, rtol=1e-9, atol=1e-9):
                         raise RuntimeError("it sets its states anew at an event, which no rate can say")
                 return timed
         raise RuntimeError("its events do not come to rest")

@@ -21,9 +21,6 @@ from .stepping import Stepping, rounding
 REPEAT_TOLERANCE = 1e-6
 """Share of its size by which a repeated rate may differ: iterative solvers within an FMU are no more precise."""
 
-PROBED_POINTS = 16
-"""Points at which an FMU is evaluated in one order and in the other: a right-hand side has no memory."""
-
 RESTART_TOLERANCE = 1e-3
 """Share of its size by which a rate after some steps may differ from that of an instance which is started there."""
 
@@ -32,9 +29,6 @@ STEPS_BEFORE_RESTART = 10
 
 COARSE = 1e-2
 """Share of its size by which rates by steps and by half as long ones may differ."""
-
-KEPT_MESSAGES = 8
-"""Messages of an FMU that are kept."""
 
 Points = tuple[np.ndarray, ...]
 """Times, states and inputs."""
@@ -65,7 +59,7 @@ class Running:
     def __init__(self, description: Description) -> None:
         self._lock = threading.RLock()
         self._description = description
-        self.messages: deque[str] = deque(maxlen=KEPT_MESSAGES)
+        self.messages: deque[str] = deque(maxlen=8)
         self._instance = (Exchange if description.exchanged else Stepping)(description, self.messages)
         self._trusted: set[tuple[Key, Ports]] = set()
         self.derivatives_right: dict[Key, bool] = {}
@@ -80,8 +74,8 @@ class Running:
             return self._values(key, points, reading)
 
     def _require_memoryless(self, key: Key, points: Points, reading: Reading) -> None:
-        """Refuse an FMU whose rates are not those of its states and inputs alone."""
-        some = np.unique(np.linspace(0, len(points[0]) - 1, PROBED_POINTS).astype(int))
+        """Refuse an FMU whose rates differ in the other order of points: a right-hand side has no memory."""
+        some = np.unique(np.linspace(0, len(points[0]) - 1, 16).astype(int))
         if isinstance(self._instance, Stepping):
             self._instance.noted.clear()
         probed, turned = (tuple(each[order] for each in points) for order in (some, some[::-1]))

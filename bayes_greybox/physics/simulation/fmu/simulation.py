@@ -37,9 +37,6 @@ STEPPED_DIFFERENCE_STEP = 1e-3
 NOMINAL_SHARE = 1e-3
 """Least size of a column, as a share of its nominal value, where only one point shows how large it is."""
 
-COMPARED_POINTS = 5
-"""Points at which directional derivatives are compared with differences before they are used."""
-
 DERIVATIVE_TOLERANCE = 1e-4
 """Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
 
@@ -196,7 +193,7 @@ class FMUSimulation(Simulation):
         if not (given.description.exchanged and given.description.directional):
             return False
         if given.key not in right:
-            some = np.unique(np.linspace(0, len(t) - 1, COMPARED_POINTS).astype(int))
+            some = np.unique(np.linspace(0, len(t) - 1, 5).astype(int))
             part = t[some], x[some], u[some]
             by_steps = self._by_states(*part)
             compared = np.all(np.isfinite(by_steps), axis=(1, 2))

@@ -10,15 +10,6 @@ from bayes_greybox.running.errors import InputError
 from .description import Description
 from .loaded import Instance, Key, Ports
 
-SOLVER_TOLERANCE = 1e-9
-"""Relative tolerance that its own solver is asked for."""
-
-NOTED = 16
-"""Points whose rates by whole steps and by half ones are kept."""
-
-START_TOLERANCE = 1e-9
-"""Share of its size by which a state may differ from its start."""
-
 
 class Stepping(Instance):
     """An instance for Co-Simulation.
@@ -32,7 +23,7 @@ class Stepping(Instance):
         self._now, self._step = 0.0, 0.0
         # The point at which it was started, until it goes on from there.
         self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
-        self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=NOTED)
+        self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=16)
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
         """Start the instance at a point: parameters, time, states, inputs."""
@@ -45,7 +36,7 @@ class Stepping(Instance):
         fmu.setReal(ports.starts, [float(each) for each in x])
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
-        self._enter_initialization(tolerance=SOLVER_TOLERANCE, startTime=t)
+        self._enter_initialization(tolerance=1e-9, startTime=t)
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
         fmu.exitInitializationMode()
@@ -95,8 +86,8 @@ class Stepping(Instance):
 
     def _require_start(self, ports: Ports, x: np.ndarray) -> None:
         """Refuse an instance that starts elsewhere."""
-        states, atol = np.array(self.real(ports.states)), START_TOLERANCE * np.max(np.abs(x), initial=0.0)
-        away = np.flatnonzero(~np.isclose(states, x, rtol=START_TOLERANCE, atol=atol))
+        states, atol = np.array(self.real(ports.states)), 1e-9 * np.max(np.abs(x), initial=0.0)
+        away = np.flatnonzero(~np.isclose(states, x, rtol=1e-9, atol=atol))
         if len(away):
             every, ref = self._description.variables.values(), ports.states[away[0]]
             name = next(each.name for each in every if each.kind == "Real" and each.ref == ref)
