@@ -143,12 +143,9 @@ Bounds = tuple[float | None, float | None]
 
 
 def coefficient_of_term(
-    term: str,
-    sign: str | None,
-    prior: Sequence[float] | None,
-    fixed: float | None,
+    term: str, sign: str | None, prior: Sequence[float] | None, fixed: float | None,
     bounds: Sequence[float | None] | None,
-) -> Coefficient | None:
+) -> Coefficient | None:  # fmt: skip
     """Return what a term states of its own coefficient (see `Term`); None where it states nothing."""
     every = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
     stated = {key: value for key, value in every.items() if value is not None}

@@ -125,12 +125,7 @@ def _parameter(name: str, given: Any) -> Parameter:
 
 
 class Tangent(NamedTuple):
-    """A formula at the values of its parameters, and its slopes there.
-
-    Attributes:
-        rest: What the formula is without the terms of learned parameters, whose coefficients are their values.
-        slopes: ∂g/∂p by parameter.
-    """
+    """A formula without the terms of learned parameters, whose coefficients are their values; ∂g/∂p by parameter."""
 
     rest: sympy.Expr
     slopes: dict[str, sympy.Expr]

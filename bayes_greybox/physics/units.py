@@ -132,10 +132,7 @@ def slope_unit(target: str, unit: str | None) -> str:
 
 
 def check_units(
-    dictionary: Mapping[str, Iterable[Term]],
-    units: Mapping[str, str],
-    states: Iterable[str] = (),
-    time: str = "t",
+    dictionary: Mapping[str, Iterable[Term]], units: Mapping[str, str], states: Iterable[str] = (), time: str = "t"
 ) -> None:
     """Refuse units that cannot be right.
 

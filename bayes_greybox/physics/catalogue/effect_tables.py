@@ -16,6 +16,10 @@ from bayes_greybox.running.errors import InputError
 _TOML_WORDS = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
 
 
+_PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
+"""Subject of each table within an effect, the thing that it is named after, and an example of a name."""
+
+
 class Keys(NamedTuple):
     """Keys of a table: the TOML type of each, and the required ones."""
 
@@ -74,25 +78,17 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
         raise InputError(f"{where}confusions = {confusions!r} cannot be used; it must be a list of slugs in quotes.")
     read = {"confusions": confusions}
     for part, keys in parts.items():
-        read[part] = [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
+        (called, after, such), read[part] = _PART_WORDS[part], []
+        for name, each in table.get(part, {}).items():
+            if not isinstance(each, Mapping):
+                raise InputError(
+                    f"{where}{part} must hold a table named after the {after}; start it with a line such as "
+                    f"[effect.{part}.{such}]."
+                )
+            _check_keys(each, keys, f"{where}{called} {name!r}: ")
+            numbers = {key: float(value) for key, value in each.items() if keys.types[key] is float}
+            read[part].append({**each, **numbers, "name": name})
     return {**table, **read}
-
-
-_PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
-"""Subject of each table within an effect, the thing that it is named after, and an example of a name."""
-
-
-def _part_table(part: str, name: str, table: Any, where: str, keys: Keys) -> dict[str, Any]:
-    called, after, such = _PART_WORDS[part]
-    if not isinstance(table, Mapping):
-        raise InputError(
-            f"{where}{part} must hold a table named after the {after}; start it with a line such as "
-            f"[effect.{part}.{such}]."
-        )
-    where = f"{where}{called} {name!r}: "
-    _check_keys(table, keys, where)
-    numbers = {key: float(value) for key, value in table.items() if keys.types[key] is float}
-    return {**table, **numbers, "name": name}
 
 
 def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:

@@ -76,7 +76,15 @@ class Effect:
             raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
         if self.slug in ANSWERS:
             raise InputError(f"The slug {self.slug!r} is reserved for a study's answer; give the effect another one.")
-        _check_sign(self)
+        if isinstance(self.sign, bool) or self.sign not in (-1, 0, 1):
+            raise InputError(
+                f"The effect {self.slug!r} has sign = {self.sign!r}; it is -1 or 1, or 0 if both signs are usual."
+            )
+        if self.reverse and not self.sign:
+            raise InputError(
+                f"The effect {self.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
+                "write sign = -1 or sign = 1."
+            )
         # Names are replaced in this text later, so it must be spelled as the parser spells it.
         object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))
         expr = parse_expression(self.expression)
@@ -132,13 +140,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class BoundEffect:
-    """An effect on columns of the data.
-
-    Attributes:
-        effect: The effect.
-        names: Column of each of its roles.
-        mark: Further part of the names of its hidden states, where several equations may have the effect.
-    """
+    """An effect on columns of the data, by role; a mark in names tells hidden states of several equations apart."""
 
     effect: Effect
     names: Mapping[str, str] = field(hash=False)
@@ -212,18 +214,6 @@ class BoundEffect:
 
 def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
     return {name: f"{value:.4g}" for name, value in (inner or {}).items()}
-
-
-def _check_sign(effect: Effect) -> None:
-    if isinstance(effect.sign, bool) or effect.sign not in (-1, 0, 1):
-        raise InputError(
-            f"The effect {effect.slug!r} has sign = {effect.sign!r}; it is -1 or 1, or 0 if both signs are usual."
-        )
-    if effect.reverse and not effect.sign:
-        raise InputError(
-            f"The effect {effect.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
-            "write sign = -1 or sign = 1."
-        )
 
 
 def _check_hidden(effect: Effect, names: Collection[str]) -> None:

@@ -72,12 +72,9 @@ class Columns:
 
 
 def roles_of(
-    simulation: Mapping[str, str] | Callable | None,
-    columns: Columns,
-    equation: str,
-    given: Mapping[str, str | Sequence[str]] | None = None,
-    pairs: Mapping[str, str] | None = None,
-) -> dict[str, tuple[str, ...]]:
+    simulation: Mapping[str, str] | Callable | None, columns: Columns, equation: str,
+    given: Mapping[str, str | Sequence[str]] | None = None, pairs: Mapping[str, str] | None = None,
+) -> dict[str, tuple[str, ...]]:  # fmt: skip
     """Return the columns, if any, that may play each role in the equation of one state or output.
 
     In the equation of an output no state is learned: columns play the roles that their units indicate, and so do a

@@ -17,18 +17,11 @@ from .grammar import FUNCTION_LIST, REMEMBERED_FORMULAS, check_known, check_name
 
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:
-    """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression.
+    """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression, in SymPy's canonical form.
 
-    Numbers, the given names, `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan, asin, acos, atan, sinh,
-    cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2 at zero, 1 above) are allowed.
-    Names become real SymPy symbols.
-
-    Args:
-        text: The formula, at most 2000 characters.
-        names: Names of the columns that may appear; None accepts any name.
-
-    Returns:
-        The expression, in SymPy's canonical form (`"y*y"` and `"y**2"` are equal).
+    Numbers, the given names (None: any), `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan, asin, acos,
+    atan, sinh, cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2 at zero, 1 above) are
+    allowed. Names become real SymPy symbols.
 
     Raises:
         InputError: A part is outside the whitelist; the message names it and says what to write instead.

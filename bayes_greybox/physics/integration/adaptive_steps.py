@@ -120,14 +120,13 @@ def follow_piece(
     atol * scale_i + rtol * |x_i|.
 
     Args:
-        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
-            dx/dt of shape (d,).
+        rhs: `rhs(t, x, u, args)`, which returns dx/dt; p = 0 without inputs.
         start: States at the start of the piece, and whether the run has not failed before.
         samples: The piece.
         limits: Limits of the run.
         args: Last argument of `rhs`, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        settings: Settings of the integrator; by default those of `StepSettings`.
+        settings: Settings of the integrator.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
@@ -192,11 +191,9 @@ def _solution(
 
 
 def joined(
-    x0: Float[Array | np.ndarray, "*draw d"],
-    t: Float[Array | np.ndarray, " n"],
-    states: Float[Array | np.ndarray, "*draw piece rows d"],
-    failed_at: Float[Array | np.ndarray, "*draw piece"],
-) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:
+    x0: Float[Array | np.ndarray, "*draw d"], t: Float[Array | np.ndarray, " n"],
+    states: Float[Array | np.ndarray, "*draw piece rows d"], failed_at: Float[Array | np.ndarray, "*draw piece"],
+) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:  # fmt: skip
     """Join the pieces of one run: return its states at the times t, and the time of its first failure or NaN."""
     xp = namespace([x0, t, states, failed_at])
     rows = states.reshape(*x0.shape[:-1], -1, x0.shape[-1])

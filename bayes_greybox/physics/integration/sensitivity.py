@@ -25,24 +25,14 @@ program."""
 
 
 class Grid(NamedTuple):
-    """Segments of equally many steps; those of a shorter segment end in steps of no length.
-
-    Attributes:
-        time: Times of the ends and middles of steps.
-        inputs: Inputs at these times.
-    """
+    """Times and inputs at ends and middles of equally many steps; shorter segments end in steps of no length."""
 
     time: Float[np.ndarray, "n_segment n_node"]
     inputs: Float[np.ndarray, "n_segment n_node n_input"]
 
 
 class Response(NamedTuple):
-    """Steps of the linear equation: δ₊ = M δ + Σ b φ over the start, the middle and the end of a step.
-
-    Attributes:
-        M: Transition matrices.
-        b: Response to forces at these three points, each on the rate of each state.
-    """
+    """Steps of the linear equation: δ₊ = M δ + Σ b φ over forces at the start, the middle and the end of a step."""
 
     M: Float[np.ndarray, "n_segment n_step n_state n_state"]
     b: Float[np.ndarray, "n_segment n_step n_state 3 n_state"]

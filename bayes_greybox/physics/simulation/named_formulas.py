@@ -21,10 +21,8 @@ from .through_states import acting_through
 class NamedFormulas:
     """Formulas by state or output, with the parameters in them; neither where there are no parameters.
 
-    Values of parameters, below, are those that were found; the other parameters have their own.
-
-    Attributes:
-        starts: Where hidden states start; some may be parameters.
+    Values of parameters, below, are those that were found; the other parameters have their own. Some starts of hidden
+    states may be parameters.
     """
 
     formulas: Mapping[str, sympy.Expr]

@@ -35,14 +35,7 @@ KnownTerms = Sequence[tuple[Term, float]]
 
 
 class Correctable(NamedTuple):
-    """A number of a simulation that a study may find off.
-
-    Attributes:
-        term: ∂g by that number, as a formula: the term of a coefficient, the slope of a parameter.
-        nominal: The number.
-        parameter: Its name, where the user gave it one.
-        limits: Changes of it that are possible.
-    """
+    """A number of a simulation that a study may find off: ∂g by it, its value, any name of it, and possible changes."""
 
     term: Term
     nominal: float

@@ -24,11 +24,8 @@ BASE_UNITS = {
 class Unit:
     """A unit of a variable.
 
-    Attributes:
-        name: Name in the FMU, such as "m/s2".
-        base: Product of base units that it is a multiple of, such as "meter**1 * second**-2"; "" if it is not stated.
-        factor: The multiple.
-        offset: Its zero in base units, such as 273.15 of degrees Celsius.
+    It is a multiple of a product of base units, such as "meter**1 * second**-2", "" if that is not stated, and has its
+    zero at an offset in these, such as 273.15 of degrees Celsius.
     """
 
     name: str

@@ -14,8 +14,7 @@ from jaxtyping import Float
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
-from .exchange import Exchange
-from .loaded import Key, Ports
+from .loaded import Exchange, Key, Ports
 from .stepping import Stepping, rounding
 
 REPEAT_TOLERANCE = 1e-6
@@ -35,13 +34,7 @@ Points = tuple[np.ndarray, ...]
 
 
 class Reading(NamedTuple):
-    """Values to be read at points.
-
-    Attributes:
-        ports: Variables that are set at a point.
-        width: Number of values at a point.
-        read: Function from the instance at a point to values.
-    """
+    """Values to be read at points: what is set there, the number of values, and how the instance gives them."""
 
     ports: Ports
     width: int

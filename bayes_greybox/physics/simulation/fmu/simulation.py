@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -29,13 +30,9 @@ from bayes_greybox.running.errors import InputError
 from .description import require_units
 from .given import FMU
 from .running import Reading, running
-from .tracing import Rates, traced
 
 STEPPED_DIFFERENCE_STEP = 1e-3
 """Step of central differences where rates are differences themselves, whose errors a shorter one would show."""
-
-NOMINAL_SHARE = 1e-3
-"""Least size of a column, as a share of its nominal value, where only one point shows how large it is."""
 
 DERIVATIVE_TOLERANCE = 1e-4
 """Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
@@ -222,11 +219,55 @@ class FMUSimulation(Simulation):
         return running(given.description).at_each(given.key, points, reading)
 
 
+class Rates:
+    """Rates of an `FMUSimulation`, or one of its outputs: equal to those of another that gives the same."""
+
+    def __init__(self, simulation: Any, output: str | None = None) -> None:
+        self.simulation, self.output, self._facts = simulation, output, (simulation.facts, output)
+
+    def __hash__(self) -> int:
+        return hash(self._facts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rates) and self._facts == other._facts
+
+
+@lru_cache(maxsize=64)
+def traced(of: Rates) -> Any:
+    """Return a function of one point that JAX may trace: values by a call to the FMU, derivatives by differences."""
+    simulation, output = of.simulation, of.output
+
+    # JAX calls these with arrays of its own.
+    def slopes(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
+        differences = simulation.differences(*flat(t, x, u), output=output)
+        return differences.reshape(*(x.shape if output is None else t.shape), differences.shape[-1])
+
+    def values(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
+        return simulation._rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
+
+    def shape(x: Array, *more: int) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct((*(x.shape if output is None else x.shape[:-1]), *more), x.dtype)
+
+    @jax.custom_jvp
+    def rate(t: Array, x: Array, u: Array) -> Array:
+        return jax.pure_callback(values, shape(x), t, x, u, vmap_method="broadcast_all")
+
+    @rate.defjvp
+    def _(point: tuple[Array, ...], along: tuple[Array, ...]) -> tuple[Array, Array]:
+        t, x, u = point
+        J = jax.pure_callback(slopes, shape(x, 1 + x.shape[-1] + u.shape[-1]), t, x, u, vmap_method="broadcast_all")
+        return rate(t, x, u), J @ jnp.concatenate([jnp.atleast_1d(along[0]), *along[1:]])
+
+    return rate
+
+
 def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:
     """Return the RMS of columns, or their nominal value where they are zero or a single point says too little."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     if len(columns) == 1:
-        size = np.maximum(size, NOMINAL_SHARE * nominal)
+        size = np.maximum(size, 1e-3 * nominal)
     return np.where(size > 0, size, nominal)
 
 

@@ -12,17 +12,14 @@ from .loaded import Instance, Key, Ports
 
 
 class Stepping(Instance):
-    """An instance for Co-Simulation.
-
-    Attributes:
-        noted: Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
-    """
+    """An instance for Co-Simulation."""
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
         super().__init__(description, messages)
         self._now, self._step = 0.0, 0.0
         # The point at which it was started, until it goes on from there.
         self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
+        # Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
         self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=16)
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
