@@ -67,11 +67,9 @@ def check_interpolation(kind: str | Sequence[str]) -> None:
 
 
 def cut(
-    t: Float[Array | np.ndarray, " n"],
-    inputs: Float[Array | np.ndarray, "n p"],
-    interpolation: str | Sequence[str],
+    t: Float[Array | np.ndarray, " n"], inputs: Float[Array | np.ndarray, "n p"], interpolation: str | Sequence[str],
     curvature: Float[Array | np.ndarray, "n p"] | None = None,
-) -> tuple[Samples, tuple[str, ...]]:
+) -> tuple[Samples, tuple[str, ...]]:  # fmt: skip
     """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
 
     Inputs at the increasing times t are interpolated by "linear", "zoh" (held from each sample to the next) or "cubic"
@@ -101,9 +99,7 @@ def cut(
 
 
 def limits_of(
-    t: Float[Array | np.ndarray, " n"],
-    x0: Float[Array | np.ndarray, "*draw d"],
-    sizes: Float[Array | np.ndarray, " d"],
+    t: Float[Array | np.ndarray, " n"], x0: Float[Array | np.ndarray, "*draw d"], sizes: Float[Array | np.ndarray, " d"]
 ) -> Limits:
     """Return the limits of a run from x0 at t[0], which fails at `BLOW_UP` times the largest size of a state."""
     return Limits(x0, t[-1], t[-1] - t[0], sizes, BLOW_UP * namespace([sizes]).max(sizes))
@@ -216,11 +212,10 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
     def error(offsets: tuple[int, ...]) -> Float[np.ndarray, " p"]:
         # Lagrange's polynomial through the neighbours at these offsets, at the sample itself.
-        at = [t[2 + k : len(t) - 2 + k] for k in offsets]
+        at = {k: t[2 + k : len(t) - 2 + k] for k in offsets}
         predicted = np.zeros_like(values[inner])
-        for j, k in enumerate(offsets):
-            others = [other for i, other in enumerate(at) if i != j]
-            weight = np.prod([(t[inner] - other) / (at[j] - other) for other in others], axis=0)
+        for k in offsets:
+            weight = np.prod([(t[inner] - at[i]) / (at[k] - at[i]) for i in offsets if i != k], axis=0)
             predicted += weight[:, None] * values[2 + k : len(t) - 2 + k]
         return np.mean((predicted - values[inner]) ** 2, axis=0)
 
