@@ -40,7 +40,7 @@ from .model.priors import SpikeAndSlab as SpikeAndSlab
 from .model.rows.derivative_rows import DerivativeRows as DerivativeRows
 from .model.rows.trajectory_rows import TrajectoryRows as TrajectoryRows
 from .model.rows.weak_rows import WeakRows as WeakRows
-from .physics.catalogue.table import catalogue as catalogue
+from .physics.catalogue.loading import catalogue as catalogue
 from .physics.experiments import signals as signals
 from .physics.experiments import systems as systems
 from .physics.experiments.candidate import Candidate as Candidate

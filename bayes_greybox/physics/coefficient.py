@@ -3,20 +3,14 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from numbers import Real
 from typing import Annotated, Any
 
 from bayes_greybox.running.errors import InputError
-from bayes_greybox.running.limits import Rule, require_limits
+from bayes_greybox.running.limits import Rule, is_finite, require_limits
 
-
-def _finite(value: Any) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-
-
-_Finite = Annotated[float, Rule(_finite, "must be a finite number")]
-_Width = Annotated[float, Rule(lambda value: _finite(value) and value > 0, "must be a finite number above 0")]
-_Sign = Annotated[int, Rule(lambda value: _finite(value) and abs(value) == 1, "must be 1 or -1")]
+_Finite = Annotated[float, Rule(is_finite, "must be a finite number")]
+_Width = Annotated[float, Rule(lambda value: is_finite(value) and value > 0, "must be a finite number above 0")]
+_Sign = Annotated[int, Rule(lambda value: is_finite(value) and abs(value) == 1, "must be 1 or -1")]
 
 
 @dataclass(frozen=True)
@@ -111,8 +105,9 @@ class Coefficient:
 
     def record(self) -> dict[str, Any]:
         """Return the statement as plain values."""
-        stated = {name: getattr(self, name) for name in _FIELDS if getattr(self, name) is not None}
-        return {name: int(value) if name == "sign" else float(value) for name, value in stated.items()}
+        stated = {name: getattr(self, name) for name in ("mean", "sd", "sign", "lower", "upper", "fixed")}
+        plain = {name: int if name == "sign" else float for name in stated}
+        return {name: plain[name](value) for name, value in stated.items() if value is not None}
 
     def __str__(self) -> str:
         """Return the statement in a few signs: `N(-2, 0.1²) ≤ 0`."""
@@ -120,19 +115,13 @@ class Coefficient:
             return f"= {_digits(self.fixed)}"
         law = "" if self.mean is None or self.sd is None else f"N({_digits(self.mean)}, {_digits(self.sd)}²)"
         low, high = self.interval
-        limits = (
-            f"≥ {_digits(low)}" if math.isfinite(low) else "",
-            f"≤ {_digits(high)}" if math.isfinite(high) else "",
-        )
-        return ", ".join(part for part in (law, *limits) if part)
+        limits = [f"{sign} {_digits(end)}" for sign, end in (("≥", low), ("≤", high)) if math.isfinite(end)]
+        return ", ".join([law, *limits] if law else limits)
 
 
 def _digits(value: float) -> str:
     """Write a number as it was stated, with all its digits."""
     return repr(float(value)).removesuffix(".0")
-
-
-_FIELDS = ("mean", "sd", "sign", "lower", "upper", "fixed")
 
 
 @dataclass(frozen=True)
@@ -154,18 +143,10 @@ Bounds = tuple[float | None, float | None]
 
 
 def coefficient_of_term(
-    term: str,
-    sign: str | None,
-    prior: Sequence[float] | None,
-    fixed: float | None,
+    term: str, sign: str | None, prior: Sequence[float] | None, fixed: float | None,
     bounds: Sequence[float | None] | None,
-) -> Coefficient | None:
-    """Return what a term states of its own coefficient (see `Term`) as a `Coefficient`; None where it states nothing.
-
-    Raises:
-        InputError: A value cannot be used; `fixed` stands beside anything else; bounds are reversed or contradict the
-            sign; sign or bounds rule the mean out.
-    """
+) -> Coefficient | None:  # fmt: skip
+    """Return what a term states of its own coefficient (see `Term`); None where it states nothing."""
     every = {"sign": sign, "prior": prior, "fixed": fixed, "bounds": bounds}
     stated = {key: value for key, value in every.items() if value is not None}
     if not stated:
@@ -212,13 +193,13 @@ def _is_pair(value: Any) -> bool:
 _STATEMENT_CHECKS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "sign": (lambda sign: sign in ("+", "-"), 'write "+" for not negative, or "-" for not positive'),
     "prior": (
-        lambda prior: _is_pair(prior) and all(map(_finite, prior)) and prior[1] > 0,
+        lambda prior: _is_pair(prior) and all(map(is_finite, prior)) and prior[1] > 0,
         "give mean and standard deviation of the coefficient, two finite numbers of which the second is above 0, such "
         "as (-40, 10)",
     ),
-    "fixed": (_finite, "give the coefficient, a finite number"),
+    "fixed": (is_finite, "give the coefficient, a finite number"),
     "bounds": (
-        lambda bounds: _is_pair(bounds) and all(end is None or _finite(end) for end in bounds),
+        lambda bounds: _is_pair(bounds) and all(end is None or is_finite(end) for end in bounds),
         "give least and largest value of the coefficient, two finite numbers such as (-50, 0); None in place of one "
         "leaves that end open",
     ),

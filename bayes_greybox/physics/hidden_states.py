@@ -9,7 +9,7 @@ that no change of z is missed by much.
 from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -81,11 +81,7 @@ class HiddenState:
 
 
 def read_starts(given: Any) -> dict[str, float | str]:
-    """Return the starts of hidden states as the user gave them, numbers or names of columns or parameters.
-
-    Raises:
-        InputError: They are no mapping of states to numbers or names.
-    """
+    """Return the starts of hidden states as the user gave them, numbers or names of columns or parameters."""
     if not isinstance(given, Mapping):
         raise InputError("GreyBox(starts=...) must map hidden states to their values where runs start: {'soc': 1.0}.")
     for name, start in given.items():
@@ -168,15 +164,8 @@ class _Rates:
         return jnp.stack([evaluate(formula, values) + 0.0 * z[0] for formula in self.formulas])
 
 
-class _Intervals(NamedTuple):
-    """Intervals between nodes: length, columns at three points, starts and whether a run starts at their ends."""
-
-    h: Arrays
-    before: Arrays
-    halfway: Arrays
-    after: Arrays
-    start: Arrays
-    fresh: Arrays
+_Intervals = tuple[Arrays, ...]
+"""Intervals between nodes: length, columns at three points, starts and whether a run starts at their ends."""
 
 
 def _integrated(
@@ -186,7 +175,7 @@ def _integrated(
     n, n_system = len(time), numbers.shape[1]
     c = np.column_stack([columns[name] for name in rates.columns] or [np.zeros((n, 0))])
     h = np.where(fresh[1:], 0.0, np.diff(time))
-    intervals = _Intervals(h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:])
+    intervals = h, c[:-1], _halfway(h, c), c[1:], start[1:], fresh[1:]
     width = max(FEWEST_SYSTEMS, 1 << (n_system - 1).bit_length())
     width = width if n_system <= MANY_SYSTEMS else -(-n_system // MANY_SYSTEMS) * MANY_SYSTEMS
     widened = np.pad(numbers, ((0, 0), (0, width - n_system)), mode="edge")
@@ -196,7 +185,7 @@ def _integrated(
     for first in range(0, n - 1, PROGRAM_STEPS):
         count = min(PROGRAM_STEPS, n - 1 - first)
         parts = (np.asarray(x[first : first + count]) for x in intervals)
-        filled = _Intervals(*(np.pad(x, ((0, PROGRAM_STEPS - count), *((0, 0),) * (x.ndim - 1))) for x in parts))
+        filled = tuple(np.pad(x, ((0, PROGRAM_STEPS - count), *((0, 0),) * (x.ndim - 1))) for x in parts)
         path = np.asarray(_followed(rates, widened, z, count, filled))
         z = path[count - 1]
         whole[..., first + 1 : first + 1 + count] = np.moveaxis(path[:count, :, :n_system], 0, -1)
@@ -248,4 +237,4 @@ def _followed(rates: _Rates, numbers: Arrays, z: Arrays, n_step: Arrays | int, i
         z = step(z, tuple(jax.lax.dynamic_index_in_dim(x, k, keepdims=False) for x in intervals))
         return z, jax.lax.dynamic_update_index_in_dim(path, z, k, 0)
 
-    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(intervals.h), *z.shape))))[1]
+    return jax.lax.fori_loop(0, n_step, next_one, (z, jnp.zeros((len(intervals[0]), *z.shape))))[1]

@@ -22,10 +22,6 @@ from bayes_greybox.running.limits import is_finite
 
 from .coefficient import Bounds, Coefficient
 
-RELATIVE_STEP = 1e-4
-"""Step of central differences over a parameter's size, where a formula has no finite derivative by it everywhere: their
-error is of the order of its square."""
-
 
 @dataclass(frozen=True)
 class Parameter:
@@ -111,11 +107,7 @@ Parameters = Mapping[str, Parameter]
 
 
 def read_parameters(given: Any) -> dict[str, Parameter]:
-    """Return the parameters that a user gave, numbers among them.
-
-    Raises:
-        InputError: A name that formulas cannot use, or a value that is neither a number nor a `Parameter`.
-    """
+    """Return the parameters that a user gave, numbers among them."""
     if not isinstance(given, Mapping):
         raise InputError(
             f"GreyBox(parameters={given!r}) must map names in the formulas to numbers or bg.Parameter(...), for "
@@ -133,12 +125,7 @@ def _parameter(name: str, given: Any) -> Parameter:
 
 
 class Tangent(NamedTuple):
-    """A formula at the values of its parameters, and its slopes there.
-
-    Attributes:
-        rest: What the formula is without the terms of learned parameters, whose coefficients are their values.
-        slopes: ∂g/∂p by parameter.
-    """
+    """A formula without the terms of learned parameters, whose coefficients are their values; ∂g/∂p by parameter."""
 
     rest: sympy.Expr
     slopes: dict[str, sympy.Expr]
@@ -149,9 +136,6 @@ def tangent(formula: sympy.Expr, parameters: Parameters) -> Tangent:
 
     The rest is g(p̂) − Σ p̂_k ∂g/∂p_k over learned parameters, and + Σ (p_k − p̂_k) ∂g/∂p_k over believed ones, whose
     values p_k stay what they are said to be, wherever the tangent is taken.
-
-    Raises:
-        InputError: The formula or a slope has no value at the values of the parameters.
     """
     return _tangent(formula, tuple(parameters.items()))
 
@@ -210,13 +194,13 @@ def at_here(formula: sympy.Expr, parameters: Parameters) -> sympy.Expr:
 def slope_by(formula: sympy.Expr, name: str, value: float) -> sympy.Expr:
     """Return the derivative of a formula by a name, or central differences where it is not finite everywhere.
 
-    The step of these goes with the size of `value`.
+    Their step goes with the size of `value`, their error with its square.
     """
     slope = sympy.diff(formula, symbol(name))
     logs = slope.atoms(sympy.log) - formula.atoms(sympy.log)
     if not logs and not slope.has(sympy.DiracDelta, sympy.Derivative, sympy.Subs):
         return slope
-    step = _number(RELATIVE_STEP * (abs(value) or 1.0))
+    step = _number(1e-4 * (abs(value) or 1.0))
     p: Any = symbol(name)
     more: Any = formula.xreplace({p: p + step})
     return (more - formula.xreplace({p: p - step})) / (2 * step)

@@ -27,8 +27,8 @@ from bayes_greybox.running.errors import InputError
 from .coefficient import Bounds, Coefficient, coefficient_of_term
 from .hidden_states import HiddenState
 
-# Larger polynomial families than this are a slip in the degree or the variables.
 _MAX_TERMS = 1000
+"""Larger polynomial families are a slip in the degree or the variables."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,11 @@ class Term:
         return parse_expression(formula) if isinstance(formula, str) else check_expression(formula)
 
     @property
+    def latex(self) -> str:
+        """The formula in LaTeX, without dollar signs."""
+        return to_latex(self.expr)
+
+    @property
     def symbols(self) -> tuple[str, ...]:
         """Names of the columns that the term uses, sorted."""
         return symbol_names(self.expr)
@@ -104,11 +109,6 @@ class Term:
     def text(self) -> str:
         """The formula as text that reads back as the same formula, to the last digit."""
         return to_text(self.expr)
-
-    @property
-    def latex(self) -> str:
-        """The formula in LaTeX, without dollar signs."""
-        return to_latex(self.expr)
 
     @property
     def plain(self) -> "Term":
@@ -188,7 +188,6 @@ class Dictionary:
         if not terms:
             raise InputError("A dictionary has no terms; give at least one, such as 'y'.")
         first_by_form: dict[sympy.Expr, str] = {}
-        first_by_name: dict[str, Term] = {}
         for term in terms:
             check_known(term.symbols, names, term.name)
             form = _canonical(term.expr)
@@ -197,10 +196,9 @@ class Dictionary:
                     f"The terms {first_by_form[form]!r} and {term.name!r} are the same up to a constant "
                     "factor; remove one of them."
                 )
-            if term.name in first_by_name:
+            if term.name in first_by_form.values():
                 raise InputError(f"Two terms have the name {term.name!r}; give one of them another name.")
             first_by_form[form] = term.name
-            first_by_name[term.name] = term
         return cls(terms)
 
     def __len__(self) -> int:
@@ -308,27 +306,25 @@ def _items(spec: object) -> list[object]:
 
 
 def _as_term(item: object) -> Term:
-    if isinstance(item, Term):
-        return item
     if isinstance(item, str | sympy.Expr):
         return Term(item)
-    raise InputError(
-        f"A term must be a formula, a Term or a SymPy expression, not {type(item).__name__} "
-        f"({str(item)[:40]!r}); write for example 'y**2'."
-    )
+    if not isinstance(item, Term):
+        raise InputError(
+            f"A term must be a formula, a Term or a SymPy expression, not {type(item).__name__} "
+            f"({str(item)[:40]!r}); write for example 'y**2'."
+        )
+    return item
 
 
 def _canonical(expr: Any) -> Any:
     """Return one form for all expressions that are equal up to a constant factor."""
     # Decimals as exact fractions: ratios such as 0.1/0.1 are then the whole number 1.
     expr = expr.xreplace({f: sympy.Rational(repr(float(f))) for f in expr.atoms(sympy.Float)})
-    small = all(
-        p.exp.is_number and abs(float(p.exp)) <= 8 for p in expr.atoms(sympy.Pow) if isinstance(p.base, sympy.Add)
-    )
+    exponents = [power.exp for power in expr.atoms(sympy.Pow) if isinstance(power.base, sympy.Add)]
     # Large powers of sums are left as they are: expanding them could take minutes.
-    expr = sympy.expand(expr) if small else expr
+    if all(exponent.is_number and abs(float(exponent)) <= 8 for exponent in exponents):
+        expr = sympy.expand(expr)
     if isinstance(expr, sympy.Add):
         first: Any = expr.as_ordered_terms()[0]
-        leading = first.as_coeff_Mul()[0]
-        expr = sympy.expand(expr / leading)
+        expr = sympy.expand(expr / first.as_coeff_Mul()[0])
     return expr.as_coeff_Mul()[1]

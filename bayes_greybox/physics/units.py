@@ -6,11 +6,10 @@ is not. The expressions of a simulation are not checked: all their numbers carry
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache, reduce
+from functools import reduce
 from operator import mul
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import sympy
 
@@ -27,11 +26,7 @@ UNKNOWN_UNIT = "?"
 
 
 def parse_unit(text: str, what: str) -> Any:
-    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'".
-
-    Raises:
-        InputError: The unit is unknown; the message names the nearest known ones.
-    """
+    """Read a unit such as "m/s^2" as a pint unit; `what` names its owner in the message, such as "column 'y'"."""
     # Chains of powers and long numbers are no units and could take pint for ever.
     chained = re.search(r"(\*\*|\^)[^A-Za-z]*(\*\*|\^)|\d{4}", text)
     if len(text) <= 100 and not chained:
@@ -40,17 +35,14 @@ def parse_unit(text: str, what: str) -> Any:
         except Exception:  # pint raises errors of many kinds on malformed text
             pass
     unknown = [word for word in re.findall(r"[^\W\d]+", text[:100]) if not hasattr(registry(), word)]
-    near = [match for word in unknown for match in get_close_matches(word, _unit_names(), n=2, cutoff=0.7)]
+    names = [name for name in dir(registry()) if not name.startswith("_")] if unknown else []
+    near = [match for word in unknown for match in get_close_matches(word, names, n=2, cutoff=0.7)]
     hint = f" Did you mean {' or '.join(near)}?" if near else ""
     raise InputError(f"The unit {text[:100]!r} of {what} is not known; write it as in 'm/s^2', or '1' for none.{hint}")
 
 
 def same_unit(first: str, second: str, what: str) -> bool:
-    """Return True if two units, as in "m/s", are one, however they are written.
-
-    Raises:
-        InputError: One of them is unknown; `what` names their owner in the message.
-    """
+    """Return True if two units, as in "m/s", are one, however they are written."""
     if first == second:
         return True
     one, other = parse_unit(first, what), parse_unit(second, what)
@@ -59,11 +51,7 @@ def same_unit(first: str, second: str, what: str) -> bool:
 
 
 def require_units_of(data: Runs, train: Runs) -> None:
-    """Refuse test data in other units than those of the training data, where both are declared.
-
-    Raises:
-        InputError: Units of a column differ, or one is unknown.
-    """
+    """Refuse test data in other units than those of the training data, where both are declared."""
     for name, unit in train.units.items():
         other = data.units.get(name)
         if unit and other and not same_unit(unit, other, f"column {name!r}"):
@@ -115,11 +103,7 @@ def target_unit(equation: str, data: Runs) -> str:
 
 
 def term_unit(term: Term, units: Mapping[str, str]) -> Any:
-    """Return the pint unit of a term, from the units of its columns or its own declaration; None if it is unknown.
-
-    Raises:
-        InputError: The term adds or compares different units, or has a unit inside a function such as sin.
-    """
+    """Return the pint unit of a term, from the units of its columns or its own declaration; None if it is unknown."""
     if term.unit == UNKNOWN_UNIT:
         return None
     if term.unit:
@@ -131,9 +115,6 @@ def coefficient_unit(target_unit: str, term: Term, units: Mapping[str, str]) -> 
     """Return the unit of a term's coefficient, unit(dx/dt) / unit(term), ready to print: "1/s²", or "1" for none.
 
     It is "" if a unit is missing. `target_unit` is the unit of what the equation gives.
-
-    Raises:
-        InputError: As for `term_unit` and `parse_unit`.
     """
     unit = term_unit(term, units)
     if unit is None or not target_unit:
@@ -151,10 +132,7 @@ def slope_unit(target: str, unit: str | None) -> str:
 
 
 def check_units(
-    dictionary: Mapping[str, Iterable[Term]],
-    units: Mapping[str, str],
-    states: Iterable[str] = (),
-    time: str = "t",
+    dictionary: Mapping[str, Iterable[Term]], units: Mapping[str, str], states: Iterable[str] = (), time: str = "t"
 ) -> None:
     """Refuse units that cannot be right.
 
@@ -163,10 +141,6 @@ def check_units(
         units: Units by column name, the time's under "t"; columns without one are not checked.
         states: States beside the equations whose declared derivative unit is compared with state over time.
         time: Name of the time, for the message.
-
-    Raises:
-        InputError: A unit is unknown; the time's is none of time, of an angle or of a plain number; a derivative's unit
-            is not state over time; a term adds, compares or puts into a function what its units forbid.
     """
     for name, unit in units.items():
         if unit:
@@ -198,8 +172,7 @@ def _require_time(text: str, name: str) -> None:
     raise InputError(f"The unit {text!r} of {name!r} is {unit}, which is no unit of time; {remedy}")
 
 
-@dataclass(frozen=True)
-class _Quantity:
+class _Quantity(NamedTuple):
     """Unit of a part of a formula (None: unknown), with `free` true if a number in it may carry a further unit."""
 
     unit: Any
@@ -288,8 +261,3 @@ def _same(a: Any, b: Any) -> bool:
 
 def _shown(unit: Any) -> str:
     return f"{unit:~P}" or "1"
-
-
-@cache
-def _unit_names() -> tuple[str, ...]:
-    return tuple(sorted(name for name in dir(registry()) if not name.startswith("_")))

@@ -12,7 +12,7 @@ from bayes_greybox.discovery.answer.instrument import CLIPPING, MISREAD, NOISY
 from bayes_greybox.discovery.decision.decide import VERDICTS
 from bayes_greybox.discovery.sensor_errors.channels import ERRORS
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, VARYING
-from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.physics.catalogue.loading import catalogue
 from bayes_greybox.running.errors import InputError
 from benchmarks.field_records import run
 from benchmarks.field_records.cells import relaxation

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.physics.catalogue.loading import catalogue
 from bayes_greybox.running.errors import InputError
 from benchmarks.runner import Asked, perform
 from benchmarks.sampled_systems.coverage import SAMPLED_COVERAGE

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from shell import refuse
 
 from bayes_greybox.discovery.decision.decide import VERDICTS
-from bayes_greybox.physics.catalogue.table import catalogue
+from bayes_greybox.physics.catalogue.loading import catalogue
 from bayes_greybox.running.errors import InputError
 from benchmarks.__main__ import main
 from benchmarks.registry import BENCHMARKS

@@ -153,7 +153,7 @@ def first_values(effect: BoundEffect, columns: Columns, path: Trajectories | Non
     least, most = limits(effect, columns, path)
     if not np.all(most > 0):
         return None
-    nodes = [inner.nodes(*ends)[0] for inner, *ends in zip(effect.effect.inner, least, most, strict=True)]
+    nodes = [inner.nodes(*ends) for inner, *ends in zip(effect.effect.inner, least, most, strict=True)]
     points = np.array(list(product(*nodes)))
     return Values(points, np.full(len(points), -np.log(len(points))))
 

@@ -16,14 +16,15 @@ from bayes_greybox.running.errors import InputError
 _TOML_WORDS = {str: "text in quotes", list: "a list", dict: "a table", float: "a number", int: "a whole number"}
 
 
+_PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
+"""Subject of each table within an effect, the thing that it is named after, and an example of a name."""
+
+
 class Keys(NamedTuple):
     """Keys of a table: the TOML type of each, and the required ones."""
 
     types: dict[str, type]
     needed: tuple[str, ...]
-
-
-_FILE = Keys({"domain": str, "effect": list}, ())
 
 
 def keys_of(part: type, *elsewhere: str) -> Keys:
@@ -48,20 +49,15 @@ def effect_tables(content: Mapping[str, Any], effect: Keys, parts: Mapping[str, 
 
     `parts` has the keys of the tables within an effect: "inner", its nonlinear parameters, and "hidden", its hidden
     states. They become lists of tables that carry their name.
-
-    Raises:
-        InputError: A key is unknown or missing, a value has the wrong kind, a slug occurs twice, or there are no
-            effects.
     """
-    _check_keys(content, _FILE, "")
+    _check_keys(content, Keys({"domain": str, "effect": list}, ()), "")
     tables = content.get("effect", [])
     if not tables:
         raise InputError("there are no effects; write at least one table [[effect]].")
     effects = [_effect_table(table, place, effect, parts) for place, table in enumerate(tables, start=1)]
     slugs = [table["slug"] for table in effects]
-    for slug in slugs:
-        if slugs.count(slug) > 1:
-            raise InputError(f"the slug {slug!r} occurs {slugs.count(slug)} times; give every effect its own.")
+    if twice := [slug for slug in slugs if slugs.count(slug) > 1]:
+        raise InputError(f"the slug {twice[0]!r} occurs {slugs.count(twice[0])} times; give every effect its own.")
     return effects
 
 
@@ -80,28 +76,19 @@ def _effect_table(table: Any, place: int, effect: Keys, parts: Mapping[str, Keys
     confusions = table.get("confusions", [])
     if not all(isinstance(item, str) for item in confusions):
         raise InputError(f"{where}confusions = {confusions!r} cannot be used; it must be a list of slugs in quotes.")
-    read = {
-        part: [_part_table(part, name, each, where, keys) for name, each in table.get(part, {}).items()]
-        for part, keys in parts.items()
-    }
-    return {**table, "confusions": confusions, **read}
-
-
-_PART_WORDS = {"inner": ("nonlinear parameter", "parameter", "gap"), "hidden": ("hidden state", "state", "z")}
-"""Subject of each table within an effect, the thing that it is named after, and an example of a name."""
-
-
-def _part_table(part: str, name: str, table: Any, where: str, keys: Keys) -> dict[str, Any]:
-    called, after, such = _PART_WORDS[part]
-    if not isinstance(table, Mapping):
-        raise InputError(
-            f"{where}{part} must hold a table named after the {after}; start it with a line such as "
-            f"[effect.{part}.{such}]."
-        )
-    where = f"{where}{called} {name!r}: "
-    _check_keys(table, keys, where)
-    numbers = {key: float(value) for key, value in table.items() if keys.types[key] is float}
-    return {**table, **numbers, "name": name}
+    read = {"confusions": confusions}
+    for part, keys in parts.items():
+        (called, after, such), read[part] = _PART_WORDS[part], []
+        for name, each in table.get(part, {}).items():
+            if not isinstance(each, Mapping):
+                raise InputError(
+                    f"{where}{part} must hold a table named after the {after}; start it with a line such as "
+                    f"[effect.{part}.{such}]."
+                )
+            _check_keys(each, keys, f"{where}{called} {name!r}: ")
+            numbers = {key: float(value) for key, value in each.items() if keys.types[key] is float}
+            read[part].append({**each, **numbers, "name": name})
+    return {**table, **read}
 
 
 def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
@@ -110,8 +97,7 @@ def _check_keys(table: Mapping[str, Any], keys: Keys, where: str) -> None:
             raise InputError(f"{where}unknown key {key!r}; {nearest(key, list(keys.types))}")
         kind = keys.types[key]
         # To Python, true and false are numbers.
-        right = isinstance(value, int | float if kind is float else kind) and not isinstance(value, bool)
-        if not right:
+        if isinstance(value, bool) or not isinstance(value, int | float if kind is float else kind):
             raise InputError(f"{where}{key} = {value!r} cannot be used; it must be {_TOML_WORDS[kind]}.")
         if isinstance(value, str) and not value.strip() and key != "unit_of":
             raise InputError(f"{where}{key} is empty; write it or leave it out.")

@@ -76,7 +76,15 @@ class Effect:
             raise InputError(f"The slug {self.slug!r} must be small letters, digits and '-', such as 'dead-zone'.")
         if self.slug in ANSWERS:
             raise InputError(f"The slug {self.slug!r} is reserved for a study's answer; give the effect another one.")
-        _check_sign(self)
+        if isinstance(self.sign, bool) or self.sign not in (-1, 0, 1):
+            raise InputError(
+                f"The effect {self.slug!r} has sign = {self.sign!r}; it is -1 or 1, or 0 if both signs are usual."
+            )
+        if self.reverse and not self.sign:
+            raise InputError(
+                f"The effect {self.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
+                "write sign = -1 or sign = 1."
+            )
         # Names are replaced in this text later, so it must be spelled as the parser spells it.
         object.__setattr__(self, "expression", unicodedata.normalize("NFC", self.expression))
         expr = parse_expression(self.expression)
@@ -115,11 +123,7 @@ class Effect:
         object.__setattr__(self, "latex", self.latex or to_latex(expr))
 
     def bind(self, names: Mapping[str, str]) -> "BoundEffect":
-        """Put a column in place of each role; other roles are ignored.
-
-        Raises:
-            InputError: A role has no column, two roles share one, or formulas cannot use its name.
-        """
+        """Put a column in place of each role; other roles are ignored."""
         lacking = [role for role in self.roles if role not in names]
         if lacking:
             raise InputError(f"The effect {self.slug!r} needs a column for the role {lacking[0]!r}.")
@@ -136,13 +140,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class BoundEffect:
-    """An effect on columns of the data.
-
-    Attributes:
-        effect: The effect.
-        names: Column of each of its roles.
-        mark: Further part of the names of its hidden states, where several equations may have the effect.
-    """
+    """An effect on columns of the data, by role; a mark in names tells hidden states of several equations apart."""
 
     effect: Effect
     names: Mapping[str, str] = field(hash=False)
@@ -164,14 +162,10 @@ class BoundEffect:
         return self.effect.name
 
     def term(self, inner: Mapping[str, float] | None = None) -> Term:
-        """Return the effect as a term, with all digits of nonlinear parameters in its expression and four in its name.
-
-        Raises:
-            InputError: A value is missing, unknown, or not positive and finite.
-        """
+        """Return the effect as a term: all digits of nonlinear parameters in its expression, four in its name."""
         values = inner or {}
-        parameters = {parameter.name for parameter in self.effect.inner}
-        if set(values) != parameters:
+        parameters = [parameter.name for parameter in self.effect.inner]
+        if set(values) != set(parameters):
             wanted = f"a value of {', '.join(parameters)}" if parameters else "no values"
             raise InputError(f"The effect {self.slug!r} takes {wanted}, not {', '.join(values) or 'none'}.")
         for name, value in values.items():
@@ -180,19 +174,13 @@ class BoundEffect:
         exact = {name: repr(float(value)) for name, value in values.items()}
         marked = {name + _INNER_MARK: value for name, value in values.items()}
         named, *rates = self._parts.at(marked) if marked else [None] * (1 + len(self.effect.hidden))
-        states = tuple(
-            HiddenState(
-                self._hidden[state.name],
-                self._written(state.rate, exact),
-                self.names[state.unit_of],
-                state.meaning,
-                self.names.get(state.start, ""),
-                named=rate,
-            )
-            for state, rate in zip(self.effect.hidden, rates, strict=True)
-        )
+        states = []
+        for state, rate in zip(self.effect.hidden, rates, strict=True):
+            formula, start = self._written(state.rate, exact), self.names.get(state.start, "")
+            name, unit_of = self._hidden[state.name], self.names[state.unit_of]
+            states.append(HiddenState(name, formula, unit_of, state.meaning, start, named=rate))
         name = "".join(self.text(values).split())
-        return Term(self._written(self.effect.expression, exact), name=name, states=states, named=named)
+        return Term(self._written(self.effect.expression, exact), name=name, states=tuple(states), named=named)
 
     def text(self, inner: Mapping[str, float] | None = None) -> str:
         """Write the formula over columns, for readers: nonlinear parameters with four digits, or by name."""
@@ -226,18 +214,6 @@ class BoundEffect:
 
 def _short(inner: Mapping[str, float] | None) -> dict[str, str]:
     return {name: f"{value:.4g}" for name, value in (inner or {}).items()}
-
-
-def _check_sign(effect: Effect) -> None:
-    if isinstance(effect.sign, bool) or effect.sign not in (-1, 0, 1):
-        raise InputError(
-            f"The effect {effect.slug!r} has sign = {effect.sign!r}; it is -1 or 1, or 0 if both signs are usual."
-        )
-    if effect.reverse and not effect.sign:
-        raise InputError(
-            f"The effect {effect.slug!r} says what the reverse sign would mean, but not which sign is the usual one: "
-            "write sign = -1 or sign = 1."
-        )
 
 
 def _check_hidden(effect: Effect, names: Collection[str]) -> None:

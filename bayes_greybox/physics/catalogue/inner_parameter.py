@@ -72,13 +72,8 @@ class InnerParameter:
         """The size of which the range is in shares, in words."""
         return RANGE_SCALES[self.scale].format(self.of)
 
-    def size(
-        self, x: Float[np.ndarray, " n"], time: Float[np.ndarray, " n"] | None, run: Int[np.ndarray, " n"] | None
-    ) -> float:
-        """Return the size, of the column of `of`, in which the range has shares; 0 where there is none.
-
-        A time scale needs the times and the runs of the values.
-        """
+    def size(self, x: np.ndarray, time: np.ndarray | None, run: np.ndarray | None) -> float:
+        """Return the size, of the column of `of`, in which the range has shares; 0 where there is none."""
         if self.scale in ("size", "threshold"):
             return float(np.max(np.abs(x)))
         if self.scale == "number":
@@ -105,8 +100,9 @@ class InnerParameter:
     ) -> tuple[float, float]:
         """Return the least and largest value, in the unit of the column or of time; both 0 where there are none.
 
-        A threshold needs a column on both sides of it. Ends are shares of a size in two digits: a path that moved a
-        little then has the same values as the last one, whose formulas are not read again.
+        A time scale needs the times and the runs of the values, a threshold a column on both sides of it. Ends are
+        shares of a size in two digits: a path that moved a little then has the same values as the last one, whose
+        formulas are not read again.
         """
         size = float(f"{self.size(x, time, run):.1e}")
         least, most = self.low * size, self.high * size
@@ -116,24 +112,14 @@ class InnerParameter:
             least = max(least, float(np.min(np.abs(x))))
         return (least, most) if least < most else (0.0, 0.0)
 
-    def nodes(
-        self, least: float, most: float, count: int | None = None
-    ) -> tuple[Float[np.ndarray, " node"], Float[np.ndarray, " node"]]:
-        """Return increasing values between the `ends` that stand for the prior, and their weights, which add up to one.
-
-        They are the middles of parts of equal probability.
-
-        Raises:
-            InputError: The ends are not positive, finite and apart, or there are no values.
-        """
+    def nodes(self, least: float, most: float) -> Float[np.ndarray, " node"]:
+        """Return increasing values between the `ends` that stand for the prior: middles of equally probable parts."""
         if not 0.0 < least < most < math.inf:
             raise InputError(
                 f"{self.name} is a share of {self.scaled_by}, which leaves it from {least:g} to {most:g} on the data; "
                 f"leave the effect out."
             )
-        count = self.values if count is None else count
-        if count < 1:
-            raise InputError(f"{self.name} needs at least one value, not {count}.")
-        share = (np.arange(count) + 0.5) / count
+        if self.values < 1:
+            raise InputError(f"{self.name} needs at least one value, not {self.values}.")
         # log value = log least + share (log most - log least)
-        return least * (most / least) ** share, np.full(count, 1.0 / count)
+        return least * (most / least) ** ((np.arange(self.values) + 0.5) / self.values)

@@ -13,6 +13,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, cast
 
+import pandas as pd
+
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.running.errors import InputError
@@ -29,6 +31,10 @@ IN_ALL = tuple(domain for domain in DOMAINS if domain != "vehicle")
 
 CatalogueSpec = str | os.PathLike[str] | Effect | Sequence[str | os.PathLike[str] | Effect]
 """What `load_catalogue` takes."""
+
+_TABLE_FIELDS = (
+    "slug", "name", "domain", "expression", "roles", "inner", "hidden", "sign", "meaning", "reverse", "confusions",
+)  # fmt: skip
 
 
 def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
@@ -54,6 +60,34 @@ def load_catalogue(spec: CatalogueSpec) -> tuple[Effect, ...]:
         raise InputError(f"The catalogue is empty; give one of {', '.join(DOMAINS)}, 'all' or a TOML file.")
     _check_confusions(effects)
     return tuple(effects.values())
+
+
+def catalogue(domain: CatalogueSpec = "all", search: str | None = None) -> pd.DataFrame:
+    """List the effects that a study can name, as a table; `find_missing_effects` takes the same first argument.
+
+    Args:
+        domain: "mechanical", "fluid", "population", "electrical", "thermal", "battery", "compartment", "vehicle",
+            "all", the path of a TOML file of the user's own, or a list of these.
+        search: Words that must all occur in an effect, in any column and in either case; all effects by default.
+
+    Returns:
+        One row for each effect: slug, name, domain, expression over roles, the roles, the nonlinear parameters, the
+        hidden states of one with memory, the sign of its coefficient when it dissipates or restores (0: either), its
+        meaning, the meaning of the other sign, and the slugs of effects that it is easily taken for.
+
+    Raises:
+        InputError: There is no such catalogue, or no effect has the words.
+    """
+    effects = load_catalogue(domain)
+    table = pd.DataFrame([{field: getattr(effect, field) for field in _TABLE_FIELDS} for effect in effects])
+    for part in ("inner", "hidden"):
+        table[part] = [tuple(each.name for each in parts) for parts in table[part]]
+    words = (search or "").casefold().split()
+    texts = table.apply(lambda row: " ".join(map(str, row)).casefold(), axis=1)
+    matching = table.loc[[all(word in text for word in words) for text in texts]].reset_index(drop=True)
+    if matching.empty:
+        raise InputError(f"No effect of the catalogue has {search!r} in it: search for one word, or in domain='all'.")
+    return matching
 
 
 def located(spec: CatalogueSpec) -> CatalogueSpec:
@@ -105,27 +139,21 @@ def _own(path: str | os.PathLike[str]) -> tuple[Effect, ...]:
 def _effects(content: Mapping[str, Any], domain: str) -> tuple[Effect, ...]:
     # The domain is the whole file's, and the name of a nonlinear parameter or a hidden state that of its table.
     parts = {"inner": keys_of(InnerParameter, "name"), "hidden": keys_of(HiddenState, "name", "rest")}
-    tables = effect_tables(content, keys_of(Effect, "domain"), parts)
-    return tuple(_effect(table, content.get("domain", domain)) for table in tables)
-
-
-def _effect(table: dict[str, Any], domain: str) -> Effect:
-    try:
-        inner = tuple(InnerParameter(**item) for item in table["inner"])
-        hidden = tuple(HiddenState(**item) for item in table["hidden"])
-        confusions = tuple(table["confusions"])
-        return Effect(**{**table, "domain": domain, "inner": inner, "hidden": hidden, "confusions": confusions})
-    except InputError as error:
-        raise InputError(f"effect {table['slug']!r}: {error}") from None
+    effects, domain = [], content.get("domain", domain)
+    for table in effect_tables(content, keys_of(Effect, "domain"), parts):
+        try:
+            table["inner"] = tuple(InnerParameter(**item) for item in table["inner"])
+            table["hidden"] = tuple(HiddenState(**item) for item in table["hidden"])
+            effects.append(Effect(**{**table, "domain": domain, "confusions": tuple(table["confusions"])}))
+        except InputError as error:
+            raise InputError(f"effect {table['slug']!r}: {error}") from None
+    return tuple(effects)
 
 
 def _check_confusions(effects: Mapping[str, Effect]) -> None:
     for effect in effects.values():
-        for slug in effect.confusions:
-            if slug not in effects:
-                known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
-                if slug not in known:
-                    hint = nearest(slug, known)
-                    raise InputError(
-                        f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}"
-                    )
+        for slug in [slug for slug in effect.confusions if slug not in effects]:
+            known = [*effects, *(entry.slug for domain in DOMAINS for entry in _packaged(domain))]
+            if slug not in known:
+                hint = nearest(slug, known)
+                raise InputError(f"The effect {effect.slug!r} has the unknown {slug!r} among its confusions; {hint}")

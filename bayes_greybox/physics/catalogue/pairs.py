@@ -6,9 +6,6 @@ from jaxtyping import Bool, Float
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.simulation.protocol import Simulation
 
-SAME_COLUMN = 1e-9
-"""Share of their RMS below which the difference of two columns makes them one."""
-
 SAME_SLOPE = 0.02
 """Share of its RMS by which another state may differ from the slope between samples of a state."""
 
@@ -24,7 +21,7 @@ def pairs_in_data(simulation: Simulation, data: Trajectories) -> dict[str, str]:
     for state in data.state_names:
         rates = [simulation.on(data, state), *([data.derivatives[state]] if state in data.derivatives else [])]
         others = [name for name in data.state_names if name != state]
-        exact = [name for name in others if any(_apart(data.states[name], rate) < SAME_COLUMN for rate in rates)]
+        exact = [name for name in others if any(_apart(data.states[name], rate) < 1e-9 for rate in rates)]
         distance = {name: _from_slope(data, state, name, within) for name in others}
         near = [name for name in sorted(others, key=lambda name: distance[name]) if distance[name] < SAME_SLOPE]
         if exact or near:

@@ -40,20 +40,20 @@ ROLES: dict[str, str] = {
 _OWN_ROLES = ("state", "level", "population", "concentration", "voltage", "current", "temperature")
 """Roles of the state whose equation is learned."""
 
-_ELECTRICAL_UNITS = {"voltage": "V", "current": "A", "flux": "Wb"}
+_ELECTRICAL_UNITS = {"voltage": ("V",), "current": ("A",), "flux": ("Wb",)}
 
-_CONCENTRATION_UNITS = ("mol/l", "mol/kg", "kg/m^3", "1/m^3")
+_ROLE_UNITS = {
+    "temperature": ("K",), "surroundings": ("K",), **_ELECTRICAL_UNITS,
+    "concentration": ("mol/l", "mol/kg", "kg/m^3", "1/m^3"),
+}  # fmt: skip
+"""Units of the columns that may play a role; those without a unit may as well."""
 
-_THERMAL_ROLES = ("temperature", "surroundings", "absolute_temperature", "absolute_surroundings")
-
-_TEMPERATURE_ROLES = ("state", "input", "other", *_THERMAL_ROLES)
+_TEMPERATURE_ROLES = (
+    "state", "input", "other", "temperature", "surroundings", "absolute_temperature", "absolute_surroundings",
+)  # fmt: skip
 """Roles that a temperature plays: it is no speed, no level and no population, though it has a rate as they have."""
 
-_OUTPUT_ROLE_UNITS = {
-    "position": ("m", "rad"),
-    "velocity": ("m/s", "rad/s"),
-    **{role: (unit,) for role, unit in _ELECTRICAL_UNITS.items()},
-}
+_OUTPUT_ROLE_UNITS = {"position": ("m", "rad"), "velocity": ("m/s", "rad/s"), **_ELECTRICAL_UNITS}
 """Roles that a column of such a unit plays in the equation of an output."""
 
 
@@ -72,17 +72,13 @@ class Columns:
 
 
 def roles_of(
-    simulation: Mapping[str, str] | Callable | None,
-    columns: Columns,
-    equation: str,
-    given: Mapping[str, str | Sequence[str]] | None = None,
-    pairs: Mapping[str, str] | None = None,
-) -> dict[str, tuple[str, ...]]:
-    """Return the columns that may play each role in the equation of one state or output.
+    simulation: Mapping[str, str] | Callable | None, columns: Columns, equation: str,
+    given: Mapping[str, str | Sequence[str]] | None = None, pairs: Mapping[str, str] | None = None,
+) -> dict[str, tuple[str, ...]]:  # fmt: skip
+    """Return the columns, if any, that may play each role in the equation of one state or output.
 
-    A position is recognised by its equation in the simulation, which says no more than that its rate is
-    another state, `{"y": "ydot"}`; of a function `pairs` has to say it. In the equation of an output no state is
-    learned: columns play the roles that their units indicate, and so do such a position and its velocity.
+    In the equation of an output no state is learned: columns play the roles that their units indicate, and so do a
+    position and its velocity.
 
     Args:
         simulation: The user's simulation, formulas by state or output.
@@ -91,13 +87,7 @@ def roles_of(
         given: Column or columns by role, which take precedence; further roles are welcome, and an empty sequence
             switches a role off.
         pairs: States whose rate is another state, with that state, as `pairs.pairs_in_data` finds them; by default
-            those that can be read off the simulation.
-
-    Returns:
-        Columns by role, of all `ROLES` and those given; empty where there is none.
-
-    Raises:
-        InputError: A state or column is unknown, or formulas cannot use a role's name.
+            those whose formula is another state and nothing else, `{"y": "ydot"}`.
     """
     states, inputs, units = columns.states, columns.inputs, columns.units
     given = _checked(given or {}, (*states, *inputs))
@@ -129,14 +119,10 @@ def roles_of(
         "stored": integrals,
         "surroundings": (*others, *inputs),
     }
+    for role, quantities in _ROLE_UNITS.items():
+        roles[role] = tuple(name for name in roles[role] if any(_may_be(name, unit, units) for unit in quantities))
     for role in ("temperature", "surroundings"):
-        roles[role] = tuple(name for name in roles[role] if _may_be(name, "K", units))
         roles[f"absolute_{role}"] = tuple(name for name in roles[role] if _is_absolute(name, units))
-    for role, quantity in _ELECTRICAL_UNITS.items():
-        roles[role] = tuple(name for name in roles[role] if _may_be(name, quantity, units))
-    roles["concentration"] = tuple(
-        name for name in roles["concentration"] if any(_may_be(name, unit, units) for unit in _CONCENTRATION_UNITS)
-    )
     for role in set(roles).difference(_TEMPERATURE_ROLES):
         roles[role] = tuple(name for name in roles[role] if not _is_temperature(name, units))
     return {**roles, **given}
@@ -147,11 +133,7 @@ def bind_catalogue(
 ) -> tuple[BoundEffect, ...]:
     """Put columns in the place of roles, in every way that gives a formula of its own, in the order of the catalogue.
 
-    Effects that the units by column forbid, such as the sine of a position in metres, are left out; without units none
-    is.
-
-    Raises:
-        InputError: A role is neither one of `ROLES` nor given.
+    Effects that the units by column forbid, such as the sine of a position in metres, are left out.
     """
     return tuple(bound for effect in effects for bound in _bindings(effect, roles, units)[0])
 
@@ -166,8 +148,8 @@ def unbound(
 
 def unplayed_roles(effects: Iterable[Effect], roles: Mapping[str, Sequence[str]]) -> dict[str, str]:
     """Return the first role of each effect that no column plays, by slug; nothing of effects without one."""
-    empty = {effect.slug: [role for role in effect.roles if not roles.get(role)] for effect in effects}
-    return {slug: names[0] for slug, names in empty.items() if names}
+    empty = {effect.slug: next((role for role in effect.roles if not roles.get(role)), "") for effect in effects}
+    return {slug: role for slug, role in empty.items() if role}
 
 
 def _of_output(
@@ -198,10 +180,9 @@ def _bindings(
                 f"The effect {effect.slug!r} uses the unknown role {role!r}; {nearest(role, [*ROLES])} For a role of "
                 f"your own, say which column plays it: roles={{{role!r}: 'column'}}."
             )
-    empty = [role for role in effect.roles if not roles.get(role)]
-    if empty:
-        meaning = f" ({ROLES[empty[0]]})" if empty[0] in ROLES else ""
-        return [], f"no column plays the role {empty[0]!r}{meaning}"
+    if role := unplayed_roles([effect], roles).get(effect.slug):
+        meaning = f" ({ROLES[role]})" if role in ROLES else ""
+        return [], f"no column plays the role {role!r}{meaning}"
     reason = f"the roles {', '.join(effect.roles)} need columns of their own"
     distinct = {}
     for columns in product(*(roles[role] for role in effect.roles)):

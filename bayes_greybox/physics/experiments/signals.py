@@ -49,10 +49,6 @@ class Usual:
     duration: float
 
 
-OF_TIME, OF_FREQUENCY, PLAIN = ("at",), ("frequency", "low", "high"), ("tones", "seed")
-"""Fields of signals that are no values of the input: times, frequencies and numbers without a unit."""
-
-
 class _Family:
     """Signal whose words are a template with the names of its fields."""
 
@@ -66,11 +62,11 @@ class _Family:
     def in_units(self, unit: str | None = None, time: str | None = None) -> str:
         """Return the signal in a few words, with the units of the input and of time."""
         frequency = "Hz" if time == "s" else f"1/{time}" if time else None
-        units = {**dict.fromkeys(OF_TIME, time), **dict.fromkeys(OF_FREQUENCY, frequency)}
-        fields = {
-            name: str(value) if name in PLAIN else f"{value:.3g} {unit_text(units.get(name, unit))}".rstrip()
-            for name, value in vars(self).items()
-        }
+        # Other fields are values of the input, or whole numbers without a unit.
+        units = {"at": time, **dict.fromkeys(("frequency", "low", "high"), frequency)}
+        shown = vars(self).items()
+        fields = {name: f"{value:.3g} {unit_text(units.get(name, unit))}".rstrip() for name, value in shown}
+        fields |= {name: str(value) for name, value in shown if name in ("tones", "seed")}
         offset = fields.get("offset", "") if getattr(self, "offset", 0.0) else ""
         return self.words.format(**fields) + (f" about {offset}" if offset else "")
 

@@ -120,14 +120,15 @@ class System:
         paths = [self._path(flow, times, start, u) for start, u in zip(starts, drives, strict=True)]
         slopes = [np.asarray(flow(x, u)) for x, u in zip(paths, drives, strict=True)]
         keys = iter(np.random.default_rng(seed).spawn(2 * len(self.states)))
-        on_states = noise if noise_on in ("states", "both") else 0.0
-        on_slopes = noise if noise_on in ("derivatives", "both") else 0.0
+
+        def noisy(runs: list[np.ndarray], kind: str) -> dict[str, list[np.ndarray]]:
+            share = noise if noise_on in (kind, "both") else 0.0
+            return {s: _noisy([x[:, i] for x in runs], share, next(keys)) for i, s in enumerate(self.states)}
+
         return Trajectories.from_arrays(
             [times] * len(starts),
-            states={s: _noisy([x[:, i] for x in paths], on_states, next(keys)) for i, s in enumerate(self.states)},
-            derivatives={
-                s: _noisy([x[:, i] for x in slopes], on_slopes, next(keys)) for i, s in enumerate(self.states)
-            },
+            states=noisy(paths, "states"),
+            derivatives=noisy(slopes, "derivatives"),
             inputs={name: [u[:, i] for u in drives] for i, name in enumerate(self.inputs)},
             units=dict(self.units),
             constant="keep",

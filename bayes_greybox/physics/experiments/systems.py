@@ -38,9 +38,9 @@ def oscillator(c: float = 0.2, k: float = 1.0) -> System:
         The system, starting at rest from y = 1 m.
     """
     _check("oscillator", c=c, k=k)
-    return _of_second_order(
+    return _system(
         "oscillator",
-        {"y**3": -float(k), "ydot**3": -float(c)},
+        {"ydot": {"y**3": -float(k), "ydot**3": -float(c)}},
         units={"t": "s", "y": "m", "ydot": "m/s"},
         t=np.linspace(0.0, 100.0, 1001),
         x0=(1.0, 0.0),
@@ -60,9 +60,9 @@ def duffing(m: float = 1.0, c: float = 0.5, k: float = 10.0, k3: float = 40.0) -
         The system, at rest and driven by a multisine force of at most 8 N between 0.1 and 1.5 Hz.
     """
     _check("duffing", positive=("m",), m=m, c=c, k=k, k3=k3)
-    return _of_second_order(
+    return _system(
         "duffing",
-        {"F": 1.0 / m, "ydot": -c / m, "y": -k / m, "y**3": -k3 / m},
+        {"ydot": {"F": 1.0 / m, "ydot": -c / m, "y": -k / m, "y**3": -k3 / m}},
         units={"t": "s", "y": "m", "ydot": "m/s", "F": "N"},
         t=np.linspace(0.0, 60.0, 1201),
         x0=(0.0, 0.0),
@@ -80,9 +80,9 @@ def van_der_pol(mu: float = 1.5) -> System:
         The system, spiralling out to its limit cycle; all quantities are plain numbers.
     """
     _check("van_der_pol", mu=mu)
-    return _of_second_order(
+    return _system(
         "van_der_pol",
-        {"y": -1.0, "ydot": float(mu), "y**2*ydot": -float(mu)},
+        {"ydot": {"y": -1.0, "ydot": float(mu), "y**2*ydot": -float(mu)}},
         units={"t": "1", "y": "1", "ydot": "1"},
         t=np.linspace(0.0, 30.0, 601),
         x0=(0.1, 0.0),
@@ -101,9 +101,9 @@ def pendulum(length: float = 1.0, b: float = 0.2, g: float = 9.81) -> System:
         The system, released at rest from 2.5 rad.
     """
     _check("pendulum", positive=("length",), length=length, b=b, g=g)
-    return _of_second_order(
+    return _system(
         "pendulum",
-        {"sin(theta)": -g / length, "omega": -float(b)},
+        {"omega": {"sin(theta)": -g / length, "omega": -float(b)}},
         units={"t": "s", "theta": "rad", "omega": "rad/s"},
         t=np.linspace(0.0, 20.0, 801),
         x0=(2.5, 0.0),
@@ -123,16 +123,12 @@ def lotka_volterra(a: float = 0.55, b: float = 0.028, c: float = 0.84, d: float 
         The system, with populations counted in thousands; both equations are to be learned.
     """
     _check("lotka_volterra", a=a, b=b, c=c, d=d)
-    truth = {
-        "prey": {"prey": float(a), "prey*predator": -float(b)},
-        "predator": {"predator": -float(c), "prey*predator": float(d)},
-    }
-    return System(
-        name="lotka_volterra",
-        states=("prey", "predator"),
-        inputs=(),
-        rates={state: _sum(terms) for state, terms in truth.items()},
-        truth=truth,
+    return _system(
+        "lotka_volterra",
+        {
+            "prey": {"prey": float(a), "prey*predator": -float(b)},
+            "predator": {"predator": -float(c), "prey*predator": float(d)},
+        },
         units={"t": "year", "prey": "1", "predator": "1"},
         t=np.linspace(0.0, 30.0, 601),
         x0=(30.0, 4.0),
@@ -154,16 +150,12 @@ def two_tanks(gain: float = 0.05, c1: float = 0.1, c2: float = 0.1, c3: float = 
         The system, with a pump voltage between 1 V and 9 V; both equations are to be learned.
     """
     _check("two_tanks", gain=gain, c1=c1, c2=c2, c3=c3)
-    truth = {
-        "h1": {"u": float(gain), "sqrt(max(h1,0))": -float(c1)},
-        "h2": {"sqrt(max(h1,0))": float(c2), "sqrt(max(h2,0))": -float(c3)},
-    }
-    return System(
-        name="two_tanks",
-        states=("h1", "h2"),
-        inputs=("u",),
-        rates={state: _sum(terms) for state, terms in truth.items()},
-        truth=truth,
+    return _system(
+        "two_tanks",
+        {
+            "h1": {"u": float(gain), "sqrt(max(h1,0))": -float(c1)},
+            "h2": {"sqrt(max(h1,0))": float(c2), "sqrt(max(h2,0))": -float(c3)},
+        },
         units={"t": "s", "h1": "cm", "h2": "cm", "u": "V"},
         t=np.linspace(0.0, 1200.0, 601),
         x0=(4.0, 2.0),
@@ -171,11 +163,12 @@ def two_tanks(gain: float = 0.05, c1: float = 0.1, c2: float = 0.1, c3: float = 
     )
 
 
-def _of_second_order(name: str, terms: Mapping[str, float], units: Mapping[str, str], **settings: Any) -> System:
-    """Return a system of a position and its velocity, whose equation is learned; `units` name t, these and inputs."""
-    _, position, velocity, *inputs = units
-    rates, truth = {position: velocity, velocity: _sum(terms)}, {velocity: terms}
-    return System(name, (position, velocity), tuple(inputs), rates, truth, units, **settings)
+def _system(name: str, truth: Mapping[str, Mapping[str, float]], units: Mapping[str, str], **settings: Any) -> System:
+    """Return a system; `units` name t, states and inputs. The rate of a state without terms is the next state."""
+    columns, n_state = tuple(units)[1:], len(settings["x0"])
+    states = columns[:n_state]
+    rates = {state: _sum(truth[state]) if state in truth else columns[i + 1] for i, state in enumerate(states)}
+    return System(name, states, columns[n_state:], rates, truth, units, **settings)
 
 
 def _sum(terms: Mapping[str, float]) -> str:

@@ -13,25 +13,15 @@ from jaxtyping import Array, Float
 from bayes_greybox.running.errors import InputError
 
 from .functions import FUNCTIONS, NODE_CLASSES
-from .grammar import REMEMBERED_FORMULAS, check_known, check_name, check_size, function_list, read, symbol
-
-MOST_FACTORS = 8
-"""Exponent from which on powers are no longer evaluated as products."""
+from .grammar import FUNCTION_LIST, REMEMBERED_FORMULAS, check_known, check_name, check_size, read, symbol
 
 
 def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Expr:
-    """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression.
+    """Read a formula such as `"y**2*abs(ydot) + sin(2*y)"` into a SymPy expression, in SymPy's canonical form.
 
-    Numbers, the given names, `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan, asin, acos, atan, sinh,
-    cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2 at zero, 1 above) are allowed.
-    Names become real SymPy symbols.
-
-    Args:
-        text: The formula, at most 2000 characters.
-        names: Names of the columns that may appear; None accepts any name.
-
-    Returns:
-        The expression, in SymPy's canonical form (`"y*y"` and `"y**2"` are equal).
+    Numbers, the given names (None: any), `pi`, `+ - * / **`, parentheses and the functions sin, cos, tan, asin, acos,
+    atan, sinh, cosh, tanh, exp, log, sqrt, abs, sign, min, max and heaviside (0 below zero, 1/2 at zero, 1 above) are
+    allowed. Names become real SymPy symbols.
 
     Raises:
         InputError: A part is outside the whitelist; the message names it and says what to write instead.
@@ -42,15 +32,11 @@ def parse_expression(text: str, names: Iterable[str] | None = None) -> sympy.Exp
 
 
 def check_expression(expr: sympy.Expr) -> sympy.Expr:
-    """Return a SymPy expression of a user's own over real symbols, as `parse_expression` does.
-
-    Raises:
-        InputError: A part of it is outside the whitelist, or a number in it is not finite.
-    """
+    """Return a SymPy expression of a user's own over real symbols, as `parse_expression` does."""
     real: Any = expr.xreplace({s: symbol(check_name(s.name)) for s in expr.atoms(sympy.Symbol)})
     for node in sympy.preorder_traversal(real):
         if not isinstance(node, NODE_CLASSES):
-            raise InputError(f"{node} in {expr} is not available; use {function_list()}.")
+            raise InputError(f"{node} in {expr} is not available; use {FUNCTION_LIST}.")
     check_size(real, str(expr))
     return real
 
@@ -126,13 +112,13 @@ def _operation(node: sympy.Basic) -> Operation:
         if isinstance(node, function.node):
             array = function.array
             return lambda xp, columns, args: array(xp, *args)
-    raise InputError(f"{node} is not available in formulas; use {function_list()}.")
+    raise InputError(f"{node} is not available in formulas; use {FUNCTION_LIST}.")
 
 
 def _power(base: Any, exponent: sympy.Basic, exponent_value: Any, xp: Any) -> Any:
     if isinstance(exponent, sympy.Integer):
         # Products are ten times as fast as NumPy's powers.
-        return reduce(xp.multiply, [base] * int(exponent)) if 1 < exponent < MOST_FACTORS else base ** int(exponent)
+        return reduce(xp.multiply, [base] * int(exponent)) if 1 < exponent < 8 else base ** int(exponent)
     if isinstance(exponent, sympy.Rational) and exponent.q == 2:
         return FUNCTIONS["sqrt"].array(xp, base) ** int(exponent.p)
     return xp.power(base, exponent_value)

@@ -1,6 +1,5 @@
-"""The functions and constants that a formula may use: one row each, for SymPy, Python floats and arrays."""
+"""The functions and constants that a formula may use: one row each, for SymPy and arrays."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import reduce
@@ -16,7 +15,6 @@ class Function:
     Attributes:
         symbolic: Function that builds the SymPy node; takes `evaluate`.
         node: The SymPy class of that node (an empty tuple where the node is a plain power).
-        number: The function on Python floats.
         array: The function on arrays: takes their namespace, `numpy` or `jax.numpy`, then the arguments of the SymPy
             node.
         arity: Smallest and largest number of arguments.
@@ -24,7 +22,6 @@ class Function:
 
     symbolic: Callable[..., sympy.Expr]
     node: Any
-    number: Callable[..., float]
     array: Callable[..., Any]
     arity: tuple[int, int] = (1, 1)
 
@@ -47,54 +44,40 @@ def _heaviside(xp: Any, x: Any, at_zero: Any = 0.5) -> Any:
     return xp.where(x > 0.0, 1.0, xp.where(x < 0.0, 0.0, xp.where(x == 0.0, at_zero, xp.nan)))
 
 
-def _plain(node: Any, number: Callable[..., float], name: str) -> Function:
-    """Describe a function that NumPy and JAX have under one name."""
-    return Function(symbolic=node, node=node, number=number, array=lambda xp, x: getattr(xp, name)(x))
+def _plain(node: Any) -> Function:
+    """Describe a function that NumPy and JAX have under SymPy's name."""
+    name = node.__name__
+    return Function(symbolic=node, node=node, array=lambda xp, x: getattr(xp, name)(x))
 
+
+_PLAIN = (
+    sympy.sin, sympy.cos, sympy.tan, sympy.asin, sympy.acos, sympy.atan, sympy.sinh, sympy.cosh, sympy.tanh, sympy.exp,
+    sympy.log,
+)  # fmt: skip
 
 FUNCTIONS: dict[str, Function] = {
-    "sin": _plain(sympy.sin, math.sin, "sin"),
-    "cos": _plain(sympy.cos, math.cos, "cos"),
-    "tan": _plain(sympy.tan, math.tan, "tan"),
-    "asin": _plain(sympy.asin, math.asin, "arcsin"),
-    "acos": _plain(sympy.acos, math.acos, "arccos"),
-    "atan": _plain(sympy.atan, math.atan, "arctan"),
-    "sinh": _plain(sympy.sinh, math.sinh, "sinh"),
-    "cosh": _plain(sympy.cosh, math.cosh, "cosh"),
-    "tanh": _plain(sympy.tanh, math.tanh, "tanh"),
-    "exp": _plain(sympy.exp, math.exp, "exp"),
-    "log": _plain(sympy.log, math.log, "log"),
-    "sqrt": Function(lambda x, evaluate: sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate), (), math.sqrt, _sqrt),
-    "abs": Function(sympy.Abs, sympy.Abs, math.fabs, _abs),
-    "sign": _plain(sympy.sign, lambda x: float((x > 0) - (x < 0)), "sign"),
-    "min": Function(sympy.Min, sympy.Min, min, lambda xp, *a: reduce(xp.minimum, a), (2, 8)),
-    "max": Function(sympy.Max, sympy.Max, max, lambda xp, *a: reduce(xp.maximum, a), (2, 8)),
+    **{node.__name__: _plain(node) for node in _PLAIN},
+    "sqrt": Function(lambda x, evaluate: sympy.Pow(x, sympy.Rational(1, 2), evaluate=evaluate), (), _sqrt),
+    "abs": Function(sympy.Abs, sympy.Abs, _abs),
+    "sign": _plain(sympy.sign),
+    "min": Function(sympy.Min, sympy.Min, lambda xp, *a: reduce(xp.minimum, a), (2, 8)),
+    "max": Function(sympy.Max, sympy.Max, lambda xp, *a: reduce(xp.maximum, a), (2, 8)),
     # 0 below zero, 1/2 at zero, 1 above.
     "heaviside": Function(
-        lambda x, evaluate: sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate),
-        sympy.Heaviside,
-        lambda x: 0.5 * (1 + (x > 0) - (x < 0)),
-        _heaviside,
+        lambda x, evaluate: sympy.Heaviside(x, sympy.S.Half, evaluate=evaluate), sympy.Heaviside, _heaviside
     ),
 }
 
 CONSTANTS: dict[str, sympy.Expr] = {"pi": sympy.pi}
 
-# Names in other languages, for "did you mean".
 ALIASES = {
     "ln": "log", "arcsin": "asin", "arccos": "acos", "arctan": "atan", "fabs": "abs", "Abs": "abs",
     "sgn": "sign", "minimum": "min", "maximum": "max", "step": "heaviside", "theta": "heaviside", "pow": "**",
 }  # fmt: skip
+"""Names in other languages, for "did you mean"."""
 
-# Node classes that an expression may contain.
 NODE_CLASSES = (
-    sympy.Symbol,
-    sympy.Integer,
-    sympy.Rational,
-    sympy.Float,
-    sympy.NumberSymbol,
-    sympy.Add,
-    sympy.Mul,
-    sympy.Pow,
+    sympy.Symbol, sympy.Integer, sympy.Rational, sympy.Float, sympy.NumberSymbol, sympy.Add, sympy.Mul, sympy.Pow,
     *(f.node for f in FUNCTIONS.values() if f.node),
-)
+)  # fmt: skip
+"""Node classes that an expression may contain."""

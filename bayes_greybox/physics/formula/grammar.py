@@ -7,38 +7,40 @@ the whitelist is refused by name.
 import ast
 import keyword
 import math
+import operator
 import threading
 import unicodedata
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
 from difflib import get_close_matches
 from fractions import Fraction
 from functools import lru_cache
+from itertools import accumulate
 from typing import Any, NoReturn
 
+import numpy as np
 import sympy
 
 from bayes_greybox.running.errors import InputError
 
 from .functions import ALIASES, CONSTANTS, FUNCTIONS, NODE_CLASSES, Function
 
-MAX_LENGTH = 2000
-MAX_DEPTH = 50
-MAX_EXPONENT = 100
-MAX_NUMBER = 1e300
-# Beyond this many bits an exact fraction is replaced by its floating-point value.
-_MAX_BITS = 512
+MAX_LENGTH, MAX_DEPTH, MAX_EXPONENT, MAX_NUMBER = 2000, 50, 100, 1e300
 
-# Roots of higher degree are taken in floating point.
-_MAX_ROOT = 1000
+_MAX_BITS, _MAX_ROOT = 512, 1000
+"""Longer exact fractions are replaced by their floating-point values; higher roots are taken in floating point."""
 
 REMEMBERED_FORMULAS = 4096
 """Size of caches: a study reads the same formulas along every path, and each takes milliseconds."""
 
-_QUIET = threading.Lock()
-"""Lock of the filters of warnings while a formula is parsed."""
+FUNCTION_LIST = ", ".join(FUNCTIONS)
+"""The known functions, for messages."""
 
-_BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+_QUIET = threading.Lock()
+"""Lock of the filters of warnings, which all threads share, while a formula is parsed."""
+
+_BINARY = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv}
 _REFUSED = {
     ast.Attribute: "a dot after a name is not allowed; write functions without a prefix, such as sin(y)",
     ast.Subscript: "indexing is not allowed; give the column a name of its own",
@@ -73,11 +75,7 @@ def symbol(name: str) -> sympy.Symbol:
 
 
 def check_name(name: str) -> str:
-    """Return a column name unchanged, or refuse one that formulas cannot use.
-
-    Raises:
-        InputError: It is no identifier, a word of the formula language, or a function's name.
-    """
+    """Return a column name unchanged, or refuse one that formulas cannot use."""
     if not isinstance(name, str) or not name.isidentifier() or keyword.iskeyword(name):
         raise InputError(
             f"{name!r} cannot be used as a column name in formulas; rename it to letters, digits and '_', "
@@ -94,14 +92,14 @@ def check_name(name: str) -> str:
 
 
 def check_known(used: Iterable[str], names: Iterable[str], formula: str | sympy.Expr) -> None:
-    """Refuse names in a formula that are not columns.
-
-    Raises:
-        InputError: A name is unknown; the message has the nearest known ones and the list.
-    """
+    """Refuse names in a formula that are not columns."""
     known = tuple(names)
     for name in sorted(set(used) - set(known)):
-        raise InputError(_unknown_name(name, known, str(formula)))
+        odd = [c for c in name if ord(c) > 127]
+        shown = f"{name!r}" + (f", with {_named(odd[0])}" if odd else "")
+        hint = _did_you_mean(get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6))
+        listed = ", ".join(known) or "none"
+        raise InputError(f"{_shown(str(formula))} uses the unknown name {shown}; known names: {listed}.{hint}")
 
 
 def check_size(expr: sympy.Expr, text: str) -> None:
@@ -115,11 +113,6 @@ def check_size(expr: sympy.Expr, text: str) -> None:
         if node.is_Number and not node.is_zero and float(node) == 0.0:
             # SymPy's numbers go on where those of the computer end, and would be printed as zero.
             raise InputError(f"{_shown(text)} contains a number too small to tell from zero; check its constants.")
-
-
-def function_list() -> str:
-    """List the known functions, for messages."""
-    return ", ".join(FUNCTIONS)
 
 
 def _clean(text: str) -> str:
@@ -142,17 +135,13 @@ def _clean(text: str) -> str:
             raise InputError(f"{_shown(text)}: {_named(char)} cannot be read; write {remedy!r}.")
         if char in "#\\\0;" or not (char.isprintable()):
             raise InputError(f"{_shown(text)}: {_named(char)} at position {position + 1} must be removed.")
-    depth = 0
-    for char in text:
-        depth += (char in "([{") - (char in ")]}")
-        if depth > MAX_DEPTH:
-            raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
+    if max(accumulate((char in "([{") - (char in ")]}") for char in text)) > MAX_DEPTH:
+        raise InputError(f"{_shown(text)} is nested more than {MAX_DEPTH} levels deep; simplify it.")
     return text
 
 
 def _syntax_tree(text: str) -> ast.expr:
     try:
-        # All threads share the filters of warnings.
         with _QUIET, warnings.catch_warnings(record=True):
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
@@ -186,9 +175,8 @@ class _Builder:
             return self.binary(node, depth)
         if isinstance(node, ast.Call):
             return self.call(node, depth)
-        piece = ast.get_source_segment(self.text, node) or self.text
-        reason = _REFUSED.get(type(node), f"only formulas are allowed: numbers, columns, {function_list()}")
-        self.refuse(f"contains {piece[:60]!r}: {reason}")
+        reason = _REFUSED.get(type(node), f"only formulas are allowed: numbers, columns, {FUNCTION_LIST}")
+        self.refuse(f"contains {self.piece(node)}: {reason}")
 
     def number(self, node: ast.Constant) -> sympy.Expr:
         value = node.value
@@ -205,8 +193,7 @@ class _Builder:
             self.refuse(f"uses the function {name!r} without an argument; write {name}(...)")
         if self.names is None:
             return symbol(check_name(name))
-        if name not in self.names:
-            raise InputError(_unknown_name(name, self.names, self.text))
+        check_known([name], self.names, self.text)
         return symbol(name)
 
     def binary(self, node: ast.BinOp, depth: int) -> sympy.Expr:
@@ -214,10 +201,9 @@ class _Builder:
         spine: list[ast.BinOp] = []
         left: ast.expr = node
         while isinstance(left, ast.BinOp):
-            if type(left.op) not in _BINARY:
-                piece = ast.get_source_segment(self.text, left) or self.text
+            if type(left.op) not in (*_BINARY, ast.Pow):
                 remedy = "write powers with '**'" if isinstance(left.op, ast.BitXor) else "use + - * / **"
-                self.refuse(f"contains {piece[:60]!r} with an operator that is not available; {remedy}")
+                self.refuse(f"contains {self.piece(left)} with an operator that is not available; {remedy}")
             spine.append(left)
             left = left.left
         result = self.build(left, depth + 1)
@@ -225,21 +211,15 @@ class _Builder:
             result = self.combine(type(part.op), result, self.build(part.right, depth + 1))
         return result
 
-    def combine(self, operator: type[ast.operator], a: sympy.Expr, b: sympy.Expr) -> sympy.Expr:
-        value_a, value_b = _number_value(a), _number_value(b)
-        if operator is ast.Div and value_b == 0.0:
+    def combine(self, kind: type[ast.operator], a: sympy.Expr, b: sympy.Expr) -> sympy.Expr:
+        if kind is ast.Pow:
+            return self.power(a, b)
+        if kind is ast.Div and _number_value(b) == 0.0:
             self.refuse("divides by zero")
-        if operator is ast.Pow:
-            return self.power(a, b, value_a, value_b)
-        if operator is ast.Add:
-            return self.checked(a + b)
-        if operator is ast.Sub:
-            return self.checked(a - b)
-        return self.checked(a * b if operator is ast.Mult else a / b)
+        return self.checked(_BINARY[kind](a, b))
 
-    def power(
-        self, base: sympy.Expr, exponent: sympy.Expr, value_base: float | None, value: float | None
-    ) -> sympy.Expr:
+    def power(self, base: sympy.Expr, exponent: sympy.Expr) -> sympy.Expr:
+        value_base, value = _number_value(base), _number_value(exponent)
         if value is None:
             if any(not power.exp.is_number for power in exponent.atoms(sympy.Pow)):
                 # SymPy looks long for the signs of such towers, and no law has them.
@@ -294,7 +274,7 @@ class _Builder:
             if name in CONSTANTS or (self.names is not None and name in self.names):
                 self.refuse(f"uses {name!r} as a function; write {name}*(...) for a product")
             near = [ALIASES[name]] if name in ALIASES else get_close_matches(name, FUNCTIONS, n=2, cutoff=0.6)
-            self.refuse(f"calls the unknown function {name!r}; known: {function_list()}", _did_you_mean(near))
+            self.refuse(f"calls the unknown function {name!r}; known: {FUNCTION_LIST}", _did_you_mean(near))
         if node.keywords:
             self.refuse(f"names an argument of {name}; write {name}(...) with plain arguments")
         function = FUNCTIONS[name]
@@ -303,17 +283,17 @@ class _Builder:
             wanted = f"{low}" if low == high else f"{low} to {high}"
             self.refuse(f"gives {name} {len(node.args)} arguments; it takes {wanted}")
         args = [self.build(arg, depth + 1) for arg in node.args]
-        values = [_number_value(arg) for arg in args]
-        numbers = [v for v in values if v is not None]
+        numbers = [value for arg in args if (value := _number_value(arg)) is not None]
         if len(numbers) == len(args):
-            try:
-                result = function.number(*numbers)
-            except (ValueError, OverflowError):
-                result = math.nan
+            with np.errstate(all="ignore"):
+                result = function.array(np, *numbers)
             if not _finite(result):
                 shown = ", ".join(f"{v:g}" for v in numbers)
                 self.refuse(f"contains {name}({shown}), which is not a finite real number")
         return self.checked(_apply(function, args))
+
+    def piece(self, node: ast.expr) -> str:
+        return repr((ast.get_source_segment(self.text, node) or self.text)[:60])
 
     def checked(self, expr: sympy.Expr) -> sympy.Expr:
         check_size(expr, self.text)
@@ -325,12 +305,10 @@ class _Builder:
 
 def _apply(function: Function, args: list[sympy.Expr]) -> sympy.Expr:
     """Let SymPy simplify the call, unless its answer leaves the whitelist."""
-    try:
+    with suppress(ValueError, TypeError):
         result = function.symbolic(*args, evaluate=True)
-    except (ValueError, TypeError):
-        result = None
-    if result is not None and all(isinstance(n, NODE_CLASSES) for n in sympy.preorder_traversal(result)):
-        return result
+        if all(isinstance(n, NODE_CLASSES) for n in sympy.preorder_traversal(result)):
+            return result
     return function.symbolic(*args, evaluate=False)
 
 
@@ -356,13 +334,6 @@ def _shown(text: str) -> str:
 
 def _named(char: str) -> str:
     return f"the character {char!r} (U+{ord(char):04X} {unicodedata.name(char, 'unnamed')})"
-
-
-def _unknown_name(name: str, known: tuple[str, ...], text: str) -> str:
-    odd = [c for c in name if ord(c) > 127]
-    shown = f"{name!r}" + (f", with {_named(odd[0])}" if odd else "")
-    hint = _did_you_mean(get_close_matches(name, (*known, *CONSTANTS), n=3, cutoff=0.6))
-    return f"{_shown(text)} uses the unknown name {shown}; known names: {', '.join(known) or 'none'}.{hint}"
 
 
 def _did_you_mean(near: list[str]) -> str:

@@ -11,12 +11,7 @@ from .grammar import symbol
 
 
 class Named(NamedTuple):
-    """A formula that is read once for all values of numbers in it.
-
-    Attributes:
-        formula: The formula, with a symbol for each of these numbers.
-        numbers: The numbers, in the order of `as_columns`.
-    """
+    """A formula that is read once for all values of numbers in it: with symbols for these, as `as_columns` has them."""
 
     formula: sympy.Expr
     numbers: tuple[float, ...]

@@ -47,9 +47,6 @@ class _TextPrinter(StrPrinter):
 
     _print_Abs = _print_Max = _print_Min = _print_Heaviside = _print_Function
 
-    def _print_LatticeOp(self, expr):  # noqa: N802
-        return self._print_Function(expr)
-
     def _print_Float(self, expr):  # noqa: N802
         return repr(float(expr))
 

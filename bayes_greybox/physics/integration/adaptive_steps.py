@@ -19,15 +19,8 @@ INTERPOLATIONS = ("linear", "zoh", "cubic")
 PIECE = 128
 """Rows that are integrated in one go."""
 
-MOST_STEPS_OF_A_PIECE = 32 * PIECE
-"""Steps allowed for a piece: equations that need more are stiff, such as friction that rises steeply at rest."""
-
 BLOW_UP = 1e12
 """Size at which a run has failed, over the largest size of a state."""
-
-# Steps of this share of the time span are taken whatever their error: at a singularity the state then leaves
-# all bounds, or turns NaN, and the run ends there; across a jump in the right-hand side they do no harm.
-_SMALLEST_STEP = 1e-12
 
 
 class Samples(NamedTuple):
@@ -54,35 +47,29 @@ class StepSettings(NamedTuple):
     Attributes:
         rtol: Relative tolerance.
         atol: Absolute tolerance, as a share of the states' sizes.
-        max_steps: Steps allowed for a piece; the run has failed where it needs more.
+        max_steps: Steps allowed for a piece; equations that need more are stiff, and the run has failed.
         solver: Diffrax solver; by default Dormand and Prince's method of order 8.
         adjoint: Diffrax adjoint; by default derivatives are taken backwards.
     """
 
     rtol: Float[Array, ""] | float = 1e-8
     atol: Float[Array, ""] | float = 1e-8
-    max_steps: int = MOST_STEPS_OF_A_PIECE
+    max_steps: int = 32 * PIECE
     solver: Any = None
     adjoint: Any = None
 
 
 def check_interpolation(kind: str | Sequence[str]) -> None:
-    """Refuse interpolations, of all inputs or of each, that are not among `INTERPOLATIONS`.
-
-    Raises:
-        InputError: The name is unknown.
-    """
+    """Refuse interpolations, of all inputs or of each, that are not among `INTERPOLATIONS`."""
     for unknown in {kind} if isinstance(kind, str) else {str(each) for each in kind}:
         if unknown not in INTERPOLATIONS:
             raise InputError(f"Unknown interpolation {unknown!r}; use 'linear', 'zoh' or 'cubic'.")
 
 
 def cut(
-    t: Float[Array | np.ndarray, " n"],
-    inputs: Float[Array | np.ndarray, "n p"],
-    interpolation: str | Sequence[str],
+    t: Float[Array | np.ndarray, " n"], inputs: Float[Array | np.ndarray, "n p"], interpolation: str | Sequence[str],
     curvature: Float[Array | np.ndarray, "n p"] | None = None,
-) -> tuple[Samples, tuple[str, ...]]:
+) -> tuple[Samples, tuple[str, ...]]:  # fmt: skip
     """Cut a run into pieces of one size: a loop of many lanes copies all rows that it reads or saves at every step.
 
     Inputs at the increasing times t are interpolated by "linear", "zoh" (held from each sample to the next) or "cubic"
@@ -91,9 +78,6 @@ def cut(
 
     Returns:
         Pieces along a first axis, and the interpolation of each input.
-
-    Raises:
-        InputError: Shapes do not fit, or there are fewer than two times.
     """
     if t.shape[0] < 2:
         raise InputError(f"Integration needs at least two times, not {t.shape[0]}; give a longer window.")
@@ -115,23 +99,16 @@ def cut(
 
 
 def limits_of(
-    t: Float[Array | np.ndarray, " n"],
-    x0: Float[Array | np.ndarray, "*draw d"],
-    sizes: Float[Array | np.ndarray, " d"],
+    t: Float[Array | np.ndarray, " n"], x0: Float[Array | np.ndarray, "*draw d"], sizes: Float[Array | np.ndarray, " d"]
 ) -> Limits:
     """Return the limits of a run from x0 at t[0], which fails at `BLOW_UP` times the largest size of a state."""
     return Limits(x0, t[-1], t[-1] - t[0], sizes, BLOW_UP * namespace([sizes]).max(sizes))
 
 
 def follow_piece(
-    rhs: Callable[[Any, Any, Any, Any], Any],
-    start: tuple[Float[Array, " d"], Array],
-    samples: Samples,
-    limits: Limits,
-    args: Any,
-    kinds: tuple[str, ...],
-    settings: StepSettings | None = None,
-) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:
+    rhs: Callable[[Any, Any, Any, Any], Any], start: tuple[Float[Array, " d"], Array], samples: Samples, limits: Limits,
+    args: Any, kinds: tuple[str, ...], settings: StepSettings | None = None,
+) -> tuple[tuple[Float[Array, " d"], Array], tuple[Float[Array, "rows d"], Float[Array, ""], Array]]:  # fmt: skip
     """Integrate over one piece; a program compiled for it serves runs of any length, and works under jit and vmap.
 
     Steps are adaptive and never step over a sample of the inputs. The default method is explicit, so a stiff system
@@ -139,14 +116,13 @@ def follow_piece(
     atol * scale_i + rtol * |x_i|.
 
     Args:
-        rhs: `rhs(t, x, u, args)` with x of shape (d,) and u of shape (p,), p = 0 without inputs; returns
-            dx/dt of shape (d,).
+        rhs: `rhs(t, x, u, args)`, which returns dx/dt; p = 0 without inputs.
         start: States at the start of the piece, and whether the run has not failed before.
         samples: The piece.
         limits: Limits of the run.
         args: Last argument of `rhs`, for example a posterior draw of the coefficients.
         kinds: Interpolation of each input.
-        settings: Settings of the integrator; by default those of `StepSettings`.
+        settings: Settings of the integrator.
 
     Returns:
         The start of the next piece; states at all but the first of the times, the time of a failure or NaN, and whether
@@ -168,14 +144,9 @@ def follow_piece(
 
 
 def _solution(
-    rhs: Callable[[Any, Any, Any, Any], Any],
-    start: tuple[Array, Array],
-    samples: Samples,
-    limits: Limits,
-    args: Any,
-    kinds: tuple[str, ...],
-    settings: StepSettings,
-) -> Any:
+    rhs: Callable[[Any, Any, Any, Any], Any], start: tuple[Array, Array], samples: Samples, limits: Limits, args: Any,
+    kinds: tuple[str, ...], settings: StepSettings,
+) -> Any:  # fmt: skip
     """Solve over one piece by Diffrax; arguments are those of `follow_piece`."""
     dfx = diffrax()
     (x, alive), (times, values, _) = start, samples
@@ -188,9 +159,10 @@ def _solution(
     def exploded(time, x, given, **_):
         return ~jnp.all(jnp.abs(x) < limits.limit)
 
-    control = dfx.PIDController(
-        rtol=cast(Any, settings.rtol), atol=settings.atol * limits.sizes, dtmin=_SMALLEST_STEP * limits.span
-    )
+    # Shortest steps are taken whatever their error: at a singularity the state then leaves all bounds, or turns NaN,
+    # and the run ends there; across a jump in the right-hand side they do no harm.
+    rtol: Any = settings.rtol
+    control = dfx.PIDController(rtol=rtol, atol=settings.atol * limits.sizes, dtmin=1e-12 * limits.span)
     if values.shape[1] and times.shape[0] > 2:
         # Inputs are not smooth at their samples; a step across one would waste many rejected attempts. A piece of two
         # rows has no inner sample, and the controller refuses an empty list.
@@ -215,11 +187,9 @@ def _solution(
 
 
 def joined(
-    x0: Float[Array | np.ndarray, "*draw d"],
-    t: Float[Array | np.ndarray, " n"],
-    states: Float[Array | np.ndarray, "*draw piece rows d"],
-    failed_at: Float[Array | np.ndarray, "*draw piece"],
-) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:
+    x0: Float[Array | np.ndarray, "*draw d"], t: Float[Array | np.ndarray, " n"],
+    states: Float[Array | np.ndarray, "*draw piece rows d"], failed_at: Float[Array | np.ndarray, "*draw piece"],
+) -> tuple[Float[Array | np.ndarray, "*draw n d"], Float[Array | np.ndarray | np.generic, "*draw"]]:  # fmt: skip
     """Join the pieces of one run: return its states at the times t, and the time of its first failure or NaN."""
     xp = namespace([x0, t, states, failed_at])
     rows = states.reshape(*x0.shape[:-1], -1, x0.shape[-1])
@@ -242,11 +212,10 @@ def between_samples(t: Float[np.ndarray, " n"], values: Float[np.ndarray, "n p"]
 
     def error(offsets: tuple[int, ...]) -> Float[np.ndarray, " p"]:
         # Lagrange's polynomial through the neighbours at these offsets, at the sample itself.
-        at = [t[2 + k : len(t) - 2 + k] for k in offsets]
+        at = {k: t[2 + k : len(t) - 2 + k] for k in offsets}
         predicted = np.zeros_like(values[inner])
-        for j, k in enumerate(offsets):
-            others = [other for i, other in enumerate(at) if i != j]
-            weight = np.prod([(t[inner] - other) / (at[j] - other) for other in others], axis=0)
+        for k in offsets:
+            weight = np.prod([(t[inner] - at[i]) / (at[k] - at[i]) for i in offsets if i != k], axis=0)
             predicted += weight[:, None] * values[2 + k : len(t) - 2 + k]
         return np.mean((predicted - values[inner]) ** 2, axis=0)
 
@@ -265,11 +234,7 @@ def between_samples_of_runs(
 def curvature_of(
     t: Float[Array | np.ndarray, " n"], values: Float[Array | np.ndarray, "n p"], kind: str | Sequence[str]
 ) -> tuple[tuple[str, ...], Float[np.ndarray, "n p"]]:
-    """Return the interpolation of each column, and second derivatives at the samples: zero but for splines.
-
-    Raises:
-        InputError: An interpolation is unknown, or there are fewer than four samples for a spline.
-    """
+    """Return the interpolation of each column, and second derivatives at the samples: zero but for splines."""
     kinds, curvature = one_for_each(kind, values.shape[1]), np.zeros(values.shape)
     if "cubic" in kinds:
         if len(t) < 4:
@@ -280,11 +245,7 @@ def curvature_of(
 
 
 def one_for_each(kind: str | Sequence[str], n: int) -> tuple[str, ...]:
-    """Return the interpolation of each of n inputs, which may have one for all.
-
-    Raises:
-        InputError: An interpolation is unknown, or their number is another one.
-    """
+    """Return the interpolation of each of n inputs, which may have one for all."""
     check_interpolation(kind)
     kinds = (kind,) * n if isinstance(kind, str) else tuple(str(each) for each in kind)
     if len(kinds) != n:

@@ -24,10 +24,7 @@ Rate = Callable[[Array, Array, Array, Array], Array]
 class Intervals(NamedTuple):
     """Intervals between the samples of a segment; those of no length change nothing.
 
-    Attributes:
-        start: Beginning of each.
-        length: Duration of each.
-        inputs: Coefficients of 1, b, b², b³ of each input at the share b of an interval.
+    Inputs are coefficients of 1, b, b², b³ at the share b of an interval.
     """
 
     start: Float[Array, "*segment n"]
@@ -36,12 +33,9 @@ class Intervals(NamedTuple):
 
 
 def intervals_of(
-    t: Float[np.ndarray, " m"],
-    values: Float[np.ndarray, "m p"],
-    curvature: Float[np.ndarray, "m p"],
-    held: Sequence[bool],
-    n: int,
-) -> Intervals:
+    t: Float[np.ndarray, " m"], values: Float[np.ndarray, "m p"], curvature: Float[np.ndarray, "m p"],
+    held: Sequence[bool], n: int,
+) -> Intervals:  # fmt: skip
     """Return n intervals between samples; inputs are held where `held`, and else follow splines of this curvature.
 
     Intervals after the last sample have no length; a curvature of zero is a straight line.

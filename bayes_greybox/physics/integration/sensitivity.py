@@ -19,33 +19,20 @@ from jaxtyping import Float
 ROUGH = 0.1
 """Departure from a straight line within a step, over its own size, beyond which a force is rough."""
 
-POINTS_WITHIN_A_STEP = (8, 64)
-"""Points within a step at which a rough force is evaluated first, and again where these show something else."""
-
 FEWEST_SMOOTHER_STEPS, LONG_RECORD = 8, 2048
 """Least number of steps of a smoother; number above which filling up to a power of two costs more than another
 program."""
 
 
 class Grid(NamedTuple):
-    """Segments of equally many steps; those of a shorter segment end in steps of no length.
-
-    Attributes:
-        time: Times of the ends and middles of steps.
-        inputs: Inputs at these times.
-    """
+    """Times and inputs at ends and middles of equally many steps; shorter segments end in steps of no length."""
 
     time: Float[np.ndarray, "n_segment n_node"]
     inputs: Float[np.ndarray, "n_segment n_node n_input"]
 
 
 class Response(NamedTuple):
-    """Steps of the linear equation: δ₊ = M δ + Σ b φ over the start, the middle and the end of a step.
-
-    Attributes:
-        M: Transition matrices.
-        b: Response to forces at these three points, each on the rate of each state.
-    """
+    """Steps of the linear equation: δ₊ = M δ + Σ b φ over forces at the start, the middle and the end of a step."""
 
     M: Float[np.ndarray, "n_segment n_step n_state n_state"]
     b: Float[np.ndarray, "n_segment n_step n_state 3 n_state"]
@@ -132,7 +119,7 @@ def forces(
     size = np.maximum(np.sqrt(np.mean(values**2, axis=(0, 1))), least)
     departure = np.abs(in_steps[:, :, 0] - 2 * in_steps[:, :, 1] + in_steps[:, :, 2])
     rough = np.any(departure > ROUGH * size, axis=-1)
-    for n_point in POINTS_WITHIN_A_STEP:
+    for n_point in (8, 64):
         if not np.any(rough):
             break
         within = (np.arange(n_point) + 0.5) / n_point

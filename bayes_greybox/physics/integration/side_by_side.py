@@ -28,12 +28,9 @@ def stage_times(times: Float[np.ndarray, " n"], steps: int) -> Float[np.ndarray,
 
 
 def side_by_side(
-    rate: Rate,
-    starts: Float[np.ndarray, "n_run n_draw d"],
-    times: Float[np.ndarray, " n"],
-    inputs: Float[np.ndarray, "n_run n_stage p"],
-    limit: Float[np.ndarray, " d"],
-) -> Float[np.ndarray, "n_run n_draw n d"]:
+    rate: Rate, starts: Float[np.ndarray, "n_run n_draw d"], times: Float[np.ndarray, " n"],
+    inputs: Float[np.ndarray, "n_run n_stage p"], limit: Float[np.ndarray, " d"],
+) -> Float[np.ndarray, "n_run n_draw n d"]:  # fmt: skip
     """Integrate all runs at once; states are NaN from where a run has left its limits, which is a result and no error.
 
     `rate` is of all runs at once, `inputs` are those at the `stage_times`.
@@ -79,12 +76,7 @@ def steps_needed(paths: Callable[[int], np.ndarray], range_: Float[np.ndarray, "
 
 
 class Added(NamedTuple):
-    """Terms beside a simulation, which make another system of it.
-
-    Attributes:
-        terms: Terms without jumps, each with the index of the state to whose rate it adds.
-        theta: Their coefficients by draw.
-    """
+    """Terms without jumps beside a simulation, each with the index of its state, and their coefficients by draw."""
 
     terms: Sequence[tuple[int, Term]]
     theta: Float[np.ndarray, "n_term n_draw"]

@@ -24,14 +24,7 @@ TRIED_SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 
 
 class Observed(NamedTuple):
-    """Samples at the ends of steps.
-
-    Attributes:
-        values: Samples, NaN where there is none.
-        variances: Noise variance of each output, over σ².
-        mean: Expected state at the first node.
-        sd: Standard deviation of that state.
-    """
+    """Samples at the ends of steps, NaN where there is none; their noise over σ²; mean and SD of the first state."""
 
     values: Float[Any, "n_segment n_end n_output"]
     variances: Float[Any, " n_output"]
@@ -40,13 +33,9 @@ class Observed(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """Linear steps x₊ = M x + c + B w, w white with the variance λ σ² over the length of the step.
+    """Linear steps x₊ = M x + c + B w, w white with the variance λ σ² / length, held over a step.
 
-    Attributes:
-        M: Transition matrices.
-        c: Constants.
-        B: Response to each unit force held over the step.
-        length: Length of each step; those of no length do nothing.
+    Steps of no length do nothing.
     """
 
     M: Float[Any, "n_segment n_step n_state n_state"]

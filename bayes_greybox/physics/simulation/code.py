@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import sympy
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.physics.formula.grammar import symbol
@@ -24,11 +24,7 @@ from .protocol import (
     State,
     States,
     Times,
-    finite,
 )
-
-PROBES = 3
-"""Points at which a function's values show whether it still reads the same numbers."""
 
 
 @dataclass(frozen=True)
@@ -43,30 +39,26 @@ class CallableSimulation(Simulation):
         return "your function"
 
     @property
-    def equations(self) -> tuple[str, ...]:
-        """All states."""
+    def _equations(self) -> tuple[str, ...]:
         return self.states
 
-    def rate(self, t: Array, x: State, u: Input) -> State:
-        """Return g at one point, inside an integrator."""
+    def _rate(self, t: Array, x: State, u: Input) -> State:
         return jnp.asarray(self.function(t, x, u), float)
 
-    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Return g for one state on the rows of the data, user's units; a function gives no output."""
+    def _on(self, data: Trajectories, state: str) -> np.ndarray:
         if state not in self.states:
             raise InputError(
                 f"The simulation is a function, which gives the rates of states and not the output {state!r}: give "
                 f"formulas, simulation={{{state!r}: '...'}}, or name the equation of a state in the dictionary."
             )
         rates = self._at(data.time, data.matrix(self.states), data.matrix(self.inputs))
-        return finite(rates[:, self.states.index(state)], state)
+        return rates[:, self.states.index(state)]
 
-    def rates(self, t: Times, x: States, u: Inputs) -> States:
-        """Return g at many points."""
+    def _rates(self, t: Times, x: States, u: Inputs) -> States:
         return self._at(*flat(t, x, u)).reshape(x.shape)
 
-    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
-        """Return ∂g/∂x at points along paths: by JAX, or by central differences where JAX cannot trace the function."""
+    def _jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+        """Return ∂g/∂x by JAX, or by central differences where JAX cannot trace the function."""
         t, x_flat, u = flat(t, x, u)
         try:
             slopes = np.asarray(_jacobians(self._now(), *(jnp.asarray(each) for each in (t, x_flat, u))))
@@ -78,13 +70,11 @@ class CallableSimulation(Simulation):
             slopes = np.stack(differences, axis=-1) / (2 * np.diag(steps))
         return slopes.reshape(*x.shape, x.shape[-1])
 
-    def formula(self, name: str) -> sympy.Expr:
-        """Return an undefined function g_name(t, x, u) of a state: code cannot be read. It gives no outputs."""
+    def _formula(self, name: str) -> sympy.Expr:
         return undefined(self, name) if name in self.states else sympy.S.Zero
 
     @property
-    def key(self) -> Hashable:
-        """Names, and the very function with the numbers that it reads now."""
+    def _key(self) -> Hashable:
         return self.states, self.inputs, self._now()
 
     def _now(self) -> "_Now":
@@ -92,25 +82,22 @@ class CallableSimulation(Simulation):
 
     def _at(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         try:
-            rates = np.asarray(jax.vmap(self.rate)(jnp.asarray(t), jnp.asarray(x), jnp.asarray(u)))
+            rates = np.asarray(jax.vmap(self._rate)(jnp.asarray(t), jnp.asarray(x), jnp.asarray(u)))
         except Exception:
             # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
-            rates = self._row_by_row(t, x, u)
+            try:
+                rates = np.array([self.function(*row) for row in zip(t, x, u, strict=True)], float)
+            except Exception as error:
+                raise InputError(
+                    f"The simulation failed on the data with {type(error).__name__}: {error}. It is called as "
+                    "simulation(t, x, u), with arrays of states and inputs, and returns the rates of all states."
+                ) from error
         if rates.shape != (len(t), len(self.states)):
             raise InputError(
                 f"The simulation returns {rates.shape[1:]} rates for {len(self.states)} states: return one "
                 f"for each of {', '.join(self.states)}."
             )
         return rates
-
-    def _row_by_row(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
-        try:
-            return np.array([self.function(*row) for row in zip(t, x, u, strict=True)], float)
-        except Exception as error:
-            raise InputError(
-                f"The simulation failed on the data with {type(error).__name__}: {error}. It is called as "
-                "simulation(t, x, u), with arrays of states and inputs, and returns the rates of all states."
-            ) from error
 
 
 def flat(t: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -127,15 +114,11 @@ def require_traceable(simulation: Simulation, otherwise: str = "") -> None:
     """Refuse a simulation that an integrator could not follow; rates of rows do with plain NumPy, paths do not.
 
     The message ends with `otherwise`, an alternative for the user.
-
-    Raises:
-        InputError: It fails under JAX.
     """
     x, u = (jax.ShapeDtypeStruct((len(names),), float) for names in (simulation.states, simulation.inputs))
     try:
         jax.eval_shape(simulation.rate, jax.ShapeDtypeStruct((), float), x, u)
     except Exception as error:
-        # Plain NumPy, in-place assignment and Python branches fail under JAX with errors of many kinds.
         raise InputError(
             f"The simulation cannot be integrated, {type(error).__name__}: write it with jax.numpy, without in-place "
             f"assignment and without branches on its values{otherwise}."
@@ -151,7 +134,7 @@ class _Now:
 
     def __init__(self, function: RightHandSide, n_state: int, n_input: int) -> None:
         self._function = function
-        points = np.random.default_rng(0).standard_normal((PROBES, 1 + n_state + n_input))
+        points = np.random.default_rng(0).standard_normal((3, 1 + n_state + n_input))
         try:
             values = [np.asarray(function(z[0], z[1 : 1 + n_state], z[1 + n_state :]), float) for z in points]
             self._seen = b"".join(each.tobytes() for each in values)

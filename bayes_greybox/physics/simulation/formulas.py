@@ -10,15 +10,14 @@ import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
 from bayes_greybox.physics.formula.grammar import symbol
 from bayes_greybox.physics.formula.numbers import as_columns, without_numbers
-from bayes_greybox.physics.formula.rounding import rounded
+from bayes_greybox.physics.formula.rounding import gradient, rounded
 from bayes_greybox.physics.parameters import Parameter, Parameters, tangent
 from bayes_greybox.physics.terms import Term
 
-from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, Starts, State, States, Times, finite
+from .protocol import Correctable, Input, Inputs, Jacobians, Simulation, Starts, State, States, Times
 from .through_states import acting_through, through_states
 
 
@@ -54,8 +53,7 @@ class ExpressionSimulation(Simulation):
         return cls(states, inputs, expressions, written, parameters, starts)
 
     @property
-    def equations(self) -> tuple[str, ...]:
-        """States and outputs with an expression."""
+    def _equations(self) -> tuple[str, ...]:
         return tuple(self.expressions)
 
     @property
@@ -64,45 +62,39 @@ class ExpressionSimulation(Simulation):
         here: dict[float | str, float] = {name: each.here for name, each in self.parameters.items()}
         return {state: here.get(start, start) for state, start in self.begun.items()}
 
-    def rate(self, t: Array, x: State, u: Input) -> State:
-        """Return g at one point, inside an integrator."""
+    def _rate(self, t: Array, x: State, u: Input) -> State:
         columns, known = self.named(x, u), self.expressions
         return jnp.stack([evaluate(known[s], columns) if s in known else jnp.zeros(()) for s in self.states])
 
-    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Return g for one state on the rows of the data, user's units."""
+    def _on(self, data: Trajectories, state: str) -> np.ndarray:
         if state not in self.expressions:
             return np.zeros(data.n_obs)
-        return finite(np.asarray(evaluate(self.expressions[state], data.columns)), state)
+        return np.asarray(evaluate(self.expressions[state], data.columns))
 
-    def rates(self, t: Times, x: States, u: Inputs) -> States:
-        """Return g at many points."""
+    def _rates(self, t: Times, x: States, u: Inputs) -> States:
         columns, rates = self._columns(x, u), np.zeros(x.shape)
         for k, state in enumerate(self.states):
             if state in self.expressions:
                 rates[..., k] = evaluate(self.expressions[state], columns)
         return rates
 
-    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
-        """Return ∂g/∂x at points along paths, from derivatives of the formulas."""
+    def _jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
         columns, slopes = self._columns(x, u), np.zeros((*x.shape, x.shape[-1]))
         for k, state in enumerate(self.states):
             if state in self.expressions:
                 slopes[..., k, :] = gradient(self.expressions[state], self.states, columns)
         return slopes
 
-    def formula(self, name: str) -> sympy.Expr:
-        """Return the expression; zero where there is none."""
+    def _formula(self, name: str) -> sympy.Expr:
         return self.expressions.get(name, sympy.S.Zero)
 
     def own_formula(self, name: str) -> sympy.Expr:
         """Return the expression with names of parameters."""
-        return self.written.get(name, self.formula(name))
+        return self.written.get(name, self._formula(name))
 
-    def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
-        """Return the formula with some names of parameters in place of the tangents in them."""
+    def _in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
         if name not in self.written:
-            return self.formula(name)
+            return self._formula(name)
         given = {symbol(p): sympy.Float(each.value) for p, each in self.parameters.items() if p not in parameters}
         return cast(sympy.Expr, self.written[name].xreplace(given))
 
@@ -119,10 +111,8 @@ class ExpressionSimulation(Simulation):
         off = [Correctable(term, value) for term, value in _additive(sympy.Add(*parts))]
         slopes = tangent(formula, self.parameters).slopes
         for name, each in self.parameters.items():
-            through = through_states(state, name, self.written, self.begun, self.parameters)
-            slope: Any = slopes.get(name, sympy.S.Zero)
-            hidden = () if through is None else through.states
-            slope = slope if through is None else slope + through.slope
+            through, hidden = through_states(state, name, self.written, self.begun, self.parameters)
+            slope: Any = slopes.get(name, sympy.S.Zero) + through
             if slope != 0 and not each.learned:
                 term = Term(slope, name, states=hidden, parameter=name)
                 off.append(Correctable(term, each.value, name, each.changes))
@@ -136,8 +126,7 @@ class ExpressionSimulation(Simulation):
         formula: Any = self.written[state].xreplace(values)
         return {term.name: value for term, value in _additive(formula)}
 
-    def rate_name(self, state: str) -> str | None:
-        """Return the state whose name is the expression."""
+    def _rate_name(self, state: str) -> str | None:
         # An output that is a state is measured twice, and no rate.
         expression = self.expressions.get(state) if state in self.states else None
         alone = expression is not None and bool(expression.is_Symbol) and str(expression) in self.states
@@ -148,7 +137,7 @@ class ExpressionSimulation(Simulation):
         smooth = {name: rounded(expr, columns) for name, expr in self.expressions.items()}
         named = {**columns, **{name: np.asarray(each.here) for name, each in self.parameters.items()}}
         written = {name: rounded(expr, named) for name, expr in self.written.items()}
-        return replace(self, expressions=smooth, written=written)
+        return replace(super().rounded(columns), expressions=smooth, written=written)
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
         """Return formulas over numbers that are inputs; these are the last ones."""
@@ -157,8 +146,8 @@ class ExpressionSimulation(Simulation):
         return replace(self, inputs=inputs, expressions=dict(zip(self.expressions, formulas, strict=True))), numbers
 
     @property
-    def key(self) -> Hashable:
-        """Names and formulas, with all digits of their numbers."""
+    def _key(self) -> Hashable:
+        # With all digits of their numbers.
         formulas = tuple((name, sympy.srepr(e)) for name, e in self.expressions.items())
         return self.states, self.inputs, formulas, tuple(self.starts.items())
 

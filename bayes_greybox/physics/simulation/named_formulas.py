@@ -21,10 +21,8 @@ from .through_states import acting_through
 class NamedFormulas:
     """Formulas by state or output, with the parameters in them; neither where there are no parameters.
 
-    Values of parameters, below, are those that were found; the other parameters have their own.
-
-    Attributes:
-        starts: Where hidden states start; some may be parameters.
+    Values of parameters, below, are those that were found; the other parameters have their own. Some starts of hidden
+    states may be parameters.
     """
 
     formulas: Mapping[str, sympy.Expr]
@@ -33,12 +31,7 @@ class NamedFormulas:
 
     @classmethod
     def of(cls, given: UserSimulation, parameters: Parameters, starts: Starts) -> "NamedFormulas":
-        """Read the formulas of a user's simulation.
-
-        Raises:
-            InputError: The simulation is a function or an FMU; a parameter is in none of its formulas, or is learned
-                and in several, each of which would have a coefficient of its own.
-        """
+        """Read the formulas of a user's simulation."""
         if not parameters:
             return cls({}, {})
         if not readable(given):

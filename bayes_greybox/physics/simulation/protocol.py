@@ -3,17 +3,16 @@
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, cast
 
-import jax.numpy as jnp
 import numpy as np
 import sympy
 from jaxtyping import Array, Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate
+from bayes_greybox.physics.formula.rounding import gradient
 from bayes_greybox.physics.hidden_states import Starts
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
@@ -36,14 +35,7 @@ KnownTerms = Sequence[tuple[Term, float]]
 
 
 class Correctable(NamedTuple):
-    """A number of a simulation that a study may find off.
-
-    Attributes:
-        term: ∂g by that number, as a formula: the term of a coefficient, the slope of a parameter.
-        nominal: The number.
-        parameter: Its name, where the user gave it one.
-        limits: Changes of it that are possible.
-    """
+    """A number of a simulation that a study may find off: ∂g by it, its value, any name of it, and possible changes."""
 
     term: Term
     nominal: float
@@ -63,13 +55,17 @@ CENTRAL_DIFFERENCE_STEP = 6e-6
 class Simulation(ABC):
     """g(x, u), the known rates of the states, and what is known of outputs.
 
+    A kind of simulation gives what begins with "_", of itself; terms `beside` it are added here.
+
     Attributes:
         states: State names, in the order of x.
         inputs: Input names, in the order of u.
+        known: Known terms beside it, by state or output.
     """
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
+    known: Mapping[str, tuple[tuple[Term, float], ...]] = field(default_factory=dict, kw_only=True)
 
     @property
     def differentiable(self) -> bool:
@@ -93,14 +89,50 @@ class Simulation(ABC):
 
     @property
     @abstractmethod
+    def _equations(self) -> tuple[str, ...]: ...
+
+    @abstractmethod
+    def _rate(self, t: Array, x: State, u: Input) -> State: ...
+
+    @abstractmethod
+    def _on(self, data: Trajectories, state: str) -> np.ndarray: ...
+
+    @abstractmethod
+    def _rates(self, t: Times, x: States, u: Inputs) -> States: ...
+
+    @abstractmethod
+    def _jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians: ...
+
+    @abstractmethod
+    def _formula(self, name: str) -> sympy.Expr: ...
+
+    @property
+    @abstractmethod
+    def _key(self) -> Hashable: ...
+
+    def _output(self, name: str, t: Any, x: Any, u: Any) -> Any:
+        return evaluate(self._formula(name), self.named(x.T, u.T))
+
+    def _in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
+        return self._formula(name)
+
+    def _rate_name(self, state: str) -> str | None:
+        return None
+
+    @property
     def equations(self) -> tuple[str, ...]:
         """States whose rate the simulation gives, that of the others is zero; and outputs that it gives."""
+        return tuple(dict.fromkeys((*self._equations, *self.known)))
 
-    @abstractmethod
     def rate(self, t: Array, x: State, u: Input) -> State:
         """Return g at one point, inside an integrator."""
+        rate = self._rate(t, x, u)
+        if self.known:
+            columns = self.named(x, u)
+            for k, term, value in self._known_in_rates:
+                rate = rate.at[k].add(value * term.evaluate(columns))
+        return rate
 
-    @abstractmethod
     def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
         """Return g for one state or output on the rows of the data, user's units.
 
@@ -108,30 +140,41 @@ class Simulation(ABC):
             InputError: The simulation fails, is not finite, or returns the wrong number of rates; or an output is asked
                 of a function.
         """
+        rate = finite(self._on(data, state), state)
+        for term, value in self.known.get(state, ()):
+            rate = rate + value * np.asarray(term.evaluate(data.columns))
+        return finite(rate, state)
 
-    @abstractmethod
     def rates(self, t: Times, x: States, u: Inputs) -> States:
         """Return g at many points."""
+        rates, columns = np.array(self._rates(t, x, u)), self._columns(x, u)
+        for k, term, value in self._known_in_rates:
+            rates[..., k] += value * np.asarray(term.evaluate(columns))
+        return rates
 
-    @abstractmethod
     def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
         """Return ∂g/∂x at points along paths, neighbours along the last axis of t."""
+        slopes, columns = np.array(self._jacobian(t, x, u)), self._columns(x, u)
+        for k, term, value in self._known_in_rates:
+            slopes[..., k, :] += value * gradient(term.expr, self.states, columns)
+        return slopes
 
     def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
         """Return an output at many points along the first axis, by NumPy on its arrays, else by JAX."""
-        return evaluate(self.formula(name), self.named(x.T, u.T))
+        added = [value * term.evaluate(self.named(x.T, u.T)) for term, value in self.known.get(name, ())]
+        return sum(added, start=self._output(name, t, x, u))
 
-    @abstractmethod
     def formula(self, name: str) -> sympy.Expr:
         """Return the known rate of a state, or an output, as a formula; code is an undefined function g_name."""
+        return self._plus_known(self._formula(name), name)
 
     def own_formula(self, name: str) -> sympy.Expr:
         """Return the formula as the user wrote it: with names of parameters, without terms `beside` the simulation."""
-        return self.formula(name)
+        return self._formula(name)
 
     def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
         """Return a formula with the names of some parameters, whose terms it has; the others are numbers in it."""
-        return self.formula(name)
+        return self._plus_known(self._in_parameters(name, parameters), name)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of a state's rate, or of an output, with coefficients; code has none that can be read."""
@@ -147,7 +190,7 @@ class Simulation(ABC):
 
     def readable_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the terms of `additive_terms`, and those whose coefficients are known besides."""
-        return self.additive_terms(state)
+        return [*self.additive_terms(state), *self.known.get(state, ())]
 
     def kinematic(self, state: str) -> bool:
         """Return True if the rate of a state is known to be another state, as position and velocity are."""
@@ -155,16 +198,18 @@ class Simulation(ABC):
 
     def rate_name(self, state: str) -> str | None:
         """Return the state that is the rate of a state; None where its rate is anything else, or cannot be read."""
-        return None
+        return None if state in self.known else self._rate_name(state)
 
     @property
-    @abstractmethod
     def key(self) -> Hashable:
         """Value that two simulations share if they do the same: programs are compiled once for it."""
+        known = ((s, tuple((sympy.srepr(t.expr), value) for t, value in terms)) for s, terms in self.known.items())
+        return (self._key, tuple(known)) if self.known else self._key
 
     def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
         """Return the simulation with jumps of its formulas rounded on these columns, for an integrator."""
-        return self
+        known = {s: tuple((term.rounded(columns), value) for term, value in terms) for s, terms in self.known.items()}
+        return replace(self, known=known) if known else self
 
     def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
         """Return the simulation with decimal numbers of its formulas as further inputs, and these; code has none."""
@@ -172,8 +217,8 @@ class Simulation(ABC):
 
     def beside(self, known: Mapping[str, KnownTerms]) -> "Simulation":
         """Return the simulation with known terms added to the rates of states, which may also have none."""
-        added = {state: tuple(terms) for state, terms in known.items() if terms}
-        return _WithTerms(self.states, self.inputs, self, added) if added else self
+        added = {state: (*self.known.get(state, ()), *terms) for state, terms in known.items() if terms}
+        return replace(self, known={**self.known, **added}) if added else self
 
     def named(self, x: Any, u: Any) -> dict[str, Any]:
         """Return columns by name, where states and inputs lie along the first axis."""
@@ -182,118 +227,18 @@ class Simulation(ABC):
     def _columns(self, x: np.ndarray, u: np.ndarray) -> dict[str, np.ndarray]:
         return self.named(np.moveaxis(x, -1, 0), np.moveaxis(u, -1, 0))
 
-
-def finite(value: np.ndarray, state: str) -> np.ndarray:
-    """Return the values of a state's rate, or refuse them where some are not finite.
-
-    Raises:
-        InputError: Some are not finite.
-    """
-    if not np.all(np.isfinite(value)):
-        raise InputError(f"The simulation of {state!r} is not finite on all the data: check its domain.")
-    return value
-
-
-@dataclass(frozen=True)
-class _WithTerms(Simulation):
-    """A simulation with known terms beside it, by state or output."""
-
-    base: Simulation
-    known: Mapping[str, tuple[tuple[Term, float], ...]]
-
     @property
-    def differentiable(self) -> bool:
-        return self.base.differentiable
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        return self.base.warnings
-
-    @property
-    def code(self) -> str:
-        return self.base.code
-
-    @property
-    def starts(self) -> Starts:
-        return self.base.starts
-
-    @property
-    def equations(self) -> tuple[str, ...]:
-        return tuple(dict.fromkeys((*self.base.equations, *self.known)))
-
-    @property
-    def _in_rates(self) -> list[tuple[int, Term, float]]:
-        """Terms in rates, with the index of the state and the coefficient."""
+    def _known_in_rates(self) -> list[tuple[int, Term, float]]:
+        """Known terms in rates, with the index of the state and the coefficient."""
         places = {name: k for k, name in enumerate(self.states)}
         return [(places[name], *each) for name, terms in self.known.items() if name in places for each in terms]
 
-    def rate(self, t: Array, x: State, u: Input) -> State:
-        columns, rate = self.named(x, u), jnp.asarray(self.base.rate(t, x, u), float)
-        for k, term, value in self._in_rates:
-            rate = rate.at[k].add(value * term.evaluate(columns))
-        return rate
-
-    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        rate = np.array(self.base.on(data, state), float)
-        for term, value in self.known.get(state, ()):
-            rate = rate + value * np.asarray(term.evaluate(data.columns))
-        return finite(rate, state)
-
-    def rates(self, t: Times, x: States, u: Inputs) -> States:
-        rates, columns = np.array(self.base.rates(t, x, u)), self._columns(x, u)
-        for k, term, value in self._in_rates:
-            rates[..., k] += value * np.asarray(term.evaluate(columns))
-        return rates
-
-    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
-        slopes, columns = np.array(self.base.jacobian(t, x, u)), self._columns(x, u)
-        for k, term, value in self._in_rates:
-            slopes[..., k, :] += value * gradient(term.expr, self.states, columns)
-        return slopes
-
-    def output(self, name: str, t: Array | np.ndarray, x: Array | np.ndarray, u: Array | np.ndarray) -> Any:
-        columns = self.named(x.T, u.T)
-        added = [value * term.evaluate(columns) for term, value in self.known.get(name, ())]
-        return sum(added, start=self.base.output(name, t, x, u))
-
-    def formula(self, name: str) -> sympy.Expr:
-        return self._plus_terms(self.base.formula(name), name)
-
-    def own_formula(self, name: str) -> sympy.Expr:
-        return self.base.own_formula(name)
-
-    def in_parameters(self, name: str, parameters: Collection[str]) -> sympy.Expr:
-        return self._plus_terms(self.base.in_parameters(name, parameters), name)
-
-    def _plus_terms(self, formula: sympy.Expr, name: str) -> sympy.Expr:
+    def _plus_known(self, formula: sympy.Expr, name: str) -> sympy.Expr:
         return cast(sympy.Expr, sympy.Add(formula, *(value * term.expr for term, value in self.known.get(name, ()))))
 
-    def additive_terms(self, state: str) -> list[tuple[Term, float]]:
-        # Coefficients of the other terms are known, and nobody corrects them.
-        return self.base.additive_terms(state)
 
-    def correctable(self, state: str) -> list[Correctable]:
-        return self.base.correctable(state)
-
-    def nominals(self, state: str) -> dict[str, float]:
-        return self.base.nominals(state)
-
-    def readable_terms(self, state: str) -> list[tuple[Term, float]]:
-        return [*self.base.readable_terms(state), *self.known.get(state, ())]
-
-    def rate_name(self, state: str) -> str | None:
-        return None if state in self.known else self.base.rate_name(state)
-
-    def rounded(self, columns: Mapping[str, Float[np.ndarray, " n"]]) -> "Simulation":
-        known = {s: tuple((term.rounded(columns), value) for term, value in terms) for s, terms in self.known.items()}
-        return replace(self, base=self.base.rounded(columns), known=known)
-
-    def without_numbers(self) -> tuple["Simulation", tuple[float, ...]]:
-        # The terms stay as they are.
-        base, numbers = self.base.without_numbers()
-        return replace(self, inputs=base.inputs, base=base), numbers
-
-    @property
-    def key(self) -> Hashable:
-        known = ((s, tuple((sympy.srepr(t.expr), value) for t, value in terms)) for s, terms in self.known.items())
-        return self.base.key, tuple(known)
+def finite(value: np.ndarray, state: str) -> np.ndarray:
+    """Return the values of a state's rate, or refuse them where some are not finite."""
+    if not np.all(np.isfinite(value)):
+        raise InputError(f"The simulation of {state!r} is not finite on all the data: check its domain.")
+    return value

@@ -32,20 +32,10 @@ UserSimulation = Mapping[str, str] | RightHandSide | FMU | None
 
 
 def simulation_of(
-    given: UserSimulation,
-    states: tuple[str, ...],
-    inputs: tuple[str, ...],
-    outputs: Sequence[str] = (),
-    units: Mapping[str, str] | None = None,
-    parameters: Parameters | None = None,
-    starts: Starts | None = None,
-) -> Simulation:
-    """Read the user's simulation for data with these names; units are compared with those of an FMU.
-
-    Raises:
-        InputError: An expression cannot be read or is of an unknown state or output; or an FMU does not fit; or a
-            parameter has the name of a column.
-    """
+    given: UserSimulation, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Sequence[str] = (),
+    units: Mapping[str, str] | None = None, parameters: Parameters | None = None, starts: Starts | None = None,
+) -> Simulation:  # fmt: skip
+    """Read the user's simulation for data with these names; units are compared with those of an FMU."""
     if isinstance(given, FMU):
         return fmu_simulation(given, states, inputs, outputs, units or {})
     if callable(given):
@@ -90,11 +80,7 @@ def named_outputs(given: Any) -> tuple[str, ...]:
 
 
 def with_states(given: UserSimulation, states: Sequence[HiddenState]) -> Mapping[str, str]:
-    """Return a user's simulation with more states; one of the same name takes the place of the one before.
-
-    Raises:
-        InputError: The simulation is a function or an FMU.
-    """
+    """Return a user's simulation with more states; one of the same name takes the place of the one before."""
     if not readable(given):
         raise InputError(NO_STATES)
     return {**(given or {}), **{state.name: state.rate for state in states}}
@@ -120,11 +106,7 @@ def simulation_record(given: UserSimulation) -> Any:
 def simulation_from(
     record: Any, function: RightHandSide | FMU | None = None
 ) -> Mapping[str, str] | RightHandSide | FMU:
-    """Invert `simulation_record`; a file cannot hold code, so a function is given again.
-
-    Raises:
-        InputError: The simulation was a function and none is given, or an FMU that is missing.
-    """
+    """Invert `simulation_record`; a file cannot hold code, so a function is given again."""
     if record != FUNCTION:
         if FMU_RECORD in record:
             saved = record[FMU_RECORD]

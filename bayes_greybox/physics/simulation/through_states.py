@@ -1,7 +1,7 @@
 """Slopes of parameters that act through hidden states, whose sensitivities are hidden states beside them."""
 
 from collections.abc import Collection, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import sympy
 
@@ -15,18 +15,6 @@ Formulas = Mapping[str, sympy.Expr]
 """Formulas by state or output, with names of parameters."""
 
 
-class Through(NamedTuple):
-    """Slope of an equation by a parameter, by way of hidden states.
-
-    Attributes:
-        slope: Σ_i ∂g/∂z_i s_i, with s_i = dz_i/dp.
-        states: The sensitivities s_i.
-    """
-
-    slope: sympy.Expr
-    states: tuple[HiddenState, ...]
-
-
 def acting_through(formulas: Formulas, starts: Starts, parameters: Collection[str]) -> frozenset[str]:
     """Return the parameters that stand in the rates of hidden states with a start, or are a start."""
     names = {name for state in starts if state in formulas for name in symbol_names(formulas[state])}
@@ -35,10 +23,10 @@ def acting_through(formulas: Formulas, starts: Starts, parameters: Collection[st
 
 def through_states(
     equation: str, parameter: str, formulas: Formulas, starts: Starts, parameters: Parameters
-) -> Through | None:
-    """Return the part of dg/dp by way of hidden states, at the values that formulas are linearised at; None if nil.
+) -> tuple[sympy.Expr, tuple[HiddenState, ...]]:
+    """Return Σ_i ∂g/∂z_i s_i, the part of dg/dp by way of hidden states, and their sensitivities s_i = dz_i/dp.
 
-    With ż = r(x, u, z, p), z known where a run starts,
+    Both are at the values that formulas are linearised at. With ż = r(x, u, z, p), z known where a run starts,
 
         ds_i/dt = ∂r_i/∂p + Σ_j ∂r_i/∂z_j s_j,   s_i = 0 where a run starts; 1 of a state that starts at p.
     """
@@ -46,7 +34,7 @@ def through_states(
     called = {state: f"slope_of_{state}_by_{parameter}" for state in moved}
     used = [state for state in moved if state in symbol_names(formulas[equation])]
     if not used:
-        return None
+        return sympy.S.Zero, ()
 
     def along(formula: sympy.Expr) -> sympy.Expr:
         parts = [slope_by(formula, z, 1.0) * symbol(called[z]) for z in moved if z in symbol_names(formula)]
@@ -57,7 +45,7 @@ def through_states(
         rate: Any = slope_by(formulas[state], parameter, here) + along(formulas[state])
         rest = 1.0 if starts[state] == parameter else 0.0
         states.append(HiddenState(called[state], to_text(at_here(rate, parameters)), state, rest=rest))
-    return Through(at_here(along(formulas[equation]), parameters), tuple(states))
+    return at_here(along(formulas[equation]), parameters), tuple(states)
 
 
 def _moved(parameter: str, formulas: Formulas, starts: Starts) -> list[str]:

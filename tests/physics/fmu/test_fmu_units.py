@@ -2,14 +2,13 @@
 
 import pytest
 
-from bayes_greybox.physics.simulation.fmu.description import Unit, Variable
-from bayes_greybox.physics.simulation.fmu.units import require_units
+from bayes_greybox.physics.simulation.fmu.description import Unit, Variable, require_units
 from bayes_greybox.running.errors import InputError
 
 
 def compared(own, name, base, factor=1.0, offset=0.0):
     unit = Unit(name, base, factor, offset)
-    require_units("plant", {"c": Variable("x", 0, "Real", "local", "continuous", "", unit, True)}, {"c": own})
+    require_units("plant", {"c": Variable("x", 0, unit=unit)}, {"c": own})
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bayes_greybox.physics.formula.derivatives import gradient
 from bayes_greybox.physics.formula.expressions import evaluate, parse_expression
+from bayes_greybox.physics.formula.rounding import gradient
 
 
 @pytest.mark.parametrize(

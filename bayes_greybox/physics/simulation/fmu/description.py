@@ -1,4 +1,4 @@
-"""Description of an FMU, in the words of this package."""
+"""Description of an FMU, in the words of this package, and its units against those of the data."""
 
 import re
 from collections.abc import Mapping
@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-MODEL_EXCHANGE = "model exchange"
-CO_SIMULATION = "co-simulation"
+from bayes_greybox.data.reading.units import registry
+from bayes_greybox.physics.units import parse_unit
+from bayes_greybox.running.errors import InputError
+
+SAME_FACTOR = 1e-5
+"""Relative difference of factors that are the same: descriptions write the factor of rpm as 0.104720."""
 
 BASE_UNITS = {
     "kg": "kilogram", "m": "meter", "s": "second", "A": "ampere", "K": "kelvin", "mol": "mole", "cd": "candela",
@@ -20,11 +24,8 @@ BASE_UNITS = {
 class Unit:
     """A unit of a variable.
 
-    Attributes:
-        name: Name in the FMU, such as "m/s2".
-        base: Product of base units that it is a multiple of, such as "meter**1 * second**-2"; "" if it is not stated.
-        factor: The multiple.
-        offset: Its zero in base units, such as 273.15 of degrees Celsius.
+    It is a multiple of a product of base units, such as "meter**1 * second**-2", "" if that is not stated, and has its
+    zero at an offset in these, such as 273.15 of degrees Celsius.
     """
 
     name: str
@@ -42,8 +43,6 @@ class Variable:
         ref: Value reference; aliases share theirs.
         kind: Type, such as "Real" or "Boolean".
         causality: "parameter", "input", "output", "local" or another word of FMI.
-        variability: "continuous", "discrete", "tunable", "fixed" or "constant".
-        start: Value that it starts from, as text; "" if there is none.
         unit: Its unit, if it has one.
         scalar: True if it is one number.
         nominal: Its usual size; 1 where it is not stated.
@@ -52,12 +51,10 @@ class Variable:
 
     name: str
     ref: int
-    kind: str
-    causality: str
-    variability: str
-    start: str
-    unit: Unit | None
-    scalar: bool
+    kind: str = "Real"
+    causality: str = "local"
+    unit: Unit | None = None
+    scalar: bool = True
     nominal: float = 1.0
     initial: str = ""
 
@@ -65,19 +62,6 @@ class Variable:
     def column(self) -> str:
         """Name of a column of data for it: "mass_s" for "mass.s"."""
         return re.sub(r"\W+", "_", self.name).strip("_")
-
-
-@dataclass(frozen=True)
-class Interface:
-    """One of the two ways in which an FMU may be run.
-
-    Attributes:
-        identifier: Name of its library.
-        directional: True if it declares directional derivatives; FMPy does not read that of FMI 3.0.
-    """
-
-    identifier: str
-    directional: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +73,9 @@ class Description:
         name: Name of the model.
         guid: Its identity: the GUID, or the instantiation token of FMI 3.0.
         version: Version of FMI, "2.0" or "3.0".
-        interfaces: Interfaces by `MODEL_EXCHANGE` and `CO_SIMULATION`.
+        exchanged: True if it is run by Model Exchange, as where it has that; else by Co-Simulation.
+        identifier: Name of the library by which it is run.
+        directional: True if it declares directional derivatives; FMPy does not read that of FMI 3.0.
         variables: Variables by name.
         states: Continuous states, each with the variable that is its rate.
         rates: Variable that is declared as the rate of another, by the name of the latter.
@@ -104,7 +90,9 @@ class Description:
     name: str
     guid: str
     version: str
-    interfaces: Mapping[str, Interface]
+    exchanged: bool
+    identifier: str
+    directional: bool
     variables: Mapping[str, Variable]
     states: tuple[tuple[Variable, Variable], ...]
     rates: Mapping[str, Variable]
@@ -114,25 +102,12 @@ class Description:
     content: str
     folder: Path
 
-    @property
-    def interface(self) -> Interface:
-        """The interface by which it is run: Model Exchange where it has that."""
-        return self.interfaces[MODEL_EXCHANGE if self.exchanged else CO_SIMULATION]
-
-    @property
-    def exchanged(self) -> bool:
-        """True if it is run by Model Exchange."""
-        return MODEL_EXCHANGE in self.interfaces
-
 
 def description_of(file: Path, content: str, folder: Path, parsed: Any) -> Description:
     """Convert FMPy's `ModelDescription` of a file with this digest, unpacked in a folder."""
     units = {unit.name: _unit(unit) for unit in parsed.unitDefinitions}
     variables = {each.name: _variable(each, units) for each in parsed.modelVariables}
-    interfaces = {}
-    for name, each in ((MODEL_EXCHANGE, parsed.modelExchange), (CO_SIMULATION, parsed.coSimulation)):
-        if each is not None:
-            interfaces[name] = Interface(str(each.modelIdentifier), bool(each.providesDirectionalDerivative))
+    interface = parsed.modelExchange or parsed.coSimulation
     derivatives = [each.variable for each in parsed.derivatives]
     lost = [d.name for d in derivatives if d.derivative is None]
     if lost:
@@ -142,7 +117,9 @@ def description_of(file: Path, content: str, folder: Path, parsed: Any) -> Descr
         name=str(parsed.modelName),
         guid=str(parsed.guid),
         version=str(parsed.fmiVersion),
-        interfaces=interfaces,
+        exchanged=parsed.modelExchange is not None,
+        identifier=str(interface.modelIdentifier),
+        directional=bool(interface.providesDirectionalDerivative),
         variables=variables,
         states=tuple((variables[d.derivative.name], variables[d.name]) for d in derivatives),
         rates={each.derivative.name: variables[each.name] for each in parsed.modelVariables if each.derivative},
@@ -163,8 +140,6 @@ def _variable(given: Any, units: Mapping[str, Unit]) -> Variable:
         # FMI 3.0 has another name for FMI 2.0's only kind of real numbers.
         kind="Real" if given.type == "Float64" else str(given.type),
         causality=str(given.causality or "local"),
-        variability=str(given.variability or "continuous"),
-        start="" if given.start is None else str(given.start),
         unit=units.get(unit, Unit(unit)) if unit else None,
         scalar=not given.dimensions,
         nominal=abs(float((given.nominal or (declared.nominal if declared is not None else None)) or 1.0)) or 1.0,
@@ -178,3 +153,33 @@ def _unit(given: Any) -> Unit:
         return Unit(given.name)
     powers = [f"{name}**{int(getattr(base, key))}" for key, name in BASE_UNITS.items() if getattr(base, key)]
     return Unit(given.name, " * ".join(powers) or "dimensionless", float(base.factor), float(base.offset))
+
+
+def require_units(model: str, variables: Mapping[str, Variable], units: Mapping[str, str]) -> None:
+    """Refuse columns in other units than the FMU's variables; where one of them is not stated, nothing is compared."""
+    if units.get("t") and not _same(units["t"], "the time", Unit("s", "second")):
+        raise InputError(f"The time is in {units['t']}, and an FMU's is in s: convert it.")
+    for column, variable in variables.items():
+        unit, of_column = variable.unit, units.get(column)
+        if unit is not None and unit.base and of_column and not _same(of_column, f"column {column!r}", unit):
+            raise InputError(
+                f"{variable.name!r} of the FMU {model} is in {unit.name}, and the column {column!r} in {of_column}: "
+                "convert the column."
+            )
+
+
+def _same(text: str, what: str, unit: Unit) -> bool:
+    one, other = parse_unit(text, what), registry().parse_units(unit.base)
+    if one.dimensionality != other.dimensionality:
+        return False
+    # Pint's hertz has no angle, so that it would pass for a radian a second.
+    if (_has(one, "hertz") and _has(other, "radian")) or ("Hz" in unit.name and _has(one, "radian")):
+        return False
+    zero = float(registry().Quantity(0.0, one).to_root_units().magnitude)
+    size, expected = (float(registry().get_root_units(each)[0]) for each in (one, other))
+    same_size = abs(size - unit.factor * expected) <= SAME_FACTOR * abs(size)
+    return same_size and abs(zero - unit.offset) <= SAME_FACTOR * max(1.0, abs(unit.offset))
+
+
+def _has(unit: Any, name: str) -> bool:
+    return any(name in each for each, _ in registry().Quantity(1.0, unit).unit_items())

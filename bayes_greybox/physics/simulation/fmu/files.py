@@ -8,7 +8,6 @@ import tempfile
 import threading
 import weakref
 import zipfile
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,16 +20,9 @@ INSTALL_FMPY = 'install it with pip install ".[fmu]" in the checkout'
 VERSIONS = ("2.0", "3.0")
 """Versions of FMI that are supported."""
 
-KEPT_DIGESTS = 64
-"""Files whose digest is kept, by their size and the time of their last change."""
-
 
 def fmpy() -> Any:
-    """Import FMPy.
-
-    Raises:
-        InputError: It is not installed.
-    """
+    """Import FMPy."""
     try:
         import fmpy
     except ImportError as error:
@@ -39,17 +31,13 @@ def fmpy() -> Any:
 
 
 def read_fmu(path: str | os.PathLike[str]) -> Description:
-    """Read the description of an FMU, and keep a copy of its content: a file that changes later is another FMU.
-
-    Raises:
-        InputError: FMPy is not installed; there is no such file; it is no FMU, or of a version of FMI that is not
-            supported; or it has no library for this system.
-    """
+    """Read the description of an FMU, and keep a copy of its content: a file that changes later is another FMU."""
     file = Path(path)
     if not file.is_file():
         raise InputError(f'There is no FMU "{file}"; check the path.')
     library, file = fmpy(), file.resolve()
-    content = _digest(file, file.stat().st_mtime_ns, file.stat().st_size)
+    with file.open("rb") as opened:
+        content = hashlib.file_digest(opened, "sha256").hexdigest()
     with _reading:
         description = _known.get(content)
         if description is None:
@@ -59,12 +47,6 @@ def read_fmu(path: str | os.PathLike[str]) -> Description:
 
 _known: weakref.WeakValueDictionary[str, Description] = weakref.WeakValueDictionary()
 _reading = threading.Lock()
-
-
-@lru_cache(maxsize=KEPT_DIGESTS)
-def _digest(file: Path, changed: int, size: int) -> str:
-    with file.open("rb") as opened:
-        return hashlib.file_digest(opened, "sha256").hexdigest()
 
 
 def _read(file: Path, content: str, library: Any) -> Description:
@@ -94,6 +76,8 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
             )
         library.extract(str(file), str(folder))
         parsed = library.read_model_description(str(folder), validate=False)
+        if parsed.modelExchange is None and parsed.coSimulation is None:
+            raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
         description = description_of(file, content, folder, parsed)
     except InputError:
         raise
@@ -101,8 +85,6 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
         # FMPy and its XML reader raise errors of many kinds on what is no model description.
         line = (str(error).strip().splitlines() or [type(error).__name__])[0].rstrip(".")
         raise InputError(f'"{file}" cannot be read as an FMU ({line}); export it again.') from error
-    if not description.interfaces:
-        raise InputError(f'"{file}" has neither Model Exchange nor Co-Simulation; export it again.')
     _require_library(description, names, library)
     return description
 
@@ -110,7 +92,7 @@ def _unpacked(file: Path, content: str, folder: Path, library: Any) -> Descripti
 def _require_library(description: Description, names: list[str], library: Any) -> None:
     """Refuse an FMU without a library for this system."""
     here, file = library.platform if description.version == "2.0" else library.platform_tuple, description.file
-    called = f"{description.interface.identifier}{library.sharedLibraryExtension}"
+    called = f"{description.identifier}{library.sharedLibraryExtension}"
     if f"binaries/{here}/{called}" in names:
         return
     # Archives may have folders without a library in them.

@@ -13,7 +13,7 @@ from bayes_greybox.running.errors import InputError
 
 from .description import Description, Variable
 from .files import read_fmu
-from .loaded import Ports
+from .loaded import Key, Ports
 from .running import running
 
 MAPPINGS = ("parameters", "states", "inputs", "outputs", "starts")
@@ -94,8 +94,9 @@ class FMU:
         for name in self.inputs.values():
             if name in self.parameters:
                 raise InputError(f"The input {name!r} of the FMU {fmu.name} is held and fed by a column: do one.")
-        columns = [name for name, _ in (*self._state_pairs(), *self._input_pairs())]
-        _require_once(fmu, "column", [*columns, *self.outputs])
+        dynamic = [state for state, _ in self.dynamics]
+        pairs = (*_by_column(dynamic, self.states), *_by_column(self._fed, self.inputs))
+        _require_once(fmu, "column", [*(name for name, _ in pairs), *self.outputs])
         for given in (self.states, self.inputs):
             _require_once(fmu, "variable", list(given.values()))
         if fmu.exchanged:
@@ -169,27 +170,32 @@ class FMU:
         )
 
     @property
+    def key(self) -> Key:
+        """Its parameters as a key."""
+        return tuple(sorted(self.parameters.items()))
+
+    @property
     def state_columns(self) -> dict[str, Variable]:
         """States by the name of their column, in the FMU's order."""
-        return dict(self._state_pairs())
+        return dict(_by_column([state for state, _ in self.dynamics], self.states))
 
     @property
     def input_columns(self) -> dict[str, Variable]:
         """Inputs that columns feed, by the name of the column."""
-        return dict(self._input_pairs())
+        return dict(_by_column(self._fed, self.inputs))
 
     @property
     def derivatives(self) -> str:
         """The method by which rates are differentiated, in words; declared derivatives are used once found right."""
         if not self.description.exchanged:
             return "central differences: a Co-Simulation is started anew at every point"
-        if not self.description.interface.directional:
+        if not self.description.directional:
             return "central differences: the FMU declares no directional derivatives"
         return {
             None: "the FMU's directional derivatives, if they agree with central differences: not looked at yet",
             True: "the FMU's directional derivatives, which agree with central differences",
             False: "central differences: the FMU's directional derivatives are not those of its rates",
-        }[running(self.description).derivatives_right(self.parameters)]
+        }[running(self.description).derivatives_right.get(self.key)]
 
     @property
     def rates(self) -> str:
@@ -211,13 +217,10 @@ class FMU:
         given = {name: dict(getattr(self, name)) for name in MAPPINGS}
         return {"path": str(self.path), "guid": self.description.guid, **given, "step": self.step}
 
-    def _state_pairs(self) -> list[tuple[str, Variable]]:
-        return _by_column([state for state, _ in self.dynamics], self.states)
-
-    def _input_pairs(self) -> list[tuple[str, Variable]]:
+    @property
+    def _fed(self) -> list[Variable]:
         variables = self.description.variables.values()
-        fed = [v for v in variables if v.causality == "input" and v.name not in self.parameters]
-        return _by_column(fed, self.inputs)
+        return [v for v in variables if v.causality == "input" and v.name not in self.parameters]
 
 
 def _by_column(variables: list[Variable], given: Mapping[str, str]) -> list[tuple[str, Variable]]:
@@ -247,11 +250,7 @@ def _require_once(fmu: Description, what: str, names: list[str]) -> None:
 
 
 def fmu_from(record: Mapping[str, Any]) -> FMU:
-    """Invert `FMU.record`.
-
-    Raises:
-        InputError: The file is not where it was, or is another one.
-    """
+    """Invert `FMU.record`."""
     path = record["path"]
     again = "give it again, bg.load(path, simulation=bg.FMU(...))"
     if not Path(path).is_file():
@@ -276,11 +275,7 @@ def _given(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _read_again(path: str, given: Mapping[str, Any], content: str) -> FMU:
-    """Read an FMU in another process.
-
-    Raises:
-        InputError: The file has changed.
-    """
+    """Read an FMU in another process."""
     fmu = FMU(path, **given)
     if fmu.description.content != content:
         raise InputError(f'The FMU "{path}" has been changed since it was read: give it again.')

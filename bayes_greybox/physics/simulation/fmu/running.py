@@ -4,7 +4,7 @@ import math
 import os
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -14,15 +14,11 @@ from jaxtyping import Float
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
-from .exchange import Exchange
-from .loaded import Key, Ports, key_of
+from .loaded import Exchange, Key, Ports
 from .stepping import Stepping, rounding
 
 REPEAT_TOLERANCE = 1e-6
 """Share of its size by which a repeated rate may differ: iterative solvers within an FMU are no more precise."""
-
-PROBED_POINTS = 16
-"""Points at which an FMU is evaluated in one order and in the other: a right-hand side has no memory."""
 
 RESTART_TOLERANCE = 1e-3
 """Share of its size by which a rate after some steps may differ from that of an instance which is started there."""
@@ -33,24 +29,12 @@ STEPS_BEFORE_RESTART = 10
 COARSE = 1e-2
 """Share of its size by which rates by steps and by half as long ones may differ."""
 
-KEPT_MESSAGES = 8
-"""Messages of an FMU that are kept."""
-
-KEPT_PARAMETERS = 64
-"""Sets of parameters for which the findings about an FMU are kept."""
-
-Points = tuple[np.ndarray, np.ndarray, np.ndarray]
+Points = tuple[np.ndarray, ...]
 """Times, states and inputs."""
 
 
 class Reading(NamedTuple):
-    """Values to be read at points.
-
-    Attributes:
-        ports: Variables that are set at a point.
-        width: Number of values at a point.
-        read: Function from the instance at a point to values.
-    """
+    """Values to be read at points: what is set there, the number of values, and how the instance gives them."""
 
     ports: Ports
     width: int
@@ -58,45 +42,37 @@ class Reading(NamedTuple):
 
 
 class Running:
-    """The instance of one file."""
+    """The instance of one file.
+
+    Attributes:
+        messages: Its last messages.
+        derivatives_right: True where its own derivatives are those of its rates, by parameters that were compared.
+    """
 
     def __init__(self, description: Description) -> None:
         self._lock = threading.RLock()
         self._description = description
-        self.messages: deque[str] = deque(maxlen=KEPT_MESSAGES)
+        self.messages: deque[str] = deque(maxlen=8)
         self._instance = (Exchange if description.exchanged else Stepping)(description, self.messages)
-        self._trusted: dict[tuple[Key, Ports], bool] = {}
-        self._derivatives_right: dict[Key, bool] = {}
+        self._trusted: set[tuple[Key, Ports]] = set()
+        self.derivatives_right: dict[Key, bool] = {}
 
-    def at_each(self, parameters: Mapping[str, float], points: Points, reading: Reading) -> Float[np.ndarray, "n k"]:
-        """Read values at points of its states and inputs, NaN where the FMU refuses one; one thread at a time.
-
-        Raises:
-            InputError: It cannot be started, it has memory, or its steps are too long.
-        """
-        key = key_of(parameters)
+    def at_each(self, key: Key, points: Points, reading: Reading) -> Float[np.ndarray, "n k"]:
+        """Read values at points of its states and inputs, NaN where the FMU refuses one; one thread at a time."""
         with self._lock:
             self.messages.clear()
             if (key, reading.ports) not in self._trusted and len(points[0]) > 1:
                 self._require_memoryless(key, points, reading)
-                _keep(self._trusted, (key, reading.ports), True)
+                self._trusted.add((key, reading.ports))
             return self._values(key, points, reading)
 
-    def derivatives_right(self, parameters: Mapping[str, float]) -> bool | None:
-        """Return True if the FMU's own derivatives are those of its rates; None if they were not compared."""
-        return self._derivatives_right.get(key_of(parameters))
-
-    def keep_derivatives_right(self, parameters: Mapping[str, float], right: bool) -> None:
-        """Keep the result of that comparison."""
-        _keep(self._derivatives_right, key_of(parameters), right)
-
     def _require_memoryless(self, key: Key, points: Points, reading: Reading) -> None:
-        """Refuse an FMU whose rates are not those of its states and inputs alone."""
-        some = np.unique(np.linspace(0, len(points[0]) - 1, PROBED_POINTS).astype(int))
+        """Refuse an FMU whose rates differ in the other order of points: a right-hand side has no memory."""
+        some = np.unique(np.linspace(0, len(points[0]) - 1, 16).astype(int))
         if isinstance(self._instance, Stepping):
             self._instance.noted.clear()
-        first = self._values(key, _taken(points, some), reading)
-        again = self._values(key, _taken(points, some[::-1]), reading)[::-1]
+        probed, turned = (tuple(each[order] for each in points) for order in (some, some[::-1]))
+        first, again = self._values(key, probed, reading), self._values(key, turned, reading)[::-1]
         if not _alike(first, again, REPEAT_TOLERANCE):
             raise InputError(
                 f"The FMU {self._description.name} remembers: at the same states and time it gives other rates after "
@@ -105,7 +81,7 @@ class Running:
             )
         if isinstance(self._instance, Stepping):
             self._require_short_steps(self._instance, reading.ports)
-            self._require_all_states(self._instance, key, _taken(points, some), reading)
+            self._require_all_states(self._instance, key, probed, reading)
 
     def _require_short_steps(self, steps: Stepping, ports: Ports) -> None:
         if not steps.noted:
@@ -177,19 +153,7 @@ def _running(description: Description, process: int) -> Running:
     return Running(description)
 
 
-def _taken(points: Points, some: np.ndarray) -> Points:
-    t, x, u = (each[some] for each in points)
-    return t, x, u
-
-
 def _alike(first: np.ndarray, again: np.ndarray, share: float, least: np.ndarray | float = 0.0) -> bool:
     """Compare values up to a share of their sizes, or up to the least difference that can be resolved."""
     size = np.max(np.abs(np.nan_to_num(first)), axis=0, initial=0.0)
     return bool(np.all(np.isclose(first, again, rtol=share, atol=np.maximum(share * size, least), equal_nan=True)))
-
-
-def _keep(known: dict[Any, bool], key: Any, value: bool) -> None:
-    """Keep the value of a key, in the place of the oldest if there are many."""
-    if len(known) >= KEPT_PARAMETERS:
-        known.pop(next(iter(known)))
-    known[key] = value

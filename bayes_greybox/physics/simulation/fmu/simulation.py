@@ -2,6 +2,7 @@
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -22,24 +23,16 @@ from bayes_greybox.physics.simulation.protocol import (
     State,
     States,
     Times,
-    finite,
 )
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
 
+from .description import require_units
 from .given import FMU
 from .running import Reading, running
-from .tracing import Rates, traced
-from .units import require_units
 
 STEPPED_DIFFERENCE_STEP = 1e-3
 """Step of central differences where rates are differences themselves, whose errors a shorter one would show."""
-
-NOMINAL_SHARE = 1e-3
-"""Least size of a column, as a share of its nominal value, where only one point shows how large it is."""
-
-COMPARED_POINTS = 5
-"""Points at which directional derivatives are compared with differences before they are used."""
 
 DERIVATIVE_TOLERANCE = 1e-4
 """Share of an entry's size, or of its rate over the size of its state, by which they may differ."""
@@ -57,29 +50,27 @@ class FMUSimulation(Simulation):
         return False
 
     @property
-    def equations(self) -> tuple[str, ...]:
-        """Its states, and the outputs that were asked for."""
+    def _equations(self) -> tuple[str, ...]:
         return (*self.given.state_columns, *self.given.outputs)
 
-    def rate(self, t: Array, x: State, u: Input) -> State:
-        """Return g at one point, by a call from JAX to the FMU; many points at once are one call."""
+    def _rate(self, t: Array, x: State, u: Input) -> State:
+        # Many points at once are one call from JAX to the FMU.
         return traced(Rates(self))(jnp.asarray(t, float), jnp.asarray(x, float), jnp.asarray(u, float))
 
-    def on(self, data: Trajectories, state: str) -> Float[np.ndarray, " n_obs"]:
-        """Return g for one state or output on the rows of the data, user's units."""
+    def _on(self, data: Trajectories, state: str) -> np.ndarray:
         t, x, u = data.time, data.matrix(self.states), data.matrix(self.inputs)
         if state in self.given.outputs:
             values = self.values_of(state, t, x, u)
         elif state in self.given.state_columns:
-            values = self.rates(t, x, u)[:, self.states.index(state)]
+            values = self._rates(t, x, u)[:, self.states.index(state)]
         else:
             return np.zeros(data.n_obs)
         messages = [*running(self.given.description).messages]
         if messages and not np.all(np.isfinite(values)):
             raise InputError(f"The FMU {self.given.description.name} refuses some of the data: {messages[-1]}.")
-        return finite(values, state)
+        return values
 
-    def rates(self, t: Times, x: States, u: Inputs) -> States:
+    def _rates(self, t: Times, x: States, u: Inputs) -> States:
         """Return g at many points, NaN where the FMU refuses one."""
         points = flat(t, x, u)
         rates, dynamics = np.zeros(points[1].shape), self.given.dynamics
@@ -91,10 +82,9 @@ class FMUSimulation(Simulation):
             rates[:, self._places] = self._at(*points, len(states), lambda fmu: fmu.stepped(states))
         return rates.reshape(x.shape)
 
-    def output(self, name: str, t: Any, x: Any, u: Any) -> Any:
-        """Return an output at many points, zero if it is none of the FMU's."""
+    def _output(self, name: str, t: Any, x: Any, u: Any) -> Any:
         if name not in self.given.outputs:
-            return super().output(name, t, x, u)
+            return super()._output(name, t, x, u)
         if isinstance(x, np.ndarray):
             return self.values_of(name, t, x, u)
         return jax.vmap(traced(Rates(self, name)))(t, x, u)
@@ -104,7 +94,7 @@ class FMUSimulation(Simulation):
         refs = [self.given.description.variables[self.given.outputs[name]].ref]
         return self._read(*flat(t, x, u), refs)[:, 0].reshape(t.shape)
 
-    def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
+    def _jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
         """Return ∂g/∂x at points along paths: the FMU's own where they are right, else central differences."""
         points = flat(t, x, u)
         slopes = self.directional(*points) if self._own_derivatives(*points) else self._by_states(*points)
@@ -132,7 +122,7 @@ class FMUSimulation(Simulation):
 
         def values(points: np.ndarray) -> np.ndarray:
             parts = points[:, 0], points[:, 1:n], points[:, n:]
-            return self.rates(*parts) if output is None else self.values_of(output, *parts)
+            return self._rates(*parts) if output is None else self.values_of(output, *parts)
 
         share = STEPPED_DIFFERENCE_STEP if self.given.stepped else CENTRAL_DIFFERENCE_STEP
         steps = np.diag(share * _sizes(whole, self._nominals))[by]
@@ -142,27 +132,25 @@ class FMUSimulation(Simulation):
     def warnings(self) -> tuple[str, ...]:
         """A sentence if the FMU declares derivatives that are not those of its rates."""
         description = self.given.description
-        if running(description).derivatives_right(self.given.parameters) is not False:
+        if running(description).derivatives_right.get(self.given.key) is not False:
             return ()
         return (
             f"The directional derivatives of the FMU {description.name} are not those of its rates: central "
             "differences are used instead.",
         )
 
-    def formula(self, name: str) -> sympy.Expr:
-        """Return the velocity of a position; else an undefined function g_name(t, x, u): code cannot be read."""
-        if name not in self.equations:
+    def _formula(self, name: str) -> sympy.Expr:
+        if name not in self._equations:
             return sympy.S.Zero
-        rate = self.rate_name(name)
+        rate = self._rate_name(name)
         return undefined(self, name) if rate is None else symbol(rate)
 
     def additive_terms(self, state: str) -> list[tuple[Term, float]]:
         """Return the velocity of a position; else none."""
-        rate = self.rate_name(state)
+        rate = self._rate_name(state)
         return [] if rate is None else [(Term(rate), 1.0)]
 
-    def rate_name(self, state: str) -> str | None:
-        """Return the state that the FMU declares to be the rate of a state."""
+    def _rate_name(self, state: str) -> str | None:
         columns = self.given.state_columns
         declared = self.given.description.rates.get(columns[state].name) if state in columns else None
         if declared is None:
@@ -170,8 +158,8 @@ class FMUSimulation(Simulation):
         return next((column for column, v in columns.items() if v.ref == declared.ref), None)
 
     @property
-    def key(self) -> Hashable:
-        """The facts; no trace that calls an FMU is kept for later processes."""
+    def _key(self) -> Hashable:
+        # No trace that calls an FMU is kept for later processes.
         return Rates(self)
 
     @property
@@ -198,11 +186,11 @@ class FMUSimulation(Simulation):
 
     def _own_derivatives(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> bool:
         """Return True if the FMU declares derivatives, and they are those of its rates; compared once where finite."""
-        given, instance = self.given, running(self.given.description)
-        if not (given.description.exchanged and given.description.interface.directional):
+        given, right = self.given, running(self.given.description).derivatives_right
+        if not (given.description.exchanged and given.description.directional):
             return False
-        if instance.derivatives_right(given.parameters) is None:
-            some = np.unique(np.linspace(0, len(t) - 1, COMPARED_POINTS).astype(int))
+        if given.key not in right:
+            some = np.unique(np.linspace(0, len(t) - 1, 5).astype(int))
             part = t[some], x[some], u[some]
             by_steps = self._by_states(*part)
             compared = np.all(np.isfinite(by_steps), axis=(1, 2))
@@ -210,11 +198,11 @@ class FMUSimulation(Simulation):
                 return False
             apart = np.abs(self.directional(*part) - by_steps)[compared].max(axis=0)
             # |dg_i/dx_j| or |g_i| / |x_j|, whichever is larger: an entry of another unit must not hide this one.
-            rates = np.abs(self.rates(*part))[compared].max(axis=0)
+            rates = np.abs(self._rates(*part))[compared].max(axis=0)
             size = _sizes(part[1], self._nominals[1 : 1 + x.shape[-1]])
             scale = np.maximum(np.abs(by_steps)[compared].max(axis=0), rates[:, None] / size)
-            instance.keep_derivatives_right(given.parameters, bool(np.all(apart <= DERIVATIVE_TOLERANCE * scale)))
-        return bool(instance.derivatives_right(given.parameters))
+            right[given.key] = bool(np.all(apart <= DERIVATIVE_TOLERANCE * scale))
+        return right[given.key]
 
     def _by_states(self, t: np.ndarray, x: np.ndarray, u: np.ndarray) -> np.ndarray:
         return self.differences(t, x, u, slice(1, 1 + x.shape[-1]))
@@ -227,27 +215,66 @@ class FMUSimulation(Simulation):
         inputs = [*given.input_columns]
         fed = np.array([columns[name] for name in inputs]).reshape(len(inputs), len(t)).T
         reading = Reading(given.ports([*given.state_columns], inputs), width, read)
-        return running(given.description).at_each(
-            given.parameters, (np.asarray(t, float), x[:, self._places], fed), reading
-        )
+        points = np.asarray(t, float), x[:, self._places], fed
+        return running(given.description).at_each(given.key, points, reading)
+
+
+class Rates:
+    """Rates of an `FMUSimulation`, or one of its outputs: equal to those of another that gives the same."""
+
+    def __init__(self, simulation: Any, output: str | None = None) -> None:
+        self.simulation, self.output, self._facts = simulation, output, (simulation.facts, output)
+
+    def __hash__(self) -> int:
+        return hash(self._facts)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rates) and self._facts == other._facts
+
+
+@lru_cache(maxsize=64)
+def traced(of: Rates) -> Any:
+    """Return a function of one point that JAX may trace: values by a call to the FMU, derivatives by differences."""
+    simulation, output = of.simulation, of.output
+
+    # JAX calls these with arrays of its own.
+    def slopes(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
+        differences = simulation.differences(*flat(t, x, u), output=output)
+        return differences.reshape(*(x.shape if output is None else t.shape), differences.shape[-1])
+
+    def values(*point: Any) -> np.ndarray:
+        t, x, u = map(np.asarray, point)
+        return simulation._rates(t, x, u) if output is None else simulation.values_of(output, t, x, u)
+
+    def shape(x: Array, *more: int) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct((*(x.shape if output is None else x.shape[:-1]), *more), x.dtype)
+
+    @jax.custom_jvp
+    def rate(t: Array, x: Array, u: Array) -> Array:
+        return jax.pure_callback(values, shape(x), t, x, u, vmap_method="broadcast_all")
+
+    @rate.defjvp
+    def _(point: tuple[Array, ...], along: tuple[Array, ...]) -> tuple[Array, Array]:
+        t, x, u = point
+        J = jax.pure_callback(slopes, shape(x, 1 + x.shape[-1] + u.shape[-1]), t, x, u, vmap_method="broadcast_all")
+        return rate(t, x, u), J @ jnp.concatenate([jnp.atleast_1d(along[0]), *along[1:]])
+
+    return rate
 
 
 def _sizes(columns: np.ndarray, nominal: np.ndarray) -> np.ndarray:
     """Return the RMS of columns, or their nominal value where they are zero or a single point says too little."""
     size = np.sqrt(np.mean(columns**2, axis=0))
     if len(columns) == 1:
-        size = np.maximum(size, NOMINAL_SHARE * nominal)
+        size = np.maximum(size, 1e-3 * nominal)
     return np.where(size > 0, size, nominal)
 
 
 def fmu_simulation(
     given: FMU, states: tuple[str, ...], inputs: tuple[str, ...], outputs: Any, units: Mapping[str, str]
 ) -> FMUSimulation:
-    """Return the right-hand side of an FMU with the names of the data.
-
-    Raises:
-        InputError: A state or an input of the FMU has no column, the data lack an output, or units differ.
-    """
+    """Return the right-hand side of an FMU with the names of the data."""
     name = given.description.name
     for column, variable in given.state_columns.items():
         if column not in states:

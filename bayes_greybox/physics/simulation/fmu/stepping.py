@@ -2,54 +2,38 @@
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from bayes_greybox.running.errors import InputError
 
 from .description import Description
-from .loaded import Instance, Key, Ports, instantiated
-
-SOLVER_TOLERANCE = 1e-9
-"""Relative tolerance that its own solver is asked for."""
-
-NOTED = 16
-"""Points whose rates by whole steps and by half ones are kept."""
-
-START_TOLERANCE = 1e-9
-"""Share of its size by which a state may differ from its start."""
+from .loaded import Instance, Key, Ports
 
 
 class Stepping(Instance):
-    """An instance for Co-Simulation.
-
-    Attributes:
-        noted: Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
-    """
+    """An instance for Co-Simulation."""
 
     def __init__(self, description: Description, messages: deque[str]) -> None:
         super().__init__(description, messages)
         self._now, self._step = 0.0, 0.0
         # The point at which it was started, until it goes on from there.
         self._at: tuple[Key, Ports, float, np.ndarray, np.ndarray] | None = None
-        self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=NOTED)
+        # Rates of the last points by whole steps, by half ones, and the rounding error that these may have.
+        self.noted: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=16)
 
     def place(self, key: Key, ports: Ports, t: float, x: np.ndarray, u: np.ndarray) -> None:
-        """Start the instance at a point: parameters, time, states, inputs.
-
-        Raises:
-            InputError: It does not start at these states.
-        """
-        self._begin()
+        """Start the instance at a point: parameters, time, states, inputs."""
+        try:
+            self._reset()
+        except Exception as error:
+            raise self._not_started(error) from error
         fmu, inputs = self._fmu, [float(each) for each in u]
-        for name, value in key:
-            fmu.setReal([self._description.variables[name].ref], [value])
+        self._set_parameters(key)
         fmu.setReal(ports.starts, [float(each) for each in x])
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
-        fmu.setupExperiment(tolerance=SOLVER_TOLERANCE, startTime=t)
-        fmu.enterInitializationMode()
+        self._enter_initialization(tolerance=1e-9, startTime=t)
         if ports.inputs:
             fmu.setReal(ports.inputs, inputs)
         fmu.exitInitializationMode()
@@ -76,7 +60,7 @@ class Stepping(Instance):
         if started is None:
             return whole.tolist()
         key, ports, t, x, u = started
-        self.place(key, replace(ports, step=ports.step / 2), t, x, u)
+        self.place(key, ports._replace(step=ports.step / 2), t, x, u)
         half = self.differences(refs)
         self.noted.append((whole, half, rounding(x, ports.step / 2)))
         return (2 * half - whole).tolist()
@@ -97,19 +81,10 @@ class Stepping(Instance):
         """Discard the instance after a failure at a point."""
         self._discard(error)
 
-    def _begin(self) -> None:
-        """Reset the instance, or make a new one where that fails."""
-        self._reset()
-        if self._fmu is None:
-            try:
-                self._fmu = instantiated(self._description, self._messages)
-            except Exception as error:
-                raise self._not_started(error) from error
-
     def _require_start(self, ports: Ports, x: np.ndarray) -> None:
         """Refuse an instance that starts elsewhere."""
-        states, atol = np.array(self.real(ports.states)), START_TOLERANCE * np.max(np.abs(x), initial=0.0)
-        away = np.flatnonzero(~np.isclose(states, x, rtol=START_TOLERANCE, atol=atol))
+        states, atol = np.array(self.real(ports.states)), 1e-9 * np.max(np.abs(x), initial=0.0)
+        away = np.flatnonzero(~np.isclose(states, x, rtol=1e-9, atol=atol))
         if len(away):
             every, ref = self._description.variables.values(), ports.states[away[0]]
             name = next(each.name for each in every if each.kind == "Real" and each.ref == ref)
