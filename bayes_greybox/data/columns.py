@@ -10,11 +10,9 @@ from bayes_greybox.running.errors import InputError
 
 from .plain_arrays import first_lost, plain_array, since_first
 
+# Names that no column can have, and their meaning.
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
-"""Names that no column can have, and their meaning."""
-
-Columns = Mapping[str, Any]
-"""Columns by name, as users give them."""
+Columns = Mapping[str, Any]  # columns by name, as users give them
 
 
 def derivative_label(state: str, time_name: str = "t") -> str:

@@ -15,13 +15,9 @@ from bayes_greybox.running.errors import InputError
 
 from .trajectories import Trajectories
 
-FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"
-"""Environment variable that names the folder of the data sets."""
-
-SILVERBOX_RATE = 1e7 / 2**14
-"""Sampling rate of the Silverbox record, Hz."""
-TANK_CLIP = 10.0
-"""Level at which the sensor of the cascaded tanks saturates, V."""
+FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"  # environment variable that names the folder of the data sets
+SILVERBOX_RATE = 1e7 / 2**14  # sampling rate of the Silverbox record, Hz
+TANK_CLIP = 10.0  # level at which the sensor of the cascaded tanks saturates, V
 
 
 @dataclass(frozen=True)
@@ -157,8 +153,7 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
     return out
 
 
-IMPACT = 3
-"""Number of frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there."""
+IMPACT = 3  # number of frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there
 
 
 def load_falling_balls(by_ball: bool = False) -> BallDrops:

@@ -142,8 +142,8 @@ def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.nda
     return solution
 
 
+# Share of a row's variance below which its variance given the earlier rows counts as zero: they determine it.
 LEAST_PIVOT_SHARE = 1e-10
-"""Share of a row's variance below which its variance given the earlier rows counts as zero: they determine it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ from .starts_noise import ForcedNoise, Motion, StartsNoise
 from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise, WhiteNoise
 
+# Row noises that files of data and fits can hold, by the name that `RowNoise.to_dict` gives them.
 NOISE_KINDS: dict[str, Any] = {
     noise.kind: noise
     for noise in (
@@ -22,7 +23,6 @@ NOISE_KINDS: dict[str, Any] = {
         OverlappingNoise,
     )
 }  # fmt: skip
-"""Row noises that files of data and fits can hold, by the name that `RowNoise.to_dict` gives them."""
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:

@@ -14,14 +14,9 @@ from jaxtyping import Array, Float
 
 from .starts_noise import Motion
 
-BySample = Float[np.ndarray, "n n_output"]
-"""Numbers by sample and sensor."""
-
-Gains = Float[np.ndarray, "n n_output d"]
-"""Gains of the innovations, sensor by sensor."""
-
-Columns = Float[np.ndarray, "n n_output k"]
-"""Columns of rows by sample and sensor."""
+BySample = Float[np.ndarray, "n n_output"]  # numbers by sample and sensor
+Gains = Float[np.ndarray, "n n_output d"]  # gains of the innovations, sensor by sensor
+Columns = Float[np.ndarray, "n n_output k"]  # columns of rows by sample and sensor
 
 # Data come before physics, where 64-bit is switched on for everything downstream.
 jax.config.update("jax_enable_x64", True)

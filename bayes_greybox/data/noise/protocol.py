@@ -22,14 +22,10 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.running.errors import InputError
 
-WHITE_SHARE = 0.05
-"""Default δ: the share of the row variance that is white."""
-
-PRECISION_COLUMNS = 20
-"""Columns of R⁻¹ that are computed at once: each is as long as the record."""
-
+WHITE_SHARE = 0.05  # default δ: the share of the row variance that is white
+PRECISION_COLUMNS = 20  # columns of R⁻¹ that are computed at once: each is as long as the record
+# Values, the length of each stretch of neighbours, and True if they run along frequency instead of time.
 Sequences = tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]
-"""Values, the length of each stretch of neighbours, and True if they run along frequency instead of time."""
 
 
 class RowNoise(ABC):

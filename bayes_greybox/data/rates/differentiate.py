@@ -36,8 +36,7 @@ from .rate_filter import RateFilter
 
 AnyRuns = TypeVar("AnyRuns", bound=Runs)
 
-WRAP_FACTOR = 3.0
-"""A record whose last and first sample differ by more than this many largest steps is not periodic."""
+WRAP_FACTOR = 3.0  # a record whose last and first sample differ by more than this many largest steps is not periodic
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,7 @@ from scipy.special import ive
 from bayes_greybox.running.errors import InputError
 
 METHODS = ("savgol", "bandlimited", "spectral")
-ATTENUATION_DB = 80.0
-"""Stop-band attenuation of the band-limited filter."""
+ATTENUATION_DB = 80.0  # stop-band attenuation of the band-limited filter
 GAP_STEPS = 4.0
 """A step this many times the usual one is a gap, in which interpolation would invent samples.
 
@@ -21,11 +20,9 @@ Stamps that have to be even have no such step by chance. Where they may be uneve
 anew after one that is longer still, `gaps.ANEW`.
 """
 
+# Largest relative deviation of a sample spacing from the mean spacing, beside the rounding of the stamps.
 STEP_TOLERANCE = 1e-3
-"""Largest relative deviation of a sample spacing from the mean spacing, beside the rounding of the stamps."""
-
-UNDERSMOOTHING = 0.75
-"""Factor on the window that cross-validation finds, see `savgol_window`."""
+UNDERSMOOTHING = 0.75  # factor on the window that cross-validation finds, see `savgol_window`
 
 
 def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:

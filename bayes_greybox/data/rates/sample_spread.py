@@ -21,29 +21,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import norm, qmc
 
-Columns = Mapping[str, Float[np.ndarray, " n"]]
-"""States and inputs at some samples, by name."""
-
-Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]
-"""Function from columns to values."""
-
-MEAN_POINTS = 64
-"""Points of a mean: it crosses a jump in so many steps."""
-
-NOISE_REACH = 2.5
-"""Standard deviations of the noise at which a jump is looked for."""
-
+Columns = Mapping[str, Float[np.ndarray, " n"]]  # states and inputs at some samples, by name
+Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]  # function from columns to values
+MEAN_POINTS = 64  # points of a mean: it crosses a jump in so many steps
+NOISE_REACH = 2.5  # standard deviations of the noise at which a jump is looked for
+# Second difference over a part of the reach, as a share of the largest value there, from which on a term jumps.
 JUMP = 0.5
-"""Second difference over a part of the reach, as a share of the largest value there, from which on a term jumps."""
-
-BEND_PARTS = 16
-"""Parts of the reach by which a kink is distinguished from a smooth curve."""
-
-MOST_AVERAGED_AT_ONCE = 1_000_000
-"""Largest number of values that are averaged at once, which bounds the memory."""
-
+BEND_PARTS = 16  # parts of the reach by which a kink is distinguished from a smooth curve
+MOST_AVERAGED_AT_ONCE = 1_000_000  # largest number of values that are averaged at once, which bounds the memory
+# Endings of the keys of a column's changes; no name has a space.
 NEXT, LAST = " to the next sample", " from the last sample"
-"""Endings of the keys of a column's changes; no name has a space."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ from bayes_greybox.running.errors import InputError
 from .table import Layout, Table, capital
 from .units import is_number
 
-COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
-"""Pattern of a number with a comma for its decimal mark."""
+COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"  # pattern of a number with a comma for its decimal mark
 
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
@@ -26,11 +25,10 @@ _NO_NUMBER = "?"
 _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT_DATE = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _SECOND_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
+# Pattern of a time of day with seconds and no fraction of them.
 _WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
-"""Pattern of a time of day with seconds and no fraction of them."""
-
+# Pattern of a time of day with its zone.
 _ZONE = re.compile(r"[T:]\d{2,6}(?:[.,]\d+)?\s*(?:Z|z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)$")
-"""Pattern of a time of day with its zone."""
 
 
 class Stamps(NamedTuple):

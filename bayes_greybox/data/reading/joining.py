@@ -17,8 +17,7 @@ from .door import layout_of
 from .sources import read_source
 from .table import Layout, Table, capital
 
-HOW = ("linear", "hold")
-"""Ways in which an input goes on between two of its samples."""
+HOW = ("linear", "hold")  # ways in which an input goes on between two of its samples
 
 
 def join(

@@ -14,14 +14,9 @@ from bayes_greybox.running.errors import InputError
 from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
-Rows = Int[np.ndarray, " _"]
-"""Numbers of rows."""
-
-Time = Float[np.ndarray, " n_row"]
-"""Stamps of a table, NaN where one is missing."""
-
-MOST_NIGHTS = 4
-"""Most steps of a run that may be off by an hour because clocks were changed: those of some years."""
+Rows = Int[np.ndarray, " _"]  # numbers of rows
+Time = Float[np.ndarray, " n_row"]  # stamps of a table, NaN where one is missing
+MOST_NIGHTS = 4  # most steps of a run that may be off by an hour because clocks were changed: those of some years
 
 
 @dataclass(frozen=True)

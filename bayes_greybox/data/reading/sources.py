@@ -71,6 +71,7 @@ def _in_order(name: str) -> list[tuple[int, str]]:
 
 INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
+# Advice on files that are not read.
 SAVE_AS = {
     ".xls": "save it as .xlsx",
     ".xlsb": "save it as .xlsx",
@@ -84,7 +85,6 @@ SAVE_AS = {
     ".npz": "load it with numpy.load and pass bg.read({name: column, ...})",
     ".json": "read it with pandas.read_json and pass the DataFrame",
 }
-"""Advice on files that are not read."""
 
 
 def read_source(source: Any, layout: Layout) -> Table:
@@ -268,6 +268,7 @@ def dataset_table(dataset: Any, where: str) -> Table:
     return Table(frame[kept].rename(columns=str), where, units, remarks=remarks, dimensions=dimensions)
 
 
+# Readers of files by extension.
 TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
     ".csv": read_text,
     ".tsv": read_text,
@@ -280,4 +281,3 @@ TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
     ".nc": read_netcdf,
     ".lvm": read_lvm,
 }
-"""Readers of files by extension."""

@@ -16,8 +16,7 @@ from bayes_greybox.running.limits import is_finite
 from .resampling import decimated, even_times, interpolated, rows_named
 from .stacked import Runs
 
-AnyRuns = TypeVar("AnyRuns", bound="CutRuns")
-"""Class of the data that are cut, and of the result."""
+AnyRuns = TypeVar("AnyRuns", bound="CutRuns")  # class of the data that are cut, and of the result
 
 
 @dataclass(frozen=True, eq=False, repr=False)

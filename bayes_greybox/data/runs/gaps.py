@@ -11,14 +11,9 @@ unasked. Samples may have random times (of exponential steps 6 % are longer than
 stretch of the inputs, and a new start that is not needed costs information.
 """
 
-USUAL_STEPS_SHARE = 0.9
-"""Share of the steps of a run that are certainly no gaps; stamps may be uneven."""
-
-COMPARED_STEPS = 5
-"""Steps on either side of one that it is compared with."""
-
-FEWEST_PART_ROWS = 25
-"""Fewest rows of a part: a shorter one has little information and would need a start of its own."""
+USUAL_STEPS_SHARE = 0.9  # share of the steps of a run that are certainly no gaps; stamps may be uneven
+COMPARED_STEPS = 5  # steps on either side of one that it is compared with
+FEWEST_PART_ROWS = 25  # fewest rows of a part: a shorter one has little information and would need a start of its own
 
 
 def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL_STEPS_SHARE) -> list[int]:

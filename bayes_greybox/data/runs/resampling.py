@@ -11,14 +11,10 @@ from bayes_greybox.data.rates.differentiate import uniform_step
 from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.running.errors import InputError
 
-COARSER = 1.5
-"""Largest ratio of a new step to the usual one: at longer steps fast motion would alias."""
-
-STAMP_ROUNDING = 1e-6
-"""Share of a step by which stamps may be off by rounding."""
-
+COARSER = 1.5  # largest ratio of a new step to the usual one: at longer steps fast motion would alias
+STAMP_ROUNDING = 1e-6  # share of a step by which stamps may be off by rounding
+# Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps.
 HALF_WINDOW = 10
-"""Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps."""
 
 
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:

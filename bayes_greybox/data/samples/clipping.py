@@ -10,14 +10,9 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .sample_noise import sample_noise
 
-CLIPPED_IN_A_ROW = 3
-"""Samples in a row at the very end of a sensor's range from which on they are clipped."""
-
-MOST_CLIPPED = 0.5
-"""Share of samples at the ends from which on a channel rests and is not clipped."""
-
-MANY_LEVELS = 0.5
-"""Ratio of different values to samples below which a sensor is coarse."""
+CLIPPED_IN_A_ROW = 3  # samples in a row at the very end of a sensor's range from which on they are clipped
+MOST_CLIPPED = 0.5  # share of samples at the ends from which on a channel rests and is not clipped
+MANY_LEVELS = 0.5  # ratio of different values to samples below which a sensor is coarse
 
 
 def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:

@@ -151,8 +151,8 @@ def _kinds(file: Any) -> dict[str, str]:
     return {str(name): empty[name].dtype.kind for name in empty.columns}
 
 
+# Readers in pieces by extension.
 STREAM_READERS = {".parquet": parquet_rows, ".nc": labelled_rows, ".zarr": labelled_rows}
-"""Readers in pieces by extension."""
 
 
 def stream(

@@ -13,11 +13,8 @@ from bayes_greybox.running.limits import Count, require_limits
 
 from .whole_runs import some_runs, stacked_runs
 
-SAMPLE_ROWS = 2000
-"""Rows of the sample by default."""
-
-STRETCHES = 10
-"""Stretches of the sample; their rows follow each other, as some checks compare neighbours."""
+SAMPLE_ROWS = 2000  # rows of the sample by default
+STRETCHES = 10  # stretches of the sample; their rows follow each other, as some checks compare neighbours
 
 
 @runtime_checkable

@@ -16,11 +16,8 @@ from bayes_greybox.running.errors import InputError
 
 from .asked import Asked
 
-ROWS_HELD_TOGETHER = 2048
-"""Rows of short runs that are read together; a longer run is read alone."""
-
-REMEMBERED_RUNS = 100_000
-"""Latest runs of a file whose names are remembered, to refuse rows of the same run elsewhere."""
+ROWS_HELD_TOGETHER = 2048  # rows of short runs that are read together; a longer run is read alone
+REMEMBERED_RUNS = 100_000  # latest runs of a file whose names are remembered, to refuse rows of the same run elsewhere
 
 
 class Piece(NamedTuple):

@@ -23,17 +23,11 @@ from scipy.special import beta
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.runs.gaps import after_gaps
 
+# Numbers of neighbours on either side that are tried.
 HALF_WIDTHS = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 125, 160, 200)
-"""Numbers of neighbours on either side that are tried."""
-
-FEWEST_FITS = 8
-"""Windows that a stretch holds at least for a width to be tried."""
-
-MOST_FITS = 2000
-"""Samples, evenly thinned, at which widths are compared."""
-
-WEIGHTS_AT_ONCE = 200_000
-"""Weights that are computed at once."""
+FEWEST_FITS = 8  # windows that a stretch holds at least for a width to be tried
+MOST_FITS = 2000  # samples, evenly thinned, at which widths are compared
+WEIGHTS_AT_ONCE = 200_000  # weights that are computed at once
 
 
 @dataclass(frozen=True)
@@ -140,17 +134,11 @@ def _weights(offset: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return solved[..., 0], solved[..., 1] / size[:, None]
 
 
-POWER = 8
-"""p: at the ends of a bump its first seven derivatives vanish."""
-
+POWER = 8  # p: at the ends of a bump its first seven derivatives vanish
+# Centres within one radius: neighbours overlap by seven eighths, and whitening accounts for the samples they share.
 CENTRES_PER_RADIUS = 4
-"""Centres within one radius: neighbours overlap by seven eighths, and whitening accounts for the samples they share."""
-
-FEWEST_RADIUS_STEPS = 8
-"""Fewest steps of a radius: fewer do not integrate a bump."""
-
-NODES_PER_STEP = 6
-"""Nodes of Gauss and Legendre in each step, where steps are uneven."""
+FEWEST_RADIUS_STEPS = 8  # fewest steps of a radius: fewer do not integrate a bump
+NODES_PER_STEP = 6  # nodes of Gauss and Legendre in each step, where steps are uneven
 
 
 @dataclass(frozen=True, eq=False)
