@@ -49,14 +49,16 @@ def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[
 
     Returns the stamps, and a remark for each such run.
     """
-    arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
-    long = [first_lost(stamps) is not None for stamps in arrays]
-    remarks = tuple(
-        f'the time of run "{name}", of more digits than a float holds, counts from its first stamp, {stamps.min()}'
-        for name, stamps, counted in zip(names, arrays, long, strict=True)
-        if counted
-    )
-    return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], remarks
+    counted, remarks = [], []
+    for run, name in zip(runs, names, strict=True):
+        what = f'time of run "{name}"'
+        stamps = plain_array(run, what)
+        if first_lost(stamps) is not None:
+            first = f"counts from its first stamp, {stamps.min()}"
+            remarks.append(f"the {what}, of more digits than a float holds, {first}")
+            stamps = since_first(stamps)
+        counted.append(stamps)
+    return counted, tuple(remarks)
 
 
 def name_runs(run_names: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
@@ -158,14 +160,13 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
         try:
             raw = plain_array(values, what)
             # NumPy would turn dates into ticks without a word.
-            dates = raw.dtype.kind in "mM"
-            array = raw if dates else np.asarray(raw, dtype=float)
+            if raw.dtype.kind in "mM":
+                raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
+            array = np.asarray(raw, dtype=float)
         except InputError:
             raise
         except (TypeError, ValueError) as error:
             raise InputError(f"The {what} is not numeric; convert it to numbers.") from error
-        if dates:
-            raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
         lost = first_lost(raw)
         if lost is not None:
             raise InputError(
@@ -174,13 +175,12 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
             )
         if array.ndim != 1:
             raise InputError(
-                f'The {label} of run "{name}" has shape {array.shape}; give one-dimensional arrays, one '
-                "for each column and run."
+                f"The {what} has shape {array.shape}; give one-dimensional arrays, one for each column and run."
             )
         if len(array) != length:
             raise InputError(
-                f'The {label} of run "{name}" has {len(array)} rows but the time has {length}; every column '
-                "needs one value for each time stamp."
+                f"The {what} has {len(array)} rows but the time has {length}; every column needs one value for each "
+                "time stamp."
             )
         if length == 0:
             raise InputError(f'Run "{name}" has no rows; leave it out.')
@@ -200,13 +200,12 @@ def usable_rows(columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple
             row = first - int(np.argmax(run == run[first]))
             raise InputError(
                 f"The {label} has {int(np.sum(bad))} missing or infinite values (NaN or inf), the first in "
-                f'row {row} of run "{names[run[first]]}"; repair them or pass missing="drop" to leave out '
-                "their rows."
+                f'row {row} of run "{names[run[first]]}"; repair them or pass missing="drop" to leave out their rows.'
             )
         keep &= ~bad
-    for i, name in enumerate(names):
-        if not np.any(keep[run == i]):
-            raise InputError(f'Run "{name}" has no row without missing values; leave it out.')
+    lost = np.flatnonzero(np.bincount(run[keep], minlength=len(names)) == 0)
+    if len(lost):
+        raise InputError(f'Run "{names[lost[0]]}" has no row without missing values; leave it out.')
     return keep
 
 
@@ -247,14 +246,14 @@ def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by
     """Return the number of rows of each run that belong to the first part of a split."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction must lie between 0 and 1, not {fraction}.")
+    if by not in ("time", "trajectory"):
+        raise InputError(f'by must be "time" or "trajectory", not {by!r}.')
     if by == "trajectory":
         if len(lengths) < 2:
             raise InputError("Splitting by trajectory needs two runs or more; use by='time' for one run.")
         n_first = min(max(round(fraction * len(lengths)), 1), len(lengths) - 1)
         return [n if i < n_first else 0 for i, n in enumerate(lengths)]
-    if by != "time":
-        raise InputError(f'by must be "time" or "trajectory", not {by!r}.')
-    for name, n in zip(names, lengths, strict=True):
-        if n < 2:
-            raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
+    if 1 in lengths:
+        name = names[list(lengths).index(1)]
+        raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
     return [min(max(round(fraction * n), 1), n - 1) for n in lengths]

@@ -298,9 +298,6 @@ class Trajectories(CutRuns):
     def _computed(self) -> bool:
         return super()._computed or self.samples is not None or self.unseen is not None
 
-    def _after(self, first: Any) -> "Trajectories":
-        return replace(self, before=first)
-
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
         # Samples and unseen rows are cut separately: columns of one object must have one length at all times.
         cut = super(Trajectories, replace(self, samples=None, unseen=None))._at(rows, noise)

@@ -35,8 +35,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
 
 def _filled(kind: Callable[..., Any], record: Mapping[str, Any]) -> Any:
     """Return a noise with those of its fields that a record has; a value that is no such field is refused here."""
-    declared = {name: each.annotation for name, each in signature(kind).parameters.items() if name in record}
-    return kind(**{name: _field(name, declared[name], record[name]) for name in declared})
+    fields = {name: each.annotation for name, each in signature(kind).parameters.items() if name in record}
+    return kind(**{name: _field(name, declared, record[name]) for name, declared in fields.items()})
 
 
 def _field(name: str, declared: Any, value: Any) -> Any:

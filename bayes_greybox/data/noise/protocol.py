@@ -29,25 +29,16 @@ Sequences = tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]
 
 
 class RowNoise(ABC):
-    """Noise of the stacked rows of one derivative, block by run; each kind is a frozen dataclass.
+    """Noise of the stacked rows of one derivative, block by run; each kind is a frozen dataclass."""
 
-    Attributes:
-        kind: Name in files.
-        unsaved: Fields that files leave out.
-        local: If true, each row is whitened by itself, so that rows can be whitened a chunk at a time.
-        triangular: If true, no row of W depends on a later row.
-        derived: If true, R follows from the noise of the samples and a model, and is not estimated from the rows.
-        scale: Standard deviation of the derivative rows over that of the state samples, in the units of the data
-            (1/time for a first derivative).
-    """
-
-    kind: ClassVar[str]
-    unsaved: ClassVar[tuple[str, ...]] = ()
-    local: ClassVar[bool] = False
-    triangular: ClassVar[bool] = True
+    kind: ClassVar[str]  # name in files
+    unsaved: ClassVar[tuple[str, ...]] = ()  # fields that files leave out
+    local: ClassVar[bool] = False  # true if each row is whitened by itself: rows can be whitened a chunk at a time
+    triangular: ClassVar[bool] = True  # true if no row of W depends on a later row
+    # True if R follows from the noise of the samples and a model, and is not estimated from the rows.
     derived: ClassVar[bool] = False
     run_lengths: tuple[int, ...]
-    scale: float
+    scale: float  # standard deviation of the rows over that of the state samples, in the units of the data
 
     @property
     def n_obs(self) -> int:
@@ -72,7 +63,7 @@ class RowNoise(ABC):
     @property
     def n_white(self) -> int:
         """Number of whitened rows: one for each row, unless R is singular."""
-        return self.n_obs
+        return sum(self.white_lengths)
 
     @property
     @abstractmethod
@@ -119,11 +110,7 @@ class RowNoise(ABC):
     def starts_given(
         self, rows: Float[np.ndarray, "n_obs k"], white: Float[np.ndarray, "n_start k"]
     ) -> tuple[Float[np.ndarray, "n_start k"], Float[np.ndarray, "n_obs k"]]:
-        """Draw the unknown starts of runs given residuals over σ, from standard normal numbers `white`.
-
-        Returns:
-            The starts, and the residuals less the part that they explain, both over σ.
-        """
+        """Draw the starts of runs given residuals over σ, from standard normal numbers, and the residuals less them."""
         return white, rows
 
     @property
@@ -167,10 +154,8 @@ class RowNoise(ABC):
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":
         """Return the noise of a part of the rows, its mean diagonal of R again 1 and scale² R unchanged.
 
-        `bounds` is the half-open range of rows that stay, for each run; an empty range leaves the run out.
-
-        Raises:
-            InputError: The rows of a run cannot be parted.
+        `bounds` is the half-open range of rows that stay, for each run; an empty range leaves the run out. Rows that
+        cannot be parted are refused.
         """
 
     def to_dict(self) -> dict[str, Any]:
@@ -183,6 +168,12 @@ def check_white_share(share: float) -> None:
     """Refuse a white share outside (0, 1]."""
     if not 0.0 < share <= 1.0:
         raise InputError(f"white_share must be above 0 and at most 1, not {share}; the default is {WHITE_SHARE}.")
+
+
+def rows_within(run_lengths: Sequence[int], bounds: Sequence[tuple[int, int]]) -> Int[np.ndarray, " k"]:
+    """Return the numbers of contiguous rows of each run, as half-open ranges."""
+    starts = np.cumsum([0, *run_lengths[:-1]])
+    return np.concatenate([np.arange(start + a, start + b) for start, (a, b) in zip(starts, bounds, strict=True)])
 
 
 def unit_columns(n: int, rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:

@@ -39,20 +39,13 @@ class _Gains(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StateSpaceNoise(RowNoise):
-    """R of a process in time plus white noise.
-
-    Attributes:
-        times: Time stamps of each run, increasing.
-        process: One of `PROCESSES`.
-        time_scale: τ, in units of time.
-        white: w, the share of the variance that is white, from 0 to 1.
-    """
+    """R of a process in time plus white noise."""
 
     kind: ClassVar[str] = "state space"
-    times: tuple[Float[np.ndarray, " _"], ...]
-    process: str
-    time_scale: float
-    white: float
+    times: tuple[Float[np.ndarray, " _"], ...]  # time stamps of each run, increasing
+    process: str  # one of `PROCESSES`
+    time_scale: float  # τ, in units of time
+    white: float  # w, the share of the variance that is white, from 0 to 1
     scale: float = 1.0
 
     def __post_init__(self) -> None:

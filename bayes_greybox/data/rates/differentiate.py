@@ -2,12 +2,11 @@
 
 Derivatives, states and inputs are filtered alike. `data.rates.rate_filter` says how the filter changes the true rate,
 and therefore every term of the equation. Rows at the edges, where a filter would invent samples, are dropped.
-
-`Trajectories.differentiate` is the user's way in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -168,7 +167,7 @@ def _window_filter(
 
 
 def _different(steps: Sequence[float]) -> tuple[float, ...]:
-    """Drop steps that are equal to an earlier one within the tolerance."""
+    """Drop steps that are equal to one that was kept within the tolerance."""
     different: list[float] = []
     for step in steps:
         if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
@@ -180,21 +179,18 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     """Return the sample spacing of one run, and refuse uneven ones."""
     if len(time) < 2:
         raise InputError(f'Run "{name}" has one row and cannot be differentiated; leave it out.')
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    deviation = np.abs(np.diff(time) - step)
-    worst = int(np.argmax(deviation))
-    slack = step_slack(time, step)
-    if deviation[worst] > slack:
-        steps = np.diff(time)
+    step, steps = float(time[-1] - time[0]) / (len(time) - 1), np.diff(time)
+    worst, slack = int(np.argmax(np.abs(steps - step))), step_slack(time, step)
+    if abs(steps[worst] - step) > slack:
         usual = float(np.median(steps))
         # Single missing rows are put back at the usual step; jittered stamps keep their mean step.
         even = step if np.mean(np.abs(steps - usual) <= slack) < 0.5 else usual
         gap = np.max(steps) > GAP_STEPS * usual
         remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"
         raise InputError(
-            f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} '
-            f"where the mean step is {step:.6g}; {remedy}, or give measured derivatives, or take the samples as they "
-            "are, without differentiating them (in a file without [data.differentiate]): those need no even steps."
+            f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} where the mean '
+            f"step is {step:.6g}; {remedy}, or give measured derivatives, or take the samples as they are, without "
+            "differentiating them (in a file without [data.differentiate]): those need no even steps."
         )
     return step
 
@@ -219,13 +215,12 @@ def _check_request(data: Runs, rates: Mapping[str, str]) -> None:
 
 
 def _check_periodic(columns: Mapping[str, np.ndarray], blocks: Sequence[np.ndarray], run_names: Sequence[str]) -> None:
-    for name, values in columns.items():
-        for rows, run_name in zip(blocks, run_names, strict=True):
-            jump = abs(values[rows[0]] - values[rows[-1]])
-            largest = float(np.max(np.abs(np.diff(values[rows]))))
-            if jump > WRAP_FACTOR * largest:
-                raise InputError(
-                    f'Run "{run_name}" is not a whole number of periods: state "{name}" jumps by {jump:.3g} '
-                    f"from its last row to its first, but by {largest:.3g} at most between rows; cut it to "
-                    "whole periods, or use method='savgol' or 'bandlimited'."
-                )
+    for (name, values), (rows, run_name) in product(columns.items(), zip(blocks, run_names, strict=True)):
+        jump = abs(values[rows[0]] - values[rows[-1]])
+        largest = float(np.max(np.abs(np.diff(values[rows]))))
+        if jump > WRAP_FACTOR * largest:
+            raise InputError(
+                f'Run "{run_name}" is not a whole number of periods: state "{name}" jumps by {jump:.3g} from its last '
+                f"row to its first, but by {largest:.3g} at most between rows; cut it to whole periods, or use "
+                "method='savgol' or 'bandlimited'."
+            )

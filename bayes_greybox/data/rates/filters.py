@@ -34,13 +34,9 @@ def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
 
 
 def filter_taps(
-    order: int,
-    method: str = "savgol",
-    *,
-    window: int | None = None,
-    polyorder: int | None = None,
+    order: int, method: str = "savgol", *, window: int | None = None, polyorder: int | None = None,
     band: float | None = None,
-) -> Float[np.ndarray, " n_tap"]:
+) -> Float[np.ndarray, " n_tap"]:  # fmt: skip
     """Return taps c of a finite impulse response differentiator for unit sample spacing.
 
     The filtered row is d_n = Σ_k c_k x_{n+k}, k = −w/2 … w/2; divide by step^order for other spacings.
@@ -90,16 +86,13 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
 
     Cross-validation minimises Σ_columns log [ mean(r²) / (1 − c_0)² ], r the residual of the smoothed
     samples and c_0 the centre tap (the trace of the smoother per row), over rows that every
-    candidate can filter (Craven & Wahba 1979, Numer. Math. 31:377). For a local polynomial this is
-    leave-one-out prediction of the centre sample. It assumes noise that is white from sample to sample; give
-    the window where it is not.
+    candidate can filter (Craven & Wahba 1979, Numer. Math. 31:377). For a local polynomial this is leave-one-out
+    prediction of the centre sample. It assumes noise that is white from sample to sample.
 
     That window balances noise against truncation error. The covariance of the rows accounts for noise only, so the
     window returned is UNDERSMOOTHING times as long: the truncation error of a second derivative falls by two thirds,
     its noise doubles and is known. It is odd, at most a third of the shortest run and 401; a run too short for any is
-    refused.
-
-    `series` has the runs of each column.
+    refused. `series` has the runs of each column.
     """
     smallest = polyorder + 2 + (polyorder + 1) % 2
     shortest = min(len(values) for runs in series for values in runs)
@@ -118,13 +111,9 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
         trim, score = half - candidate // 2, 0.0
         # A column of zeros has no information on the window.
         for runs in (runs for runs in series if any(np.any(values) for values in runs)):
-            residual = np.concatenate(
-                [
-                    values[half : len(values) - half]
-                    - np.correlate(values, taps, "valid")[trim : len(values) - candidate + 1 - trim]
-                    for values in runs
-                ]
-            )
+            smooth = [np.correlate(values, taps, "valid") for values in runs]
+            pairs = zip(runs, smooth, strict=True)
+            residual = np.concatenate([x[half : len(x) - half] - y[trim : len(y) - trim] for x, y in pairs])
             # The floor keeps noise-free data, whose residual is rounding error, from a log of zero.
             floor = np.finfo(float).eps ** 2 * float(np.mean(np.concatenate(list(runs)) ** 2))
             square = max(float(np.mean(residual**2)) + floor, np.finfo(float).tiny)

@@ -30,26 +30,19 @@ STRETCH_SAMPLES = 16_384  # samples at which a table is evaluated at once
 
 @dataclass(frozen=True)
 class RateFilter:
-    """Filter that computed the rates of data; two are equal if they treat any data set alike.
+    """Filter that computed the rates of data; two are equal if they treat any data set alike."""
 
-    Attributes:
-        method: "savgol", "bandlimited" or "spectral".
-        window: Taps; 0 for spectral.
-        band: Edge of the pass band, cycles per unit of time (bandlimited, spectral).
-        orders: Order of the derivative by the state whose equation the row is; 0 where the rate was measured and
-            smoothed.
-        steps: Different sample spacings of the runs, that of the first run first.
-        sample_noise: Standard deviation of the white noise on each measured state.
-    """
-
-    method: str
-    window: int
+    method: str  # "savgol", "bandlimited" or "spectral"
+    window: int  # taps; 0 for spectral
     polyorder: int | None
-    band: float | None
+    band: float | None  # edge of the pass band, cycles per unit of time (bandlimited, spectral)
     white_share: float
     rates: tuple[tuple[str, str], ...]
+    # Order of the derivative by the state whose equation the row is; 0 where the rate was measured and smoothed.
     orders: tuple[tuple[str, int], ...]
+    # Different sample spacings of the runs, that of the first run first.
     steps: tuple[float, ...] = field(compare=False)
+    # Standard deviation of the white noise on each measured state.
     sample_noise: tuple[tuple[str, float], ...] = field(default=(), compare=False)
 
     @property
@@ -61,8 +54,8 @@ class RateFilter:
     def in_words(self) -> str:
         """Description for remarks, such as "differentiated by savgol, window 21"."""
         settings = {"window": self.window or None, "polyorder": self.polyorder, "band": self.band}
-        words = [f"{name} {value:g}" for name, value in settings.items() if value is not None]
-        return ", ".join([f"differentiated by {self.method}", *words])
+        words = [f", {name} {value:g}" for name, value in settings.items() if value is not None]
+        return f"differentiated by {self.method}{''.join(words)}"
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -134,17 +127,11 @@ class RateFilter:
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
         # Numbers of a damaged file are refused here, where its name is known.
-        return cls(
-            method=record["method"],
-            window=int(record["window"]),
-            polyorder=record["polyorder"],
-            band=record["band"],
-            white_share=float(record["white_share"]),
-            rates=tuple(record["rates"].items()),
-            orders=tuple((name, int(order)) for name, order in record["orders"].items()),
-            steps=tuple(record["steps"]),
-            sample_noise=tuple(record["sample_noise"].items()),
-        )
+        numbers = {"window": int(record["window"]), "white_share": float(record["white_share"])}
+        pairs = {name: tuple(record[name].items()) for name in ("rates", "sample_noise")}
+        orders = tuple((name, int(order)) for name, order in record["orders"].items())
+        plain = {name: record[name] for name in ("method", "polyorder", "band")}
+        return cls(**plain, **numbers, **pairs, orders=orders, steps=tuple(record["steps"]))
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
         """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""
@@ -161,14 +148,10 @@ class RowOperator:
     """Operator V from values at the samples to values of the rows, smoothed by s and taken every so many samples.
 
     Samples whose window reaches beyond their run have no row; a run shorter than the window has none.
-
-    Attributes:
-        weights: s.
-        every: Distance of rows in samples.
     """
 
-    weights: Float[np.ndarray, " window"]
-    every: int
+    weights: Float[np.ndarray, " window"]  # s
+    every: int  # distance of rows in samples
     run_lengths: tuple[int, ...]
 
     @property

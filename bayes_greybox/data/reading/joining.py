@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.data.runs.resampling import interpolated
@@ -21,15 +21,9 @@ HOW = ("linear", "hold")  # ways in which an input goes on between two of its sa
 
 
 def join(
-    inputs: Any,
-    measurements: Any,
-    *,
-    time: str | Sequence[str],
-    how: str = "linear",
-    offset: float = 0.0,
-    run: str | None = None,
-    **layout: Any,
-) -> pd.DataFrame:
+    inputs: Any, measurements: Any, *, time: str | Sequence[str], how: str = "linear", offset: float = 0.0,
+    run: str | None = None, **layout: Any,
+) -> pd.DataFrame:  # fmt: skip
     """Return the rows of the measurements with the inputs at their times beside them, for `read`.
 
     Where the inputs are not known at a row, before their first sample, after their last or, with lines, in a gap of
@@ -92,16 +86,14 @@ def join(
     )
 
 
-def _times(
-    first: Table, second: Table, clocks: Sequence[str], layout: Layout
-) -> tuple[Float[np.ndarray, " n_input"], Float[np.ndarray, " n_row"]]:
+def _times(first: Table, second: Table, clocks: Sequence[str], layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Return the stamps of both tables, counted from one time."""
-    where = f"{first.where} and {second.where}"
-    units = [table.units.get(name) for table, name in zip((first, second), clocks, strict=True)]
+    where, both = f"{first.where} and {second.where}", list(zip((first, second), clocks, strict=True))
+    units = [table.units.get(name) for table, name in both]
     if None not in units and units[0] != units[1]:
         raise InputError(f"The times of {where} are in {units[0]} and in {units[1]}: convert one.")
-    one, two = (table.frame[name] for table, name in zip((first, second), clocks, strict=True))
-    dated = [stamps(table, name, layout).dated for table, name in zip((first, second), clocks, strict=True)]
+    one, two = (table.frame[name] for table, name in both)
+    dated = [stamps(table, name, layout).dated for table, name in both]
     if dated[0] != dated[1]:
         raise InputError(f"The stamps of {where} differ, dates in only one of them: convert one.")
     together = pd.DataFrame({"t": pd.concat([one, two], ignore_index=True)})
@@ -129,14 +121,12 @@ def _require_forward(time: Float[np.ndarray, " n"], table: Table, name: str) -> 
         )
 
 
-def _at(
-    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"], how: str
-) -> Float[np.ndarray, " m"]:
+def _at(time: np.ndarray, values: np.ndarray, at: Float[np.ndarray, " m"], how: str) -> Float[np.ndarray, " m"]:
     """Return one input at other times, NaN where it is not known."""
     out = np.full(len(at), np.nan)
     if len(time) < 2:
         return np.where(at >= time[0], values[0], np.nan) if len(time) and how == "hold" else out
-    inside: Bool[np.ndarray, " m"] = at >= time[0]
+    inside = at >= time[0]
     if how == "linear":
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         wide = time[after] - time[after - 1] > GAP_STEPS * np.median(np.diff(time))

@@ -14,20 +14,16 @@ from bayes_greybox.running.errors import InputError
 from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
-Rows = Int[np.ndarray, " _"]  # numbers of rows
+Rows = Int[np.ndarray, " _"]
 Time = Float[np.ndarray, " n_row"]  # stamps of a table, NaN where one is missing
 MOST_NIGHTS = 4  # most steps of a run that may be off by an hour because clocks were changed: those of some years
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Columns that are asked of a table, and what tells its runs apart; see `read` for each.
+    """Columns that are asked of a table, and what tells its runs apart; see `read` for each."""
 
-    Attributes:
-        kinds: Column by name for each of "state", "input", "derivative" and "output".
-    """
-
-    kinds: Mapping[str, Mapping[str, str]]
+    kinds: Mapping[str, Mapping[str, str]]  # column by name for each of "state", "input", "derivative" and "output"
     time: str | None
     dt: float | None
     run: str | None
@@ -36,20 +32,15 @@ class Asked:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Runs of one source.
-
-    Attributes:
-        columns: Values of each run by kind and name; the time's under ("time", "t").
-        units: Units that the source states, by name as `Trajectories` has them.
-        remarks: Changes that the source does not state itself.
-    """
+    """Runs of one source."""
 
     names: list[str]
+    # Values of each run by kind and name; the time's under ("time", "t").
     columns: dict[tuple[str, str], list[Float[np.ndarray, " _"]]]
-    units: dict[str, str]
+    units: dict[str, str]  # units that the source states, by name as `Trajectories` has them
     dated: bool
     where: str
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # changes that the source does not state itself
 
 
 def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
@@ -189,15 +180,12 @@ def _restarted(
     time: Time, groups: list[Rows], names: list[str], alone: bool, where: str, remarks: list[str]
 ) -> tuple[list[Rows], list[str]]:
     """Cut runs wherever the time goes back; parts of a run that has a name have its name and a number."""
-    parts: list[np.ndarray] = []
-    labels: list[str] = []
+    parts: list[tuple[Rows, str]] = []
     for rows, name in zip(groups, names, strict=True):
         stamped = rows[np.isfinite(time[rows])]
-        back = stamped[1:][np.diff(time[stamped]) < 0]
-        pieces = np.split(rows, np.searchsorted(rows, back))
-        parts += pieces
+        pieces = np.split(rows, np.searchsorted(rows, stamped[1:][np.diff(time[stamped]) < 0]))
         numbered = [str(i) if alone else f"{name}/{i}" for i in range(len(pieces))]
-        labels += numbered if len(pieces) > 1 else [name]
+        parts += zip(pieces, numbered if len(pieces) > 1 else [name], strict=True)
     if len(parts) > len(groups):
         remarks.append(f"a new run begins wherever the time of {where} goes back: {len(parts)} runs")
-    return parts, labels
+    return [rows for rows, _ in parts], [name for _, name in parts]

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from bayes_greybox.data.columns import split_cuts
-from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.noise.protocol import RowNoise, rows_within
 from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import is_finite
@@ -34,19 +34,16 @@ class CutRuns(Runs):
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
     def leave_out(self: AnyRuns, runs: str | Sequence[str]) -> AnyRuns:
-        """Return the other runs; see `run_names` for their names.
-
-        Raises:
-            InputError: There is no such run, or no other.
-        """
+        """Return the other runs, as in `run_names`; a run that there is not, and no other, are refused."""
         names = [runs] if isinstance(runs, str) else [*runs]
         for name in names:
             if name not in self.run_names:
                 raise InputError(f"There is no run {name!r} to leave out; there are {', '.join(self.run_names)}.")
         if set(names) == set(self.run_names):
             raise InputError("No run is left: keep at least one.")
-        kept = [0 if name in names else n for name, n in zip(self.run_names, self.run_lengths, strict=True)]
-        return self._restrict([(0, n) for n in kept]).remarked(f"runs that were left out: {', '.join(names)}")
+        kept = zip(self.run_names, self.run_lengths, strict=True)
+        rest = self._restrict([(0, 0 if name in names else n) for name, n in kept])
+        return rest.remarked(f"runs that were left out: {', '.join(names)}")
 
     def keep(self: AnyRuns, rows: Any) -> AnyRuns:
         """Keep some rows; a run that has none of them is left out.
@@ -115,12 +112,7 @@ class CutRuns(Runs):
     def trim(self: AnyRuns, start: float | None = None, end: float | None = None) -> AnyRuns:
         """Keep the rows from one time to another, both included, of every run; a run that has none is left out.
 
-        Args:
-            start: First time; None for that of each run.
-            end: Last time; None for that of each run.
-
-        Raises:
-            InputError: No limit; no row within.
+        None as a limit is the first or last time of each run. No limit, and no row within, are refused.
         """
         if start is None and end is None:
             raise InputError("trim needs start, end or both, in the unit of the time.")
@@ -169,11 +161,7 @@ class CutRuns(Runs):
         cuts = split_cuts(lengths, self.run_names, fraction, by)
         first = self._restrict([(0, cut) for cut in cuts])
         second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
-        return first, second._after(first)
-
-    def _after(self: AnyRuns, first: Any) -> AnyRuns:
-        """Return the same data, which go on where the first ones end."""
-        return self
+        return first, replace(second, before=first)
 
     @property
     def _computed(self) -> bool:
@@ -207,8 +195,7 @@ class CutRuns(Runs):
 
     def _restrict(self: AnyRuns, bounds: Sequence[tuple[int, int]]) -> AnyRuns:
         """Return contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
-        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
-        rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
+        rows = rows_within(self.run_lengths, bounds)
         return self._at(rows, {name: noise.restrict(bounds) for name, noise in self.noise.items()})
 
     def _at(self: AnyRuns, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> AnyRuns:

@@ -21,15 +21,11 @@ PLACES = 200  # windows along the record, evenly spread, on which the truncation
 
 @dataclass(frozen=True)
 class Starts:
-    """State of each run at its first sample.
+    """State of each run at its first sample."""
 
-    Attributes:
-        mean: Its estimate, user's units; the measured sample itself where the states are exact.
-        sd: Its standard deviation, zero where the states are exact.
-    """
-
+    # Its estimate, user's units; the measured sample itself where the states are exact.
     mean: Float[np.ndarray, "n_run n_state"]
-    sd: Float[np.ndarray, "n_run n_state"]
+    sd: Float[np.ndarray, "n_run n_state"]  # its standard deviation, zero where the states are exact
 
     @property
     def exact(self) -> bool:

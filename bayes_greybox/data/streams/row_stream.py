@@ -24,12 +24,10 @@ class Source(Protocol):
     @property
     def where(self) -> str:
         """Description of the source, within a sentence."""
-        ...
 
     @property
     def n_part(self) -> int:
         """Number of parts."""
-        ...
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Yield the rows of a part in order, as many at a time as memory holds; no chunk is empty."""
@@ -76,14 +74,9 @@ class RowStream:
 
     @classmethod
     def from_chunks(
-        cls,
-        chunk: Callable[[int], Trajectories],
-        n_chunk: int,
-        *,
-        sample: int = SAMPLE_ROWS,
-        workers: int | None = None,
-        scheduler: str | None = None,
-    ) -> "RowStream":
+        cls, chunk: Callable[[int], Trajectories], n_chunk: int, *, sample: int = SAMPLE_ROWS,
+        workers: int | None = None, scheduler: str | None = None,
+    ) -> "RowStream":  # fmt: skip
         """Stream rows that a function returns, from a source that `stream` does not read.
 
         Args:
@@ -107,16 +100,14 @@ class RowStream:
     @cached_property
     def sample(self) -> Trajectories:
         """Stretches of rows that follow each other, or whole runs, evenly spaced over the parts."""
-        pieces: list[tuple[int, Trajectories]] = []
         if self.by_run:
             pieces = some_runs(self.source, self.sample_size, STRETCHES)
         else:
             # Stretches are in the middle of equal shares of the parts.
             place = (np.arange(STRETCHES) + 0.5) / STRETCHES * self.source.n_part
             size = max(self.sample_size // STRETCHES, 1)
-            for part in np.unique(place.astype(int)).tolist():
-                stretches = _stretches(self.source, part, place[place.astype(int) == part] - part, size)
-                pieces += [(part, stretch) for stretch in stretches]
+            places = {part: place[place.astype(int) == part] - part for part in np.unique(place.astype(int)).tolist()}
+            pieces = [(part, each) for part in places for each in _stretches(self.source, part, places[part], size)]
         if not pieces:
             raise InputError(f"There are no rows in {self.source.where}.")
         _require_alike([piece for _, piece in pieces])

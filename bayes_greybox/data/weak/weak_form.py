@@ -14,6 +14,8 @@ from the data alone (Stein 1981, Ann. Statist. 9:1135), as mean (x − H x)² + 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -50,27 +52,16 @@ def stretches(time: Float[np.ndarray, " n"], run_lengths: Sequence[int]) -> list
 
 @dataclass(frozen=True, eq=False)
 class LocalFits:
-    """Cubics of one width, at every sample.
+    """Cubics of one width, at every sample."""
 
-    Attributes:
-        neighbours: Samples of each fit.
-        value: Weights of the neighbours in the fit's value at the sample.
-        slope: Weights of the neighbours in the fit's slope at the sample.
-        leverage: Weight of the sample itself.
-    """
-
-    neighbours: Int[np.ndarray, "n m"]
-    value: Float[np.ndarray, "n m"]
-    slope: Float[np.ndarray, "n m"]
-    leverage: Float[np.ndarray, " n"]
+    neighbours: Int[np.ndarray, "n m"]  # samples of each fit
+    value: Float[np.ndarray, "n m"]  # weights of the neighbours in the fit's value at the sample
+    slope: Float[np.ndarray, "n m"]  # weights of the neighbours in the fit's slope at the sample
+    leverage: Float[np.ndarray, " n"]  # weight of the sample itself
 
     @classmethod
     def of(
-        cls,
-        time: Float[np.ndarray, " n"],
-        parts: Sequence[Stretch],
-        half_width: int,
-        at: Int[np.ndarray, " m"] | None = None,
+        cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], half_width: int, at: np.ndarray | None = None
     ) -> "LocalFits":
         """Fit over so many neighbours on either side; at the end of a stretch the window lies on one side.
 
@@ -105,10 +96,7 @@ def chosen_half_widths(
     time: Float[np.ndarray, " n"], columns: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"],
     parts: Sequence[Stretch],
 ) -> tuple[int, ...]:  # fmt: skip
-    """Choose the number of neighbours on either side with the least estimated mean square error, column by column.
-
-    The noise is s of each column.
-    """
+    """Choose the neighbours on either side with the least estimated mean square error, for columns with noise s."""
     longest = max(part.rows[1] - part.rows[0] for part in parts)
     at = np.unique(np.linspace(0, len(time) - 1, MOST_FITS).astype(int))
     tried = [m for m in HALF_WIDTHS if m == HALF_WIDTHS[0] or longest >= FEWEST_FITS * (2 * m + 1)]
@@ -143,23 +131,14 @@ NODES_PER_STEP = 6  # nodes of Gauss and Legendre in each step, where steps are 
 
 @dataclass(frozen=True, eq=False)
 class Bumps:
-    """Test functions along runs, in order of time.
+    """Test functions along runs, in order of time."""
 
-    Attributes:
-        radius: r, units of time.
-        values: Matrix of ∫ φ f dt from values of f at the samples [n_bump, n_sample].
-        slopes: Matrix of ∫ φ̇ f dt.
-        centre: t₀.
-        run: Number of the run of each bump.
-        sample: Nearest sample to each centre.
-    """
-
-    radius: float
-    values: csr_matrix
-    slopes: csr_matrix
-    centre: Float[np.ndarray, " n_bump"]
-    run: Int[np.ndarray, " n_bump"]
-    sample: Int[np.ndarray, " n_bump"]
+    radius: float  # r, units of time
+    values: csr_matrix  # matrix of ∫ φ f dt from values of f at the samples [n_bump, n_sample]
+    slopes: csr_matrix  # matrix of ∫ φ̇ f dt
+    centre: Float[np.ndarray, " n_bump"]  # t₀
+    run: Int[np.ndarray, " n_bump"]  # number of the run of each bump
+    sample: Int[np.ndarray, " n_bump"]  # nearest sample to each centre
 
     @classmethod
     def along(
@@ -184,9 +163,7 @@ def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "
     return size * inside**POWER, -2.0 * POWER * size / radius * u * inside ** (POWER - 1)
 
 
-def _bumps_of_stretch(
-    time: np.ndarray, part: Stretch, radius: float, every: int
-) -> tuple[csr_matrix, csr_matrix, np.ndarray, np.ndarray, np.ndarray] | None:
+def _bumps_of_stretch(time: np.ndarray, part: Stretch, radius: float, every: int) -> tuple[Any, ...] | None:
     """Return the bumps of one stretch: both matrices, centres, runs and nearest samples; None if it is too short."""
     start, stop = part.rows
     t = time[start:stop]
@@ -238,10 +215,8 @@ def _quadrature(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
     samples = t[four]
     # Lagrange's polynomials: ∏ (τ − t_l)/(t_j − t_l)
     basis = np.ones((n - 1, NODES_PER_STEP, 4))
-    for j in range(4):
-        for k in range(4):
-            if k != j:
-                basis[:, :, j] *= (nodes - samples[:, k, None]) / (samples[:, j] - samples[:, k])[:, None]
+    for j, k in permutations(range(4), 2):
+        basis[:, :, j] *= (nodes - samples[:, k, None]) / (samples[:, j] - samples[:, k])[:, None]
     rows = np.repeat(np.arange(nodes.size), 4)
     columns = np.repeat(four[:, None], NODES_PER_STEP, axis=1).ravel()
     cubics = csr_matrix((basis.ravel(), (rows, columns)), shape=(nodes.size, n))
