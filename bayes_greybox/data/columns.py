@@ -45,10 +45,7 @@ def require_mappings(**arguments: Any) -> None:
 
 
 def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
-    """Subtract the first stamp from runs whose stamps are whole numbers of more digits than a float holds.
-
-    Returns the stamps, and a remark for each such run.
-    """
+    """Subtract the first stamp from runs of whole numbers of more digits than a float holds; with remarks on them."""
     counted, remarks = [], []
     for run, name in zip(runs, names, strict=True):
         what = f'time of run "{name}"'
@@ -74,22 +71,26 @@ def name_runs(run_names: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
     return names
 
 
-def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the number of the run of each row, and the names of the runs.
-
-    Labels are numbers or names of runs, whose rows lie together. The names of the runs are the labels by default.
-    """
+def labelled_runs(labels: Any, what: str) -> tuple[np.ndarray, Any, list[str]]:
+    """Return the number of each row's run, and labels and names of the runs in order; refuse a row without a label."""
     if labels.isna().any():
         row = int(np.argmax(labels.isna().to_numpy()))
-        raise InputError(f'The column "run" names no run in row {row}; fill it in, or leave out that row.')
+        raise InputError(f"{what} names no run in row {row}; fill it in, or leave out that row.")
     codes, values = pd.factorize(labels)
+    # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
+    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
+    return codes, values, names
+
+
+def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the number of the run of each row, and the names of the runs: the labels by default."""
+    codes, values, names = labelled_runs(labels, 'The column "run"')
     if np.any(np.diff(codes) < 0):
         row = int(np.argmax(np.diff(codes) < 0)) + 1
         raise InputError(
             f"Rows of run {values[codes[row]]!r} do not lie together: row {row} comes after those of another run; sort "
             'the table, frame.sort_values("run", kind="stable"), or read it with bg.read(frame, run="run", ...).'
         )
-    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
     if run_names is None:
         return codes.astype(np.int64), name_runs(names, len(names))
     listed = name_runs(run_names, len(run_names))
@@ -97,12 +98,11 @@ def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarra
     if pd.api.types.is_numeric_dtype(labels) and all(value in range(len(listed)) for value in values):
         # As `to_frame` writes them.
         numbers = [int(value) for value in values]
-    for name, number in zip(names, numbers, strict=True):
-        if number < 0:
-            raise InputError(
-                f'The column "run" has the run {name!r}, which run_names does not name: it has {", ".join(listed)}; '
-                "name every run, or leave run_names out."
-            )
+    if -1 in numbers:
+        raise InputError(
+            f'The column "run" has the run {names[numbers.index(-1)]!r}, which run_names does not name: it has '
+            f"{', '.join(listed)}; name every run, or leave run_names out."
+        )
     if numbers != list(range(len(listed))):
         raise InputError(
             f'The column "run" has the runs {", ".join(names)}, but run_names names {", ".join(listed)} in this order; '

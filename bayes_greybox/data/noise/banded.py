@@ -14,12 +14,9 @@ from .protocol import WHITE_SHARE, RowNoise, band_by_columns, check_white_share
 
 
 def fir_noise(
-    taps: Float[np.ndarray, " n_tap"],
-    order: int,
-    run_lengths: Sequence[int],
-    steps: Sequence[float],
+    taps: Float[np.ndarray, " n_tap"], order: int, run_lengths: Sequence[int], steps: Sequence[float],
     white_share: float = WHITE_SHARE,
-) -> "BandedNoise":
+) -> "BandedNoise":  # fmt: skip
     """Return the noise of rows computed by a finite impulse response filter, edges dropped.
 
     With G the filter's rows, G Gᵀ is banded Toeplitz with entries Σ_i c_i c_{i+k}. The `taps` are for unit sample
@@ -29,13 +26,8 @@ def fir_noise(
     lengths = np.asarray(run_lengths, dtype=float)
     variances = autocovariance[0] / np.asarray(steps, dtype=float) ** (2 * order)
     mean = float(np.sum(lengths * variances) / np.sum(lengths))
-    return BandedNoise(
-        autocorrelation=autocovariance / autocovariance[0],
-        run_lengths=tuple(int(n) for n in run_lengths),
-        run_variances=variances / mean,
-        scale=math.sqrt(mean),
-        white_share=white_share,
-    )
+    counts = tuple(int(n) for n in run_lengths)
+    return BandedNoise(autocovariance / autocovariance[0], counts, variances / mean, math.sqrt(mean), white_share)
 
 
 class _CholeskyNoise(RowNoise):
@@ -142,8 +134,7 @@ def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.nda
     return solution
 
 
-# Share of a row's variance below which its variance given the earlier rows counts as zero: they determine it.
-LEAST_PIVOT_SHARE = 1e-10
+LEAST_PIVOT_SHARE = 1e-10  # share of its variance below which a row's pivot is zero: earlier rows determine it
 
 
 @dataclass(frozen=True, eq=False)

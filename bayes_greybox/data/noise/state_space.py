@@ -22,10 +22,8 @@ from bayes_greybox.running.errors import InputError
 
 from .protocol import RowNoise
 
-# Correlation functions: rough like a sensor's noise, and smooth like the motion of a system.
-PROCESSES = ("exponential", "matern32")
-# Relative change of the gain below which it is constant: whitening is then a filter with fixed coefficients.
-GAIN_SETTLED = 1e-13
+PROCESSES = ("exponential", "matern32")  # rough like a sensor's noise, and smooth like the motion of a system
+GAIN_SETTLED = 1e-13  # relative change of the gain below which whitening is a filter with fixed coefficients
 
 
 class _Gains(NamedTuple):

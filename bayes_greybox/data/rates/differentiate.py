@@ -59,11 +59,7 @@ class _Filter(NamedTuple):
 
 
 def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int[np.ndarray, " n_row"]]:
-    """Smooth every column and add the missing derivatives; see `Trajectories.differentiate`.
-
-    Returns:
-        The filtered data, and the numbers of the rows that stay.
-    """
+    """Return the data as `Trajectories.differentiate` filters them, and the numbers of the rows that stay."""
     rates, names = settings.rates, data.run_names
     _check_request(data, rates)
     check_settings(settings.method, settings.window, settings.polyorder, settings.band)
@@ -87,16 +83,10 @@ def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int
             units |= {} if unit is None else {rate: unit}
     noise = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
     rate_filter = RateFilter(
-        method=settings.method,
-        window=filtered.window,
-        polyorder=filtered.polyorder,
-        band=settings.band,
-        white_share=settings.white_share,
-        rates=tuple(rates.items()),
-        orders=tuple(orders.items()),
-        steps=_different(steps),
+        settings.method, filtered.window, filtered.polyorder, settings.band, settings.white_share,
+        tuple(rates.items()), tuple(orders.items()), _different(steps),
         sample_noise=tuple(zip(data.states, map(float, noise), strict=True)),
-    )
+    )  # fmt: skip
     rows = filtered.rows
     result = replace(
         data,
@@ -131,12 +121,9 @@ def _spectral_filter(
 
 
 def _window_filter(
-    settings: FilterSettings,
-    blocks: Sequence[np.ndarray],
-    steps: Sequence[float],
-    run_names: Sequence[str],
+    settings: FilterSettings, blocks: Sequence[np.ndarray], steps: Sequence[float], run_names: Sequence[str],
     missing: Mapping[str, np.ndarray],
-) -> _Filter:
+) -> _Filter:  # fmt: skip
     """Build a finite differentiator, its window chosen from the states without a derivative if it is left open."""
     highest = 2 if settings.rates else 1
     window, polyorder, band = settings.window, settings.polyorder, None

@@ -13,15 +13,10 @@ from bayes_greybox.running.errors import InputError
 
 METHODS = ("savgol", "bandlimited", "spectral")
 ATTENUATION_DB = 80.0  # stop-band attenuation of the band-limited filter
+# A step this many times the usual one is a gap, in which interpolation would invent samples. Stamps that must be even
+# have no such step by chance. Where they may be uneven, a run goes on across it, and begins anew after a longer one.
 GAP_STEPS = 4.0
-"""A step this many times the usual one is a gap, in which interpolation would invent samples.
-
-Stamps that have to be even have no such step by chance. Where they may be uneven, a run goes on across it, and begins
-anew after one that is longer still, `gaps.ANEW`.
-"""
-
-# Largest relative deviation of a sample spacing from the mean spacing, beside the rounding of the stamps.
-STEP_TOLERANCE = 1e-3
+STEP_TOLERANCE = 1e-3  # largest relative deviation from the mean spacing, beside the rounding of the stamps
 UNDERSMOOTHING = 0.75  # factor on the window that cross-validation finds, see `savgol_window`
 
 
@@ -44,13 +39,8 @@ def filter_taps(
     "savgol" is the derivative at the centre of the least-squares polynomial through the window (Savitzky &
     Golay 1964, Anal. Chem. 36:1627). "bandlimited" is the inverse transform of (iω)^order over the pass band,
     under a Kaiser window, with the lowest moments corrected so that cubics are differentiated exactly.
-
-    Args:
-        order: Order of the derivative, 0 for the smoothing filter.
-        method: "savgol" or "bandlimited".
-        window: Odd number of taps; needed for savgol, chosen from the band for bandlimited.
-        polyorder: Degree of the polynomial, default 3 (order 0 and 1) or 4.
-        band: Edge of the pass band in cycles per sample, below 0.5.
+    The window is an odd number of taps, chosen from the band for "bandlimited"; polyorder is 3 by default (order 0
+    and 1) or 4, and band the edge of the pass band in cycles per sample, below 0.5.
     """
     if method == "savgol":
         degree = polyorder if polyorder is not None else (3 if order < 2 else 4)
@@ -65,15 +55,14 @@ def filter_taps(
         raise InputError(f"Band-limited filters give derivatives of order 0, 1 and 2, not {order}.")
     if band is None or not 0.0 < band < 0.5:
         raise InputError(f"band must lie between 0 and half the sampling rate, not {band} cycles per sample.")
-    return _kaiser_taps(order, window if window is not None else _kaiser_length(band), band)
+    if window is None:
+        # The odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76).
+        window = math.ceil((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * np.pi * _transition(band)) / 2.0) * 2 + 1
+    return _kaiser_taps(order, window, band)
 
 
 def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int, kept: int) -> Float[np.ndarray, " n"]:
-    """Differentiate one whole period, or several, by multiplication with (iω)^order in Fourier space.
-
-    Samples are evenly spaced, the repeated last point left out; of the multiples of 1 / (n · step) the first `kept`
-    stay.
-    """
+    """Differentiate whole periods of even samples by (iω)^order in Fourier space; the first `kept` frequencies stay."""
     n = len(values)
     spectrum = np.fft.rfft(values)
     spectrum[kept + 1 :] = 0.0
@@ -168,11 +157,6 @@ def band_per_sample(band: float | None, steps: Sequence[float], run_names: Seque
 def _transition(band: float) -> float:
     """Return the width of the transition, cycles per sample: half the band, but ending below the Nyquist frequency."""
     return min(0.5 * band, 0.5 - band)
-
-
-def _kaiser_length(band: float) -> int:
-    """Return the odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76)."""
-    return math.ceil((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * np.pi * _transition(band)) / 2.0) * 2 + 1
 
 
 def _kaiser_taps(order: int, window: int, band: float) -> np.ndarray:

@@ -23,8 +23,7 @@ from .filters import STEP_TOLERANCE, filter_taps
 from .sample_spread import Columns, Evaluate
 from .smoothing import smoothing_taps
 
-# Largest correlation of the noise of neighbouring rows, which decides how far apart rows are.
-NEIGHBOUR_CORRELATION = float(np.exp(-1))
+NEIGHBOUR_CORRELATION = float(np.exp(-1))  # largest correlation of the noise of neighbouring rows
 STRETCH_SAMPLES = 16_384  # samples at which a table is evaluated at once
 
 

@@ -25,12 +25,10 @@ Columns = Mapping[str, Float[np.ndarray, " n"]]  # states and inputs at some sam
 Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]  # function from columns to values
 MEAN_POINTS = 64  # points of a mean: it crosses a jump in so many steps
 NOISE_REACH = 2.5  # standard deviations of the noise at which a jump is looked for
-# Second difference over a part of the reach, as a share of the largest value there, from which on a term jumps.
-JUMP = 0.5
+JUMP = 0.5  # second difference over a part of the reach, as a share of the largest value, from which a term jumps
 BEND_PARTS = 16  # parts of the reach by which a kink is distinguished from a smooth curve
 MOST_AVERAGED_AT_ONCE = 1_000_000  # largest number of values that are averaged at once, which bounds the memory
-# Endings of the keys of a column's changes; no name has a space.
-NEXT, LAST = " to the next sample", " from the last sample"
+NEXT, LAST = " to the next sample", " from the last sample"  # endings of keys of changes; no name has a space
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,7 @@ _NO_NUMBER = "?"
 _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT_DATE = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _SECOND_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
-# Pattern of a time of day with seconds and no fraction of them.
-_WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
+_WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")  # a time of day with seconds and no fraction of them
 # Pattern of a time of day with its zone.
 _ZONE = re.compile(r"[T:]\d{2,6}(?:[.,]\d+)?\s*(?:Z|z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)$")
 

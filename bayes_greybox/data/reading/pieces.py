@@ -5,10 +5,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.data.columns import derivative_label, labelled_runs
 from bayes_greybox.running.errors import InputError
 
 from .cells import numbers, stamps
@@ -50,8 +49,11 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
     run = asked.run if asked.run is not None else table.run
     groups, names = [np.arange(len(table.frame))], [label or "0"]
     if run is not None:
-        groups, values = _grouped(table, run)
-        names = [f"{label}/{value}" if label else str(value) for value in values]
+        # Blanks around a label are no part of it.
+        labels = table.column(run).map(lambda value: value.strip() if isinstance(value, str) else value)
+        codes, _, values = labelled_runs(labels, f'Column "{run}" of {table.where}')
+        groups = [np.flatnonzero(codes == i) for i in range(len(values))]
+        names = [f"{label}/{value}" if label else value for value in values]
     if asked.time is None and run is None and len(table.dimensions) > 1:
         raise InputError(
             f"{capital(table.where)} has the dimensions {' and '.join(table.dimensions)}, whose rows dt would put end "
@@ -108,21 +110,6 @@ def stated_units(pieces: Sequence[Pieces], units: Mapping[str, str], time: str |
                     f'in {other.where}; convert one of them, or pass units={{"{name}": ...}} if both are the same.'
                 )
     return {name: unit for name, unit in {**pieces[0].units, **chosen}.items() if unit}
-
-
-def _grouped(table: Table, run: str) -> tuple[list[Rows], list[str]]:
-    """Return the rows and the name of each run, in the order in which runs appear in the table."""
-    labels = table.column(run)
-    if labels.isna().any():
-        row = int(np.argmax(labels.isna().to_numpy()))
-        raise InputError(
-            f'Column "{run}" of {table.where} names no run in row {row}; fill it in, or leave out that row.'
-        )
-    # Blanks around a label are no part of it.
-    codes, values = pd.factorize(labels.map(lambda label: label.strip() if isinstance(label, str) else label))
-    # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
-    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
-    return [np.flatnonzero(codes == i) for i in range(len(values))], names
 
 
 def clock_set_back(time: Time, row: int) -> bool:

@@ -102,9 +102,8 @@ class CutRuns(Runs):
         if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 2:
             raise InputError(f"factor must be a whole number, 2 or more, not {factor!r}.")
         factor = int(factor)
-        times = [
-            decimated(self.time[rows], self.time[rows], factor, name)[0] for name, rows in self._blocks("decimate")
-        ]
+        stamps = [(name, self.time[rows]) for name, rows in self._blocks("decimate")]
+        times = [decimated(time, time, factor, name)[0] for name, time in stamps]
         remark = f"decimated by {factor} behind a symmetric low pass, the rows at edges left out: {self.n_obs} rows to "
         data = self._at_times(times, lambda i, t, x: decimated(t, x, factor, self.run_names[i])[1], remark)
         return replace(data, dropped=self.dropped + sum(-(-n // factor) for n in self.run_lengths) - data.n_obs)
@@ -175,15 +174,9 @@ class CutRuns(Runs):
         return list(zip(self.run_names, self.run_rows, strict=True))
 
     def _at_times(
-        self: AnyRuns,
-        times: Sequence[np.ndarray],
-        column: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
-        remark: str,
+        self: AnyRuns, times: Sequence[np.ndarray], column: Callable[..., np.ndarray], remark: str
     ) -> AnyRuns:
-        """Return data at other times of each run, with a remark that the new number of rows completes.
-
-        The new values of a column are a function of a run's number, its stamps and its values.
-        """
+        """Return data at other times; new values of a column are a function of a run's number, stamps and values."""
         blocks = self.run_rows
 
         def moved(values: np.ndarray) -> np.ndarray:

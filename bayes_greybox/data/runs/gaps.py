@@ -3,14 +3,11 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+# Ratio of a step to the usual ones of its run from which on the run begins anew behind it. It is more than the four of
+# `filters.GAP_STEPS`: a differentiator refuses shorter gaps, while this one parts a run unasked. Times may be random
+# (of exponential steps 6 % exceed four medians), a short gap costs only a stretch of the inputs, and a new start that
+# is not needed costs information.
 NEW_RUN_STEPS = 10.0
-"""Ratio of a step to the usual ones of its run from which on it is a gap, after which the run begins anew.
-
-It is more than the four of `filters.GAP_STEPS`: a differentiator refuses shorter gaps, while this one parts a run
-unasked. Samples may have random times (of exponential steps 6 % are longer than four medians), a short gap costs only a
-stretch of the inputs, and a new start that is not needed costs information.
-"""
-
 USUAL_STEPS_SHARE = 0.9  # share of the steps of a run that are certainly no gaps; stamps may be uneven
 COMPARED_STEPS = 5  # steps on either side of one that it is compared with
 FEWEST_PART_ROWS = 25  # fewest rows of a part: a shorter one has little information and would need a start of its own

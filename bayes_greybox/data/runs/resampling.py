@@ -13,8 +13,7 @@ from bayes_greybox.running.errors import InputError
 
 COARSER = 1.5  # largest ratio of a new step to the usual one: at longer steps fast motion would alias
 STAMP_ROUNDING = 1e-6  # share of a step by which stamps may be off by rounding
-# Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps.
-HALF_WINDOW = 10
+HALF_WINDOW = 10  # rows at either edge of a decimated run that SciPy's filter of 20 factor + 1 taps reaches beyond
 
 
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:

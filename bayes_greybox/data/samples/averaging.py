@@ -16,14 +16,11 @@ from bayes_greybox.data.trajectories import Trajectories
 from .clipping import clipped_states
 
 ENOUGH = 1000  # fewest samples that are left
-
 # Ratio of the longest block without a visible loss to the block that is used. The loss of a smooth motion goes with the
 # fourth power of a block's length and its variance with the eighth: it is at most 1.5⁻⁸ = 0.04 of the noise then.
 SAFE = 1.5
-
 FEWEST_RUN_AVERAGES = 4  # fewest averages of a run
 FLAT = 1e-12  # share of a column's size below which its loss is none
-
 # Largest step over the usual one: no block reaches over a gap, nor one of a dense record over motion that a sparser
 # record shows.
 UNEVEN = 2.0

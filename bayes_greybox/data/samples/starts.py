@@ -13,8 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .sample_noise import sample_noise, windows
 
-# Numbers of samples to which a cubic is fitted; through four or fewer it would pass exactly.
-WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)
+WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)  # numbers of samples that a cubic is fitted to
 TRUNCATION = 0.2  # largest truncation error of a cubic at its first sample, as a share of that value's standard error
 PLACES = 200  # windows along the record, evenly spread, on which the truncation error is measured
 

@@ -14,8 +14,7 @@ from bayes_greybox.data.reading.table import Layout, Table, tidy
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
-# Rows in memory at a time, and rows of a part, which one worker reads before it answers.
-CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20
+CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20  # rows in memory at a time, and that one worker reads before it answers
 
 
 @dataclass(frozen=True)

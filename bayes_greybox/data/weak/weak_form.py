@@ -123,8 +123,7 @@ def _weights(offset: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 POWER = 8  # p: at the ends of a bump its first seven derivatives vanish
-# Centres within one radius: neighbours overlap by seven eighths, and whitening accounts for the samples they share.
-CENTRES_PER_RADIUS = 4
+CENTRES_PER_RADIUS = 4  # neighbours overlap by seven eighths; whitening accounts for the samples they share
 FEWEST_RADIUS_STEPS = 8  # fewest steps of a radius: fewer do not integrate a bump
 NODES_PER_STEP = 6  # nodes of Gauss and Legendre in each step, where steps are uneven
 

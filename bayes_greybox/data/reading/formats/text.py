@@ -16,12 +16,10 @@ from bayes_greybox.data.reading.table import Layout, Table, first_line, first_ro
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 from bayes_greybox.running.errors import InputError
 
-# Signs at the start of lines that are remarks, as NumPy and MATLAB write them.
-REMARKS = ("#", "%")
+REMARKS = ("#", "%")  # signs at the start of lines that are remarks, as NumPy and MATLAB write them
 BLANKS = r"\s+"  # separator of values by any number of blanks or tabs
 LOOKED_AT = 400  # lines at the start of a file among which the names of the columns are looked for
-# Pattern of quoted text that has a separator or nothing around it.
-_QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
+_QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')  # quoted text between separators
 
 
 @dataclass(frozen=True)
