@@ -218,12 +218,9 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
     # Stamps that occur twice are reported first.
     at = int(np.argmax(bad & (step == 0)) or np.argmax(bad))
     row = at + 1 - int(np.argmax(run == run[at]))
-    fault = (
-        f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
-        if step[at] == 0
-        else f"is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the rows by "
-        "time"
-    )
+    back = f"row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}"
+    twice = f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
+    fault = twice if step[at] == 0 else f"is not increasing: {back}; sort the rows by time"
     raise InputError(f'The time of run "{names[run[at]]}" {fault}, or give separate recordings as separate runs.')
 
 

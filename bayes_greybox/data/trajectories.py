@@ -276,10 +276,7 @@ def require_measured(data: object) -> None:
 
 
 def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
-    """Differentiate held-out data by the filter of the training data, unless their rates are known already.
-
-    Rates that another filter computed, and a table that was not read yet, are refused.
-    """
+    """Differentiate held-out data like the training data, unless their rates are known; refuse another filter."""
     require_measured(test)
     if train.filter is None or test.filter == train.filter:
         return test

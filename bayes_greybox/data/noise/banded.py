@@ -34,7 +34,11 @@ class _CholeskyNoise(RowNoise):
     """R of each run is its variance times L Lᵀ, with L in lower banded form; every operation costs O(n bandwidth²)."""
 
     run_variances: Float[np.ndarray, " n_run"]
-    _factors: tuple[np.ndarray, ...]
+    bands: tuple[Float[np.ndarray, "_ _"], ...]
+
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, ...]:
+        return tuple(cholesky_banded(band, lower=True) for band in self.bands)
 
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -193,18 +197,11 @@ class OverlappingNoise(_CholeskyNoise):
                 kept.append(part)
         return overlapping(kept, self.scale)
 
-    @cached_property
-    def _factors(self) -> tuple[np.ndarray, ...]:
-        return tuple(cholesky_banded(band, lower=True) for band in self.bands)
-
 
 def overlapping(
     bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0, mean: float | None = None
 ) -> OverlappingNoise:
-    """Return noise of rows of these covariances over scale², in lower banded form, rescaled to a mean diagonal of one.
-
-    `mean` is the mean diagonal of a larger set of rows that is to be one; by default that of these rows.
-    """
+    """Return noise of rows of these covariances over scale², in lower banded form; its `mean` diagonal becomes one."""
     mean = mean_diagonal(bands) if mean is None else mean
     return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
 

@@ -1,13 +1,10 @@
 """Covariance of derivative rows that a linear filter computed from noisy samples.
 
-A linear differentiator turns white sensor noise into correlated rows with a known covariance. It is stored as a
-correlation shape R (mean diagonal 1) and a factor `scale`: the covariance of the rows is (scale · s)² R when the state
-samples carry white noise of standard deviation s. The likelihood then needs only W with W R Wᵀ = I, applied to both
-sides of the equation.
-
-The covariance of a pure filter is nearly singular: a differentiator removes the mean, smoothing removes high
-frequencies, and rows that the filter claims to know exactly would outvote all others. A white share δ stands
-for the part of the row noise that is not filtered sensor noise (truncation and model error):
+A linear differentiator turns white sensor noise of standard deviation s into correlated rows of covariance
+(scale · s)² R, the mean diagonal of R being 1. The likelihood then needs only W with W R Wᵀ = I, applied to both sides
+of the equation. R of a pure filter is nearly singular: a differentiator removes the mean, smoothing removes high
+frequencies, and rows that the filter claims to know exactly would outvote all others. A white share δ stands for the
+part of the row noise that is not filtered sensor noise (truncation and model error):
 
     R = (1 − δ) R_filter + δ I.
 """

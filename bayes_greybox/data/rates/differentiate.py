@@ -71,8 +71,8 @@ def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int
         filtered = _spectral_filter(settings, blocks, steps, names)
     else:
         filtered = _window_filter(settings, blocks, steps, names, missing)
-    states = {name: filtered.apply(values, 0) for name, values in data.states.items()}
-    derivatives = {name: filtered.apply(values, 0) for name, values in data.derivatives.items()}
+    columns = data.each_column(lambda values: filtered.apply(values, 0))
+    states, derivatives = columns["states"], columns["derivatives"]
     orders, units = dict.fromkeys(derivatives, 0), dict(data.units)
     for name, values in missing.items():
         derivatives[name], orders[name] = filtered.apply(values, 1), 1
@@ -92,9 +92,7 @@ def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int
         data,
         time=data.time[rows],
         run=data.run[rows],
-        states=states,
-        inputs={name: filtered.apply(values, 0) for name, values in data.inputs.items()},
-        derivatives=derivatives,
+        **columns,
         units=units,
         noise={name: filtered.row_noise(order) for name, order in orders.items()},
         filter=rate_filter,

@@ -75,10 +75,7 @@ class RateFilter:
 
     @cached_property
     def every(self) -> int:
-        """Distance of rows in samples: the first lag at which the noise's correlation is at most 1/e.
-
-        The highest derivative decides it, so that all equations have their rows at the same samples.
-        """
+        """Distance of rows: the first lag at which the noise of the highest derivative is correlated by 1/e at most."""
         taps = self._taps(max(order for _, order in self.orders))
         correlation = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
         return int(np.argmax(np.append(correlation, 0.0) <= NEIGHBOUR_CORRELATION * correlation[0]))
@@ -126,11 +123,11 @@ class RateFilter:
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
         # Numbers of a damaged file are refused here, where its name is known.
-        numbers = {"window": int(record["window"]), "white_share": float(record["white_share"])}
-        pairs = {name: tuple(record[name].items()) for name in ("rates", "sample_noise")}
+        fields: dict[str, Any] = {name: record[name] for name in ("method", "polyorder", "band")}
+        fields |= {"window": int(record["window"]), "white_share": float(record["white_share"])}
+        fields |= {name: tuple(record[name].items()) for name in ("rates", "sample_noise")}
         orders = tuple((name, int(order)) for name, order in record["orders"].items())
-        plain = {name: record[name] for name in ("method", "polyorder", "band")}
-        return cls(**plain, **numbers, **pairs, orders=orders, steps=tuple(record["steps"]))
+        return cls(**fields, orders=orders, steps=tuple(record["steps"]))
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
         """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""

@@ -70,7 +70,12 @@ def join(
     columns = {name: np.full(len(at), np.nan) for name in added}
     for own, rows in _by_run(first, second, runs):
         stamped = own[np.isfinite(known[own])]
-        _require_forward(known[stamped], first, clocks[0])
+        back = np.flatnonzero(np.diff(known[stamped]) <= 0)
+        if len(back):
+            raise InputError(
+                f'The time "{clocks[0]}" of {first.where} does not go forward after {known[stamped][back[0]]:g}: sort '
+                "its rows, leave out those that are there twice, or say by run= which column tells runs apart."
+            )
         for name in added:
             there = stamped[np.isfinite(values[name][stamped])]
             columns[name][rows] = _at(known[there] - offset, values[name][there], at[rows], how)
@@ -110,15 +115,6 @@ def _by_run(first: Table, second: Table, runs: Sequence[str]) -> list[tuple[np.n
     if lacking:
         raise InputError(f'{capital(first.where)} has no inputs of run "{lacking[0]}", which {second.where} has.')
     return [(np.flatnonzero(one == label), np.flatnonzero(two == label)) for label in dict.fromkeys(two.tolist())]
-
-
-def _require_forward(time: Float[np.ndarray, " n"], table: Table, name: str) -> None:
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if len(back):
-        raise InputError(
-            f'The time "{name}" of {table.where} does not go forward after {time[back[0]]:g}: sort its rows, leave '
-            "out those that are there twice, or say by run= which column tells runs apart."
-        )
 
 
 def _at(time: np.ndarray, values: np.ndarray, at: Float[np.ndarray, " m"], how: str) -> Float[np.ndarray, " m"]:

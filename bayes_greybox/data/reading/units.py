@@ -72,10 +72,7 @@ def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
 
 
 def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
-    """Return the units of a row that holds nothing else; None if it is a row of measurements.
-
-    Empty cells are ""; `below` is True where the next row has a number or a date.
-    """
+    """Return the units of a row that holds nothing else; `below` is True where the next row has a number or a date."""
     if len(cells) != len(below) or not any(cells):
         return None
     units = []

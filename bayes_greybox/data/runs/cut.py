@@ -150,16 +150,12 @@ class CutRuns(Runs):
             fraction: share of the first part, between 0 and 1.
             by: "time" cuts every run once, keeping rows contiguous; "trajectory" gives whole runs, in order.
 
-        Returns:
-            First and second part.
-
         Raises:
             InputError: if a part would be empty, or the rows of a run cannot be parted.
         """
-        lengths = self.run_lengths
-        cuts = split_cuts(lengths, self.run_names, fraction, by)
+        cuts = split_cuts(self.run_lengths, self.run_names, fraction, by)
         first = self._restrict([(0, cut) for cut in cuts])
-        second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
+        second = self._restrict([(cut, n) for cut, n in zip(cuts, self.run_lengths, strict=True)])
         return first, replace(second, before=first)
 
     @property

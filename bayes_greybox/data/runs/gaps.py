@@ -34,8 +34,11 @@ def parted(
     for r, name in enumerate(names):
         rows = np.flatnonzero(run == r)
         t, edges = time[rows], [0]
+        steps = np.diff(t)
         for row in after_gaps(t):
-            if t[row] - t[row - 1] <= NEW_RUN_STEPS * _usual_beside(t, row):
+            sides = (steps[max(row - 1 - COMPARED_STEPS, 0) : row - 1], steps[row : row + COMPARED_STEPS])
+            usual = max((float(np.median(side)) for side in sides if len(side)), default=np.inf)
+            if steps[row - 1] <= NEW_RUN_STEPS * usual:
                 continue
             gap = f'"{name}" has no rows from {t[row - 1]:.12g} to {t[row]:.12g}'
             if row - edges[-1] >= FEWEST_PART_ROWS and len(rows) - row >= FEWEST_PART_ROWS:
@@ -50,10 +53,3 @@ def parted(
                 part_name += "'"
             parts.append(part_name)
     return number, tuple(parts), tuple(remarks)
-
-
-def _usual_beside(time: Float[np.ndarray, " n"], row: int) -> float:
-    """Return the larger of the usual steps on either side of a step."""
-    steps = np.diff(time)
-    sides = (steps[max(row - 1 - COMPARED_STEPS, 0) : row - 1], steps[row : row + COMPARED_STEPS])
-    return max((float(np.median(side)) for side in sides if len(side)), default=np.inf)

@@ -1,7 +1,6 @@
-"""Starts of runs from noisy samples: the state in which each run started, and its uncertainty.
+"""Starts of runs, with their uncertainty, from cubics through as many first samples as the curve of the path allows.
 
-A free run that starts from one noisy sample carries that sample's error along its whole path. The start is the value of
-a cubic through the first samples, as many as the curve of the path allows.
+A free run that starts from one noisy sample would carry that sample's error along its whole path.
 """
 
 from dataclasses import dataclass

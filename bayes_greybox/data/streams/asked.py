@@ -79,10 +79,7 @@ class Asked:
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
     def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Trajectories:
-        """Build data from a DataFrame or Dataset, whose first row has the number `first` in the source.
-
-        Rows beside them may have been dropped. Unless they are `whole` runs, stamps of too many digits are refused.
-        """
+        """Build data from a DataFrame or Dataset whose first row has the number `first`, whole runs or a piece."""
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(
                 f'The column "{self.stamps}" of {where} holds whole numbers of more digits than a float does, and a '

@@ -24,10 +24,12 @@ class Source(Protocol):
     @property
     def where(self) -> str:
         """Description of the source, within a sentence."""
+        ...
 
     @property
     def n_part(self) -> int:
         """Number of parts."""
+        ...
 
     def chunks(self, part: int) -> Iterator[Trajectories]:
         """Yield the rows of a part in order, as many at a time as memory holds; no chunk is empty."""

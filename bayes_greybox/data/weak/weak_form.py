@@ -63,10 +63,7 @@ class LocalFits:
     def of(
         cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], half_width: int, at: np.ndarray | None = None
     ) -> "LocalFits":
-        """Fit over so many neighbours on either side; at the end of a stretch the window lies on one side.
-
-        No fit reaches beyond its stretch. `at` are the samples at which fits are wanted, all by default.
-        """
+        """Fit at some samples, or all, over so many neighbours on either side; on one side at the end of a stretch."""
         width = 2 * half_width + 1
         at = np.arange(len(time)) if at is None else at
         neighbours, used = np.zeros((len(at), width), int), np.ones((len(at), width), bool)

@@ -73,7 +73,8 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
             # Later names that are the same are numbered.
             segment.names = [f"{n}.{names[:i].count(n)}" if n in names[:i] else n for i, n in enumerate(names)]
         elif segment is not None and segment.names and any(cell.strip() for cell in cells):
-            if _is_row(cells):
+            # Samples begin with a number, or with nothing and then something.
+            if not cells[0].strip() or cells[0].strip()[0] in "+-.0123456789":
                 segment.rows.append(cells)
                 continue
             yield segment
@@ -82,12 +83,6 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
             header = {**header, cells[0].strip(): cells[1:]}
     if segment is not None:
         yield segment
-
-
-def _is_row(cells: list[str]) -> bool:
-    """Return True if a line holds samples: a number, or nothing and then something."""
-    first = cells[0].strip()
-    return first[0] in "+-.0123456789" if first else any(cell.strip() for cell in cells[1:])
 
 
 def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:

@@ -76,10 +76,7 @@ def read_text(path: Path, layout: Layout) -> Table:
 
 
 def titles(path: Path, layout: Layout) -> int:
-    """Count the lines of titles above the names, if they cannot be names: each has fewer cells than the names.
-
-    The count is 0 if the first line certainly has the names, or if it is unclear.
-    """
+    """Count the lines of titles above the names, each with fewer cells than these; 0 if it is unclear."""
     try:
         lines = _first_lines(path, layout)
     except (OSError, UnicodeError, LookupError):
