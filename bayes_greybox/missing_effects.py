@@ -10,8 +10,7 @@ from typing import Any
 import sympy
 
 from bayes_greybox.criticism.kept.file import checked_of
-from bayes_greybox.data.rates.held_out import with_filter_of
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, with_filter_of
 from bayes_greybox.discovery.answer.free_runs import FreePath, FreeRuns
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.extended import hidden_used

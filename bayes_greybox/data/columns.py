@@ -10,11 +10,9 @@ from bayes_greybox.running.errors import InputError
 
 from .plain_arrays import first_lost, plain_array, since_first
 
+# Names that no column can have, and their meaning.
 RESERVED = {"t": "time", "run": "run number", "obs_id": "number of the row in results"}
-"""Names that no column can have, and their meaning."""
-
-Columns = Mapping[str, Any]
-"""Columns by name, as users give them."""
+Columns = Mapping[str, Any]  # columns by name, as users give them
 
 
 def derivative_label(state: str, time_name: str = "t") -> str:
@@ -47,18 +45,17 @@ def require_mappings(**arguments: Any) -> None:
 
 
 def counted_from_first(runs: Sequence[Any], names: Sequence[str]) -> tuple[list[Any], tuple[str, ...]]:
-    """Subtract the first stamp from runs whose stamps are whole numbers of more digits than a float holds.
-
-    Returns the stamps, and a remark for each such run.
-    """
-    arrays = [plain_array(run, f'time of run "{name}"') for name, run in zip(names, runs, strict=True)]
-    long = [first_lost(stamps) is not None for stamps in arrays]
-    remarks = tuple(
-        f'the time of run "{name}", of more digits than a float holds, counts from its first stamp, {stamps.min()}'
-        for name, stamps, counted in zip(names, arrays, long, strict=True)
-        if counted
-    )
-    return [since_first(stamps) if counted else stamps for stamps, counted in zip(arrays, long, strict=True)], remarks
+    """Subtract the first stamp from runs of whole numbers of more digits than a float holds; with remarks on them."""
+    counted, remarks = [], []
+    for run, name in zip(runs, names, strict=True):
+        what = f'time of run "{name}"'
+        stamps = plain_array(run, what)
+        if first_lost(stamps) is not None:
+            first = f"counts from its first stamp, {stamps.min()}"
+            remarks.append(f"the {what}, of more digits than a float holds, {first}")
+            stamps = since_first(stamps)
+        counted.append(stamps)
+    return counted, tuple(remarks)
 
 
 def name_runs(run_names: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
@@ -74,22 +71,26 @@ def name_runs(run_names: Sequence[str] | None, n_run: int) -> tuple[str, ...]:
     return names
 
 
-def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the number of the run of each row, and the names of the runs.
-
-    Labels are numbers or names of runs, whose rows lie together. The names of the runs are the labels by default.
-    """
+def labelled_runs(labels: Any, what: str) -> tuple[np.ndarray, Any, list[str]]:
+    """Return the number of each row's run, and labels and names of the runs in order; refuse a row without a label."""
     if labels.isna().any():
         row = int(np.argmax(labels.isna().to_numpy()))
-        raise InputError(f'The column "run" names no run in row {row}; fill it in, or leave out that row.')
+        raise InputError(f"{what} names no run in row {row}; fill it in, or leave out that row.")
     codes, values = pd.factorize(labels)
+    # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
+    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
+    return codes, values, names
+
+
+def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Return the number of the run of each row, and the names of the runs: the labels by default."""
+    codes, values, names = labelled_runs(labels, 'The column "run"')
     if np.any(np.diff(codes) < 0):
         row = int(np.argmax(np.diff(codes) < 0)) + 1
         raise InputError(
             f"Rows of run {values[codes[row]]!r} do not lie together: row {row} comes after those of another run; sort "
             'the table, frame.sort_values("run", kind="stable"), or read it with bg.read(frame, run="run", ...).'
         )
-    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
     if run_names is None:
         return codes.astype(np.int64), name_runs(names, len(names))
     listed = name_runs(run_names, len(run_names))
@@ -97,12 +98,11 @@ def number_runs(labels: Any, run_names: Sequence[str] | None) -> tuple[np.ndarra
     if pd.api.types.is_numeric_dtype(labels) and all(value in range(len(listed)) for value in values):
         # As `to_frame` writes them.
         numbers = [int(value) for value in values]
-    for name, number in zip(names, numbers, strict=True):
-        if number < 0:
-            raise InputError(
-                f'The column "run" has the run {name!r}, which run_names does not name: it has {", ".join(listed)}; '
-                "name every run, or leave run_names out."
-            )
+    if -1 in numbers:
+        raise InputError(
+            f'The column "run" has the run {names[numbers.index(-1)]!r}, which run_names does not name: it has '
+            f"{', '.join(listed)}; name every run, or leave run_names out."
+        )
     if numbers != list(range(len(listed))):
         raise InputError(
             f'The column "run" has the runs {", ".join(names)}, but run_names names {", ".join(listed)} in this order; '
@@ -160,14 +160,13 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
         try:
             raw = plain_array(values, what)
             # NumPy would turn dates into ticks without a word.
-            dates = raw.dtype.kind in "mM"
-            array = raw if dates else np.asarray(raw, dtype=float)
+            if raw.dtype.kind in "mM":
+                raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
+            array = np.asarray(raw, dtype=float)
         except InputError:
             raise
         except (TypeError, ValueError) as error:
             raise InputError(f"The {what} is not numeric; convert it to numbers.") from error
-        if dates:
-            raise InputError(f"The {what} holds dates; convert it to a number, such as seconds since the start.")
         lost = first_lost(raw)
         if lost is not None:
             raise InputError(
@@ -176,13 +175,12 @@ def stack(label: str, value: Any, names: tuple[str, ...], lengths: list[int]) ->
             )
         if array.ndim != 1:
             raise InputError(
-                f'The {label} of run "{name}" has shape {array.shape}; give one-dimensional arrays, one '
-                "for each column and run."
+                f"The {what} has shape {array.shape}; give one-dimensional arrays, one for each column and run."
             )
         if len(array) != length:
             raise InputError(
-                f'The {label} of run "{name}" has {len(array)} rows but the time has {length}; every column '
-                "needs one value for each time stamp."
+                f"The {what} has {len(array)} rows but the time has {length}; every column needs one value for each "
+                "time stamp."
             )
         if length == 0:
             raise InputError(f'Run "{name}" has no rows; leave it out.')
@@ -202,13 +200,12 @@ def usable_rows(columns: Mapping[str, np.ndarray], run: np.ndarray, names: tuple
             row = first - int(np.argmax(run == run[first]))
             raise InputError(
                 f"The {label} has {int(np.sum(bad))} missing or infinite values (NaN or inf), the first in "
-                f'row {row} of run "{names[run[first]]}"; repair them or pass missing="drop" to leave out '
-                "their rows."
+                f'row {row} of run "{names[run[first]]}"; repair them or pass missing="drop" to leave out their rows.'
             )
         keep &= ~bad
-    for i, name in enumerate(names):
-        if not np.any(keep[run == i]):
-            raise InputError(f'Run "{name}" has no row without missing values; leave it out.')
+    lost = np.flatnonzero(np.bincount(run[keep], minlength=len(names)) == 0)
+    if len(lost):
+        raise InputError(f'Run "{names[lost[0]]}" has no row without missing values; leave it out.')
     return keep
 
 
@@ -221,12 +218,9 @@ def check_times(time: np.ndarray, run: np.ndarray, names: tuple[str, ...]) -> No
     # Stamps that occur twice are reported first.
     at = int(np.argmax(bad & (step == 0)) or np.argmax(bad))
     row = at + 1 - int(np.argmax(run == run[at]))
-    fault = (
-        f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
-        if step[at] == 0
-        else f"is not increasing: row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}; sort the rows by "
-        "time"
-    )
+    back = f"row {row} goes back from {time[at]:.12g} to {time[at + 1]:.12g}"
+    twice = f"has the stamp {time[at]:.12g} twice (row {row}); remove one of the rows"
+    fault = twice if step[at] == 0 else f"is not increasing: {back}; sort the rows by time"
     raise InputError(f'The time of run "{names[run[at]]}" {fault}, or give separate recordings as separate runs.')
 
 
@@ -249,14 +243,14 @@ def split_cuts(lengths: Sequence[int], names: Sequence[str], fraction: float, by
     """Return the number of rows of each run that belong to the first part of a split."""
     if not 0.0 < fraction < 1.0:
         raise InputError(f"fraction must lie between 0 and 1, not {fraction}.")
+    if by not in ("time", "trajectory"):
+        raise InputError(f'by must be "time" or "trajectory", not {by!r}.')
     if by == "trajectory":
         if len(lengths) < 2:
             raise InputError("Splitting by trajectory needs two runs or more; use by='time' for one run.")
         n_first = min(max(round(fraction * len(lengths)), 1), len(lengths) - 1)
         return [n if i < n_first else 0 for i, n in enumerate(lengths)]
-    if by != "time":
-        raise InputError(f'by must be "time" or "trajectory", not {by!r}.')
-    for name, n in zip(names, lengths, strict=True):
-        if n < 2:
-            raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
+    if 1 in lengths:
+        name = names[list(lengths).index(1)]
+        raise InputError(f'Run "{name}" has one row and cannot be split; use by="trajectory".')
     return [min(max(round(fraction * n), 1), n - 1) for n in lengths]

@@ -6,22 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 
 from bayes_greybox.running.errors import InputError
 
+from .reading.sources import INSTALL_TABLES
 from .trajectories import Trajectories
 
-FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"
-"""Environment variable that names the folder of the data sets."""
-
-SILVERBOX_RATE = 1e7 / 2**14
-"""Sampling rate of the Silverbox record, Hz."""
-TANK_CLIP = 10.0
-"""Level at which the sensor of the cascaded tanks saturates, V."""
+FOLDER_VARIABLE = "BAYES_GREYBOX_DATA"  # environment variable that names the folder of the data sets
+SILVERBOX_RATE = 1e7 / 2**14  # sampling rate of the Silverbox record, Hz
+TANK_CLIP = 10.0  # level at which the sensor of the cascaded tanks saturates, V
 
 
 @dataclass(frozen=True)
@@ -43,18 +40,17 @@ def load_dataset(name: str, **options: Any) -> Any:
 
     Args:
         name: one of the names in `dataset_table()`.
-        **options: options of `load_silverbox`, `load_cascaded_tanks`, `load_falling_balls` or
-            `load_hudson_bay`, whichever is loaded.
+        **options: options of `load_silverbox`, `load_cascaded_tanks` or `load_falling_balls`, whichever is loaded.
 
     Raises:
         InputError: if the name or an option is unknown, or a file is missing or not the original.
     """
     if name not in _SETS:
         raise InputError(f'There is no data set "{name}"; there are {", ".join(_SETS)}.')
-    options_of_set = list(signature(_SETS[name].load).parameters)
+    known = list(signature(_SETS[name].load).parameters)
     for option in options:
-        if option not in options_of_set:
-            has = f"its options are {', '.join(options_of_set)}" if options_of_set else "it has none"
+        if option not in known:
+            has = f"its options are {', '.join(known)}" if known else "it has none"
             raise InputError(f'Data set "{name}" has no option "{option}"; {has}.')
     return _SETS[name].load(**options)
 
@@ -106,22 +102,17 @@ def load_silverbox(remove_offset: bool = False) -> dict[str, Trajectories]:
     if remove_offset:
         u = u - np.mean(u)
     cut = 40650 + round(0.75 * (127400 - 40650))
-    parts = {
-        "multisine_train": (40650, cut),
-        "multisine_test": (cut, 127400),
-        "arrow": (100, 40575),
-        "arrow_no_extrapolation": (100, 32100),
-    }
+    parts = {"multisine_train": (40650, cut), "multisine_test": (cut, 127400)}
+    parts |= {"arrow": (100, 40575), "arrow_no_extrapolation": (100, 32100)}
     return {
-        name: Trajectories.from_arrays(
-            np.arange(start, stop) / SILVERBOX_RATE,
-            states={"y": y[start:stop]},
-            inputs={"u": u[start:stop]},
-            units={"y": "V", "u": "V", "t": "s"},
-            run_names=[name],
-        )
+        name: _volts(name, np.arange(start, stop) / SILVERBOX_RATE, y[start:stop], u[start:stop])
         for name, (start, stop) in parts.items()
     }
+
+
+def _volts(name: str, time: np.ndarray, y: np.ndarray, u: np.ndarray, **options: Any) -> Trajectories:
+    units = {"y": "V", "u": "V", "t": "s"}
+    return Trajectories.from_arrays(time, states={"y": y}, inputs={"u": u}, units=units, run_names=[name], **options)
 
 
 def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
@@ -143,22 +134,15 @@ def load_cascaded_tanks(clipped: str = "keep") -> dict[str, Trajectories]:
     table = pd.read_csv(_locate("cascaded_tanks", "cascaded_tanks/dataBenchmark.csv"))
     out = {}
     for name, suffix in (("train", "Est"), ("test", "Val")):
-        level = table[f"y{suffix}"].to_numpy(dtype=float)
+        level, pump = (table[f"{column}{suffix}"].to_numpy(dtype=float) for column in "yu")
         if clipped == "drop":
             level = np.where(level >= TANK_CLIP, np.nan, level)
-        out[name] = Trajectories.from_arrays(
-            4.0 * np.arange(len(level)),
-            states={"y": level},
-            inputs={"u": table[f"u{suffix}"].to_numpy(dtype=float)},
-            units={"y": "V", "u": "V", "t": "s"},
-            run_names=[name],
-            missing="drop" if clipped == "drop" else "error",
-        )
+        missing = "drop" if clipped == "drop" else "error"
+        out[name] = _volts(name, 4.0 * np.arange(len(level)), level, pump, missing=missing)
     return out
 
 
-IMPACT = 3
-"""Number of frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there."""
+IMPACT = 3  # number of frames at the end of a drop that `by_ball` leaves out: the ball hits the ground there
 
 
 def load_falling_balls(by_ball: bool = False) -> BallDrops:
@@ -179,29 +163,27 @@ def load_falling_balls(by_ball: bool = False) -> BallDrops:
         # No drop has 200 frames, but some sheets are formatted down to the last possible row.
         sheets = pd.read_excel(path, sheet_name=None, nrows=1000)
     except ImportError as error:
-        raise InputError(
-            f'Reading "{path}" needs openpyxl; install it with pip install ".[tables]" in the checkout.'
-        ) from error
-    names, times, heights, velocities, drops = [], [], [], [], {}
+        raise InputError(f'Reading "{path}" needs openpyxl; {INSTALL_TABLES}.') from error
+    runs, drops = {}, {}
     for ball, sheet in sheets.items():
-        sheet = sheet.dropna(subset=["Drop #"])
-        for drop, rows in sheet.groupby("Drop #", sort=False):
-            names.append(f"{ball}, drop {int(float(str(drop)))}")
-            times.append(rows["Time (s)"].to_numpy(dtype=float))
-            heights.append(rows["Height (m)"].to_numpy(dtype=float))
-            velocities.append(rows["Velocity (m/s)"].to_numpy(dtype=float))
-        drops[str(ball)] = len(set(sheet["Drop #"]))
-    states, inputs, units = {"y": heights, "v": velocities}, {}, {"y": "m", "v": "m/s", "t": "s"}
+        each = list(sheet.dropna(subset=["Drop #"]).groupby("Drop #", sort=False))
+        runs |= {f"{ball}, drop {int(float(str(drop)))}": rows for drop, rows in each}
+        drops[str(ball)] = len(each)
+
+    def columns(name: str) -> list[np.ndarray]:
+        return [rows[name].to_numpy(dtype=float)[: -IMPACT if by_ball else None] for rows in runs.values()]
+
+    times, states, inputs, units = columns("Time (s)"), {"y": columns("Height (m)")}, {}, {"y": "m", "t": "s"}
     if by_ball:
-        times, heights = [time[:-IMPACT] for time in times], [height[:-IMPACT] for height in heights]
-        states, units = {"y": heights}, {"y": "m", "t": "s"}
         for ball in drops:
-            dropped = [float(name.partition(",")[0] == ball) for name in names]
-            inputs[ball.lower().replace(" ", "_")] = [
-                np.full(len(time), each) for time, each in zip(times, dropped, strict=True)
-            ]
+            dropped = [float(name.partition(",")[0] == ball) for name in runs]
+            one_hot = [np.full(len(time), each) for time, each in zip(times, dropped, strict=True)]
+            inputs[ball.lower().replace(" ", "_")] = one_hot
+    else:
+        states, units = states | {"v": columns("Velocity (m/s)")}, {"y": "m", "v": "m/s", "t": "s"}
+    constant = "keep" if by_ball else "error"
     data = Trajectories.from_arrays(
-        times, states=states, inputs=inputs, units=units, run_names=names, constant="keep" if by_ball else "error"
+        times, states=states, inputs=inputs, units=units, run_names=list(runs), constant=constant
     )
     return BallDrops(data, _ball_table(drops))
 
@@ -212,79 +194,60 @@ def load_hudson_bay() -> Trajectories:
     return Trajectories.from_arrays(table[:, 0], states={"hare": table[:, 1], "lynx": table[:, 2]}, units={"t": "year"})
 
 
-@dataclass(frozen=True)
-class _DataSet:
+class _DataSet(NamedTuple):
     load: Callable[..., Any]
-    files: dict[str, str]
     hidden_effect: str
     source: str
     terms: str
+    files: dict[str, str]
 
 
 _SETS = {
     "silverbox": _DataSet(
-        load_silverbox,
+        load_silverbox, "cubic stiffness", "Wigren & Schoukens, European Control Conference 2013", "no licence stated",
         {"silverbox/SNLS80mV.mat": "5c7413a52255af0cb4e2f93fb6903beb92b08965ba1e6ad0a6ffedfed8477ed4"},
-        "cubic stiffness",
-        "Wigren & Schoukens, European Control Conference 2013",
-        "no licence stated",
     ),
     "cascaded_tanks": _DataSet(
-        load_cascaded_tanks,
-        {"cascaded_tanks/dataBenchmark.csv": ("ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7")},
-        "square-root outflow, overflow",
-        "Schoukens et al. 2016, DOI 10.4121/12960104",
+        load_cascaded_tanks, "square-root outflow, overflow", "Schoukens et al. 2016, DOI 10.4121/12960104",
         "CC BY-SA 4.0",
+        {"cascaded_tanks/dataBenchmark.csv": "ef2388ed822f3aef4aa80d6b0f2b466dd80b361786b3eafc7a2957c31ea323a7"},
     ),
     "falling_balls": _DataSet(
-        load_falling_balls,
+        load_falling_balls, "quadratic drag", "de Silva et al. 2020, Frontiers in Artificial Intelligence", "MIT",
         {
-            "falling_balls/Ball_drops_data.xlsx": ("942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed"),
+            "falling_balls/Ball_drops_data.xlsx": "942b2d68abfff3828ca323de491435d4ec27c3a22e62cee0cbdf52c2e8d1c0ed",
             "falling_balls/balls.txt": "7cc282a6559ef636ce30cad53aae5bf825ce6200a94dd54f668af9797c584585",
         },
-        "quadratic drag",
-        "de Silva et al. 2020, Frontiers in Artificial Intelligence",
-        "MIT",
     ),
     "hudson_bay": _DataSet(
-        load_hudson_bay,
-        {"hudson_bay/hudson_bay_data.dat": ("7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb")},
-        "predation (bilinear interaction)",
-        "Odum 1953, Fundamentals of Ecology",
+        load_hudson_bay, "predation (bilinear interaction)", "Odum 1953, Fundamentals of Ecology",
         "as tabulated in many texts",
+        {"hudson_bay/hudson_bay_data.dat": "7653cdd9cf35c34620c87b0d93cc2858b5214180a93eea0f7b2096e1b471b6bb"},
     ),
-}
+}  # fmt: skip
 
 # Names in the list of masses and sizes that are not the sheet's name in lower case.
 _BALL_KEYS = {
-    "Whiffle Ball 1": "wiffleball1",
-    "Whiffle Ball 2": "wiffleball2",
-    "Yellow Whiffle Ball": "yellowWiffle",
+    "Whiffle Ball 1": "wiffleball1", "Whiffle Ball 2": "wiffleball2", "Yellow Whiffle Ball": "yellowWiffle",
     "Orange Whiffle Ball": "orangeWiffle",
-}
+}  # fmt: skip
 _OUNCE = 0.028349523125  # kg
 
 
 def _ball_table(drops: dict[str, int]) -> pd.DataFrame:
     lines = _locate("falling_balls", "falling_balls/balls.txt").read_text(encoding="ascii").splitlines()
     listed = {parts[0]: parts[1:] for parts in (line.split() for line in lines) if len(parts) == 3}
-
-    def number(text: str) -> float:
-        return float("nan") if text == "??" else float(text)
-
     rows = []
     for ball, n_drop in drops.items():
         key = _BALL_KEYS.get(ball, ball.lower().replace(" ", ""))
-        ounces, circumference = (number(text) for text in listed[key])
-        diameter = circumference / 100.0 / np.pi
-        rows.append({"ball": ball, "mass": ounces * _OUNCE, "diameter": diameter, "drops": n_drop})
-    return pd.DataFrame(rows).set_index("ball")
+        ounces, circumference = (float("nan") if text == "??" else float(text) for text in listed[key])
+        rows.append((ball, ounces * _OUNCE, circumference / 100.0 / np.pi, n_drop))
+    return pd.DataFrame(rows, columns=["ball", "mass", "diameter", "drops"]).set_index("ball")
 
 
 def _locate(name: str, file: str) -> Path:
     """Return the path of a verified file."""
-    entry = _SETS[name]
-    folders = search_folders()
+    entry, folders = _SETS[name], search_folders()
     path = next((folder / file for folder in folders if (folder / file).is_file()), None)
     if path is None:
         places = " and ".join(f'"{folder}"' for folder in folders)

@@ -7,11 +7,8 @@ from jaxtyping import Float
 
 from bayes_greybox.running.errors import InputError
 
-LARGEST_EXACT_INTEGER = 2**53
-"""Largest number up to which every whole number is a float."""
-
-NO_UNIT = ("", "dimensionless")
-"""Units of a plain number in libraries of units."""
+LARGEST_EXACT_INTEGER = 2**53  # largest number up to which every whole number is a float
+NO_UNIT = ("", "dimensionless")  # units of a plain number in libraries of units
 
 
 def plain_array(values: Any, what: str) -> np.ndarray:

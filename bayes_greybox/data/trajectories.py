@@ -65,18 +65,11 @@ class Trajectories(CutRuns):
 
     @classmethod
     def from_arrays(
-        cls,
-        t: Any,
-        *,
-        states: Mapping[str, Any] | None = None,
-        derivatives: Mapping[str, Any] | None = None,
-        inputs: Mapping[str, Any] | None = None,
-        outputs: Mapping[str, Any] | None = None,
-        units: Mapping[str, str] | None = None,
-        run_names: Sequence[str] | None = None,
-        missing: Literal["error", "drop"] = "error",
-        constant: Literal["error", "keep"] = "error",
-    ) -> "Trajectories":
+        cls, t: Any, *, states: Mapping[str, Any] | None = None, derivatives: Mapping[str, Any] | None = None,
+        inputs: Mapping[str, Any] | None = None, outputs: Mapping[str, Any] | None = None,
+        units: Mapping[str, str] | None = None, run_names: Sequence[str] | None = None,
+        missing: Literal["error", "drop"] = "error", constant: Literal["error", "keep"] = "error",
+    ) -> "Trajectories":  # fmt: skip
         """Build from arrays, one for each column, or from lists of arrays, one for each run.
 
         Masked values count as missing.
@@ -132,38 +125,20 @@ class Trajectories(CutRuns):
             raise InputError(f'constant must be "error" or "keep", not {constant!r}.')
         if constant == "error":
             check_varying({label: v for label, v in columns.items() if label.startswith(("state", "input"))})
-        by_name = {kind: {name: columns[f'{kind} "{name}"'] for name in chosen} for kind, chosen in kinds.items()}
+        kept = {kind: {name: columns[f'{kind} "{name}"'] for name in chosen} for kind, chosen in kinds.items()}
         return cls(
-            time=columns["time"],
-            run=run,
-            states=by_name["state"],
-            inputs=by_name["input"],
-            derivatives=by_name["derivative of"] | by_name["output"],
-            units=dict(units),
-            run_names=names,
-            dropped=int(np.sum(~keep)),
-            remarks=remarks,
-        )
+            columns["time"], run, kept["state"], kept["input"], kept["derivative of"] | kept["output"], dict(units),
+            run_names=names, dropped=int(np.sum(~keep)), remarks=remarks,
+        )  # fmt: skip
 
     @classmethod
     def from_frame(
-        cls,
-        frame: pd.DataFrame,
-        *,
-        states: Sequence[str],
-        inputs: Sequence[str] = (),
-        derivatives: Sequence[str] = (),
-        outputs: Sequence[str] = (),
-        units: Mapping[str, str] | None = None,
-        noise: Mapping[str, Mapping[str, Any]] | None = None,
-        run_names: Sequence[str] | None = None,
-        dropped: int = 0,
-        time_name: str = "t",
-        filter: Mapping[str, Any] | None = None,
-        unseen: Sequence[int] | None = None,
-        remarks: Sequence[str] = (),
-        computed: Sequence[str] = (),
-    ) -> "Trajectories":
+        cls, frame: pd.DataFrame, *, states: Sequence[str], inputs: Sequence[str] = (),
+        derivatives: Sequence[str] = (), outputs: Sequence[str] = (), units: Mapping[str, str] | None = None,
+        noise: Mapping[str, Mapping[str, Any]] | None = None, run_names: Sequence[str] | None = None,
+        dropped: int = 0, time_name: str = "t", filter: Mapping[str, Any] | None = None,
+        unseen: Sequence[int] | None = None, remarks: Sequence[str] = (), computed: Sequence[str] = (),
+    ) -> "Trajectories":  # fmt: skip
         """Rebuild from `to_frame`: `from_frame(data.to_frame(), **data.metadata())`, equal to the last bit.
 
         The table has one row for each sample, its columns named as `to_frame` names them; rows of a run lie together,
@@ -180,16 +155,14 @@ class Trajectories(CutRuns):
         if absent:
             raise InputError(f'The table has no column "{absent[0]}"; it has {", ".join(map(str, frame.columns))}.')
 
-        def column(name: str) -> np.ndarray:
-            return frame[name].to_numpy(dtype=float, copy=True)
-
+        column = {name: frame[name].to_numpy(dtype=float, copy=True) for name in wanted if name != "run"}
         run, names = number_runs(frame["run"], run_names)
         return cls(
-            time=column(time_name),
+            time=column[time_name],
             run=run,
-            states={k: column(k) for k in states},
-            inputs={k: column(k) for k in inputs},
-            derivatives={k: column(label) for k, label in rates.items()},
+            states={k: column[k] for k in states},
+            inputs={k: column[k] for k in inputs},
+            derivatives={k: column[label] for k, label in rates.items()},
             units=dict(units or {}),
             noise={k: noise_from_dict(v) for k, v in (noise or {}).items()},
             run_names=names,
@@ -202,16 +175,10 @@ class Trajectories(CutRuns):
         )
 
     def differentiate(
-        self,
-        method: Literal["savgol", "bandlimited", "spectral"] | None = None,
-        *,
-        rates: Mapping[str, str] | None = None,
-        window: int | None = None,
-        polyorder: int | None = None,
-        band: float | None = None,
-        white_share: float | None = None,
-        like: "Trajectories | None" = None,
-    ) -> "Trajectories":
+        self, method: Literal["savgol", "bandlimited", "spectral"] | None = None, *,
+        rates: Mapping[str, str] | None = None, window: int | None = None, polyorder: int | None = None,
+        band: float | None = None, white_share: float | None = None, like: "Trajectories | None" = None,
+    ) -> "Trajectories":  # fmt: skip
         """Add the derivatives that were not measured, with the covariance of their rows.
 
         Every column goes through the same smoothing filter, outputs too. The window − 1 rows at the edges of each run
@@ -247,14 +214,8 @@ class Trajectories(CutRuns):
                 raise InputError("The data given as like=... were not differentiated: differentiate them first.")
             like.filter.require_steps({name: uniform_step(self.take(name).time, name) for name in self.run_names})
             return self.differentiate(**like.filter.settings)
-        settings = FilterSettings(
-            method=method or "savgol",
-            rates=dict(rates or {}),
-            window=window,
-            polyorder=polyorder,
-            band=band,
-            white_share=WHITE_SHARE if white_share is None else white_share,
-        )
+        share = WHITE_SHARE if white_share is None else white_share
+        settings = FilterSettings(method or "savgol", dict(rates or {}), window, polyorder, band, share)
         result, rows = differentiate(replace(self, unseen=None), settings)
         return result if self.unseen is None else replace(result, unseen=self.unseen[rows])
 
@@ -280,16 +241,13 @@ class Trajectories(CutRuns):
     def to_frame(self) -> pd.DataFrame:
         """Tabulate one row for each sample: time, run number, states, inputs, derivatives ("d(y)/dt"), outputs."""
         derivatives = {self.target_label(k): v for k, v in self.derivatives.items()}
-        columns = {self.time_name: self.time, "run": self.run, **self.states, **self.inputs, **derivatives}
-        return pd.DataFrame(columns)
+        return pd.DataFrame({self.time_name: self.time, "run": self.run, **self.columns, **derivatives})
 
     def __repr__(self) -> str:
         plural = "run" if self.n_run == 1 else "runs"
         dropped = f", {self.dropped} dropped" if self.dropped else ""
-        every = {
-            "states": self.states, "inputs": self.inputs, "derivatives of": self.derivative_names,
-            "outputs": self.output_names,
-        }  # fmt: skip
+        rates = {"derivatives of": self.derivative_names, "outputs": self.output_names}
+        every = {"states": self.states, "inputs": self.inputs, **rates}
         parts = [f"{what} {', '.join(names)}" for what, names in every.items() if names]
         remarks = "".join(f"\n  {remark}" for remark in self.remarks)
         return f"Trajectories({self.n_obs} rows in {self.n_run} {plural}{dropped}; {'; '.join(parts)}){remarks}"
@@ -297,9 +255,6 @@ class Trajectories(CutRuns):
     @property
     def _computed(self) -> bool:
         return super()._computed or self.samples is not None or self.unseen is not None
-
-    def _after(self, first: Any) -> "Trajectories":
-        return replace(self, before=first)
 
     def _at(self, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> "Trajectories":
         # Samples and unseen rows are cut separately: columns of one object must have one length at all times.
@@ -318,3 +273,18 @@ def require_measured(data: object) -> None:
             "input: read it with bg.read(table, time=..., states=[...], inputs=[...]); arrays with "
             "bg.Trajectories.from_arrays(t, states={...})."
         )
+
+
+def with_filter_of(test: Trajectories, train: Trajectories) -> Trajectories:
+    """Differentiate held-out data like the training data, unless their rates are known; refuse another filter."""
+    require_measured(test)
+    if train.filter is None or test.filter == train.filter:
+        return test
+    if test.filter is not None:
+        one, other = (f"{part.method} with a window of {part.window}" for part in (train.filter, test.filter))
+        raise InputError(
+            f"Training data were differentiated by {one}, held-out data by {other}, or with other settings: use one "
+            "filter for both, test.differentiate(like=train)."
+        )
+    unknown = any(name not in test.derivatives for name in train.derivatives)
+    return test.differentiate(like=train) if unknown else test

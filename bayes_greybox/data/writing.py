@@ -1,7 +1,6 @@
 """Notation of units and formulas: one way, however a file, a user or a calculation spells them."""
 
 import re
-from collections.abc import Iterator
 from fractions import Fraction
 
 _TO_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -10,7 +9,8 @@ _SUPERSCRIPT_SIGNS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹⋅"
 _TOKEN = re.compile(
     rf"\s*(?:(?P<over>/|\bper\b)|(?P<name>(?:(?![{_SUPERSCRIPT_SIGNS}])[^\W\d]|[°%])+|1(?![\d.]))"
     rf"|(?P<power>(?:\*\*|\^)\s*(?:-?[\d.]+|\(\s*-?[\d./]+\s*\))|[{_SUPERSCRIPT_SIGNS}]+)"
-    r"|(?P<times>[*·⋅])|(?P<open>\()|(?P<close>\)))\s*"
+    r"|(?P<times>[*·⋅])|(?P<open>\()|(?P<close>\))|(?P<other>.))\s*",
+    re.DOTALL,
 )
 
 
@@ -51,9 +51,7 @@ def _power(name: str, power: Fraction) -> str:
 
 def _factors(unit: str) -> dict[str, Fraction] | None:
     """Return names and their powers, in the order of the text; None if it is no product of powers."""
-    tokens = list(_tokens(unit))
-    if not tokens:
-        return None
+    tokens = [(str(match.lastgroup), match[0].strip()) for match in _TOKEN.finditer(unit)]
     powers: dict[str, Fraction] = {}
     # Sign that each open bracket puts on the powers inside; the last one is the current bracket's.
     signs, sign, last, before = [1], 1, "", ""
@@ -82,15 +80,3 @@ def _factors(unit: str) -> dict[str, Fraction] | None:
         elif kind != "end":
             return None
     return {name: power for name, power in powers.items() if power} if len(signs) == 1 else None
-
-
-def _tokens(unit: str) -> Iterator[tuple[str, str]]:
-    """Yield kinds and texts of the parts of a unit; an unknown part is of the kind "other"."""
-    at = 0
-    while at < len(unit):
-        match = _TOKEN.match(unit, at)
-        if match is None:
-            yield "other", unit[at:]
-            return
-        yield str(match.lastgroup), match[0].strip()
-        at = match.end()

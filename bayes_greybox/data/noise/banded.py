@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -14,12 +14,9 @@ from .protocol import WHITE_SHARE, RowNoise, band_by_columns, check_white_share
 
 
 def fir_noise(
-    taps: Float[np.ndarray, " n_tap"],
-    order: int,
-    run_lengths: Sequence[int],
-    steps: Sequence[float],
+    taps: Float[np.ndarray, " n_tap"], order: int, run_lengths: Sequence[int], steps: Sequence[float],
     white_share: float = WHITE_SHARE,
-) -> "BandedNoise":
+) -> "BandedNoise":  # fmt: skip
     """Return the noise of rows computed by a finite impulse response filter, edges dropped.
 
     With G the filter's rows, G Gᵀ is banded Toeplitz with entries Σ_i c_i c_{i+k}. The `taps` are for unit sample
@@ -29,52 +26,57 @@ def fir_noise(
     lengths = np.asarray(run_lengths, dtype=float)
     variances = autocovariance[0] / np.asarray(steps, dtype=float) ** (2 * order)
     mean = float(np.sum(lengths * variances) / np.sum(lengths))
-    return BandedNoise(
-        autocorrelation=autocovariance / autocovariance[0],
-        run_lengths=tuple(int(n) for n in run_lengths),
-        run_variances=variances / mean,
-        scale=math.sqrt(mean),
-        white_share=white_share,
-    )
+    counts = tuple(int(n) for n in run_lengths)
+    return BandedNoise(autocovariance / autocovariance[0], counts, variances / mean, math.sqrt(mean), white_share)
 
 
-@dataclass(frozen=True, eq=False)
-class BandedNoise(RowNoise):
-    """Rows of a finite impulse response filter: R is banded Toeplitz in each run, W = L⁻¹ with R = L Lᵀ.
+class _CholeskyNoise(RowNoise):
+    """R of each run is its variance times L Lᵀ, with L in lower banded form; every operation costs O(n bandwidth²)."""
 
-    Every operation costs O(n · bandwidth²) at most.
-
-    Attributes:
-        autocorrelation: Correlation of rows 0, 1, 2, … apart, before the white share; zero beyond.
-        run_variances: Diagonal of R in each run (differs only if the sample spacing does); row mean 1.
-        white_share: δ.
-    """
-
-    kind: ClassVar[str] = "banded"
-    autocorrelation: Float[np.ndarray, " n_lag"]
-    run_lengths: tuple[int, ...]
     run_variances: Float[np.ndarray, " n_run"]
-    scale: float
-    white_share: float = WHITE_SHARE
+    bands: tuple[Float[np.ndarray, "_ _"], ...]
 
-    def __post_init__(self) -> None:
-        check_white_share(self.white_share)
+    @cached_property
+    def _factors(self) -> tuple[np.ndarray, ...]:
+        return tuple(cholesky_banded(band, lower=True) for band in self.bands)
 
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
         """log|R| = Σ 2 log diag L."""
         total = 0.0
-        for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
-            total += 2.0 * float(np.sum(np.log(self._factors[n][0]))) + n * math.log(variance)
+        for factor, variance in zip(self._factors, self.run_variances, strict=True):
+            total += 2.0 * float(np.sum(np.log(factor[0]))) + factor.shape[1] * math.log(variance)
         return total
 
     def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
         """Return L⁻¹ rows."""
-        return self._solve(rows, trans="N")
+        return self._solve(rows, "N")
 
     def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
         """Return L⁻ᵀ rows."""
-        return self._solve(rows, trans="T")
+        return self._solve(rows, "T")
+
+    def _solve(self, rows: np.ndarray, trans: str) -> np.ndarray:
+        parts = np.split(rows, np.cumsum(self.run_lengths)[:-1])
+        each = zip(self._factors, parts, self.run_variances, strict=True)
+        return np.concatenate([triangular_solve(factor, part, trans) / math.sqrt(v) for factor, part, v in each])
+
+
+@dataclass(frozen=True, eq=False)
+class BandedNoise(_CholeskyNoise):
+    """Rows of a finite impulse response filter: R is banded Toeplitz in each run."""
+
+    kind: ClassVar[str] = "banded"
+    # Correlation of rows 0, 1, 2, … apart, before the white share; zero beyond.
+    autocorrelation: Float[np.ndarray, " n_lag"]
+    run_lengths: tuple[int, ...]
+    # Diagonal of R in each run (differs only if the sample spacing does); row mean 1.
+    run_variances: Float[np.ndarray, " n_run"]
+    scale: float
+    white_share: float = WHITE_SHARE  # δ
+
+    def __post_init__(self) -> None:
+        check_white_share(self.white_share)
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Return diagonals of R⁻¹ by the displacement structure of an inverse Toeplitz matrix.
@@ -83,9 +85,9 @@ class BandedNoise(RowNoise):
         (Gohberg & Semencul 1972).
         """
         band, start = np.zeros((self.n_obs, width)), 0
-        for n, variance in zip(self.run_lengths, self.run_variances, strict=True):
-            half = triangular_solve(self._factors[n], np.eye(n, 1), "N")
-            x = triangular_solve(self._factors[n], half, "T")[:, 0]
+        for factor, variance in zip(self._factors, self.run_variances, strict=True):
+            n = factor.shape[1]
+            x = triangular_solve(factor, triangular_solve(factor, np.eye(n, 1), "N"), "T")[:, 0]
             for k in range(min(width, n)):
                 steps = (x[1 : n - k] * x[1 + k :] - x[:k:-1] * x[::-1][k : n - 1]) / x[0]
                 band[start : start + n - k, k] = np.cumsum(np.concatenate([x[k : k + 1], steps])) / variance
@@ -121,16 +123,10 @@ class BandedNoise(RowNoise):
         return column
 
     @cached_property
-    def _factors(self) -> dict[int, np.ndarray]:
-        """Lower banded Cholesky factor of the unit-variance block, for each length of run."""
+    def _factors(self) -> tuple[np.ndarray, ...]:
         bands = {n: self._column[:n] for n in set(self.run_lengths)}
-        return {n: cholesky_banded(np.repeat(band[:, None], n, axis=1), lower=True) for n, band in bands.items()}
-
-    def _solve(self, rows: np.ndarray, trans: str) -> np.ndarray:
-        parts = zip(np.split(rows, np.cumsum(self.run_lengths)[:-1]), self.run_variances, strict=True)
-        return np.concatenate(
-            [triangular_solve(self._factors[len(part)], part, trans) / math.sqrt(v) for part, v in parts]
-        )
+        each = {n: cholesky_banded(np.repeat(band[:, None], n, axis=1), lower=True) for n, band in bands.items()}
+        return tuple(each[n] for n in self.run_lengths)
 
 
 def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.ndarray:
@@ -142,22 +138,16 @@ def triangular_solve(factor: np.ndarray, rows: np.ndarray, trans: str) -> np.nda
     return solution
 
 
-LEAST_PIVOT_SHARE = 1e-10
-"""Share of a row's variance below which its variance given the earlier rows counts as zero: they determine it."""
+LEAST_PIVOT_SHARE = 1e-10  # share of its variance below which a row's pivot is zero: earlier rows determine it
 
 
 @dataclass(frozen=True, eq=False)
-class OverlappingNoise(RowNoise):
-    """Rows that are sums over overlapping stretches of noisy samples, W = L⁻¹ with R = L Lᵀ.
-
-    Every operation costs O(n · bandwidth²) at most, but entries of R⁻¹, which cost O(n² · bandwidth).
-
-    Attributes:
-        bands: R of each run in lower banded form: row k holds the k-th subdiagonal; mean diagonal 1 over all runs.
-    """
+class OverlappingNoise(_CholeskyNoise):
+    """Rows that are sums over overlapping stretches of noisy samples; entries of R⁻¹ cost O(n² bandwidth)."""
 
     kind: ClassVar[str] = "overlapping"
     derived: ClassVar[bool] = True
+    # R of each run in lower banded form: row k holds the k-th subdiagonal; mean diagonal 1 over all runs.
     bands: tuple[Float[np.ndarray, "_ _"], ...]
     scale: float = 1.0
 
@@ -166,39 +156,24 @@ class OverlappingNoise(RowNoise):
         """Rows of each run."""
         return tuple(band.shape[1] for band in self.bands)
 
-    @cached_property
-    def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """log|R| = Σ 2 log diag L."""
-        return 2.0 * sum(float(np.sum(np.log(factor[0]))) for factor in self._factors)
-
-    def whiten(self, rows: Float[np.ndarray, "n_obs k"]) -> Float[np.ndarray, "n_white k"]:
-        """Return L⁻¹ rows."""
-        return self._solve(rows, "N")
-
-    def whiten_transpose(self, rows: Float[np.ndarray, "n_white k"]) -> Float[np.ndarray, "n_obs k"]:
-        """Return L⁻ᵀ rows."""
-        return self._solve(rows, "T")
+    @property
+    def run_variances(self) -> Float[np.ndarray, " n_run"]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Ones: variances are those of the bands."""
+        return np.ones(len(self.bands))
 
     def precision_band(self, width: int) -> Float[np.ndarray, "n_obs width"]:
         """Return diagonals of R⁻¹, from its columns."""
 
         def band(factor: np.ndarray) -> np.ndarray:
-            def inverse(unit: np.ndarray) -> np.ndarray:
-                return triangular_solve(factor, triangular_solve(factor, unit, "N"), "T")
-
-            return band_by_columns(inverse, factor.shape[1], width)
+            back = partial(triangular_solve, factor, trans="T")
+            return band_by_columns(lambda x: back(triangular_solve(factor, x, "N")), factor.shape[1], width)
 
         return np.concatenate([np.zeros((0, width)), *map(band, self._factors)])
 
     def covariance(self) -> Float[np.ndarray, "n_obs n_obs"]:
         """Return R as a dense matrix."""
-        blocks = []
-        for band in self.bands:
-            lower = np.zeros((band.shape[1], band.shape[1]))
-            for k in range(len(band)):
-                lower += np.diag(band[k, : band.shape[1] - k], -k)
-            blocks.append(lower + lower.T - np.diag(band[0]))
-        return np.asarray(block_diag(*blocks))
+        lower = [sum(np.diag(row[: len(row) - k], -k) for k, row in enumerate(band)) for band in self.bands]
+        return np.asarray(block_diag(*(each + np.tril(each, -1).T for each in lower)))
 
     def correlated(self, white: Float[np.ndarray, "n_draw n_obs"]) -> Float[np.ndarray, "n_draw n_obs"]:
         """Return L times the draws."""
@@ -222,23 +197,11 @@ class OverlappingNoise(RowNoise):
                 kept.append(part)
         return overlapping(kept, self.scale)
 
-    @cached_property
-    def _factors(self) -> tuple[Float[np.ndarray, "_ _"], ...]:
-        return tuple(cholesky_banded(band, lower=True) for band in self.bands)
-
-    def _solve(self, rows: np.ndarray, trans: str) -> np.ndarray:
-        parts = np.split(rows, np.cumsum(self.run_lengths)[:-1])
-        solved = [triangular_solve(f, part, trans) for f, part in zip(self._factors, parts, strict=True)]
-        return np.concatenate(solved) if solved else rows
-
 
 def overlapping(
     bands: Sequence[Float[np.ndarray, "_ _"]], scale: float = 1.0, mean: float | None = None
 ) -> OverlappingNoise:
-    """Return noise of rows of these covariances over scale², in lower banded form, rescaled to a mean diagonal of one.
-
-    `mean` is the mean diagonal of a larger set of rows that is to be one; by default that of these rows.
-    """
+    """Return noise of rows of these covariances over scale², in lower banded form; its `mean` diagonal becomes one."""
     mean = mean_diagonal(bands) if mean is None else mean
     return OverlappingNoise(tuple(band / mean for band in bands), scale * math.sqrt(mean))
 

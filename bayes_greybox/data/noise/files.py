@@ -15,6 +15,7 @@ from .starts_noise import ForcedNoise, Motion, StartsNoise
 from .state_space import StateSpaceNoise
 from .weighted import WeightedNoise, WhiteNoise
 
+# Row noises that files of data and fits can hold, by the name that `RowNoise.to_dict` gives them.
 NOISE_KINDS: dict[str, Any] = {
     noise.kind: noise
     for noise in (
@@ -22,7 +23,6 @@ NOISE_KINDS: dict[str, Any] = {
         OverlappingNoise,
     )
 }  # fmt: skip
-"""Row noises that files of data and fits can hold, by the name that `RowNoise.to_dict` gives them."""
 
 
 def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
@@ -35,8 +35,8 @@ def noise_from_dict(record: Mapping[str, Any]) -> RowNoise:
 
 def _filled(kind: Callable[..., Any], record: Mapping[str, Any]) -> Any:
     """Return a noise with those of its fields that a record has; a value that is no such field is refused here."""
-    declared = {name: each.annotation for name, each in signature(kind).parameters.items() if name in record}
-    return kind(**{name: _field(name, declared[name], record[name]) for name in declared})
+    fields = {name: each.annotation for name, each in signature(kind).parameters.items() if name in record}
+    return kind(**{name: _field(name, declared, record[name]) for name, declared in fields.items()})
 
 
 def _field(name: str, declared: Any, value: Any) -> Any:

@@ -15,13 +15,8 @@ from jaxtyping import Array, Float
 from .starts_noise import Motion
 
 BySample = Float[np.ndarray, "n n_output"]
-"""Numbers by sample and sensor."""
-
 Gains = Float[np.ndarray, "n n_output d"]
-"""Gains of the innovations, sensor by sensor."""
-
 Columns = Float[np.ndarray, "n n_output k"]
-"""Columns of rows by sample and sensor."""
 
 # Data come before physics, where 64-bit is switched on for everything downstream.
 jax.config.update("jax_enable_x64", True)
@@ -29,9 +24,9 @@ jax.config.update("jax_enable_x64", True)
 
 def gains(motion: Motion, r: BySample, intensity: float) -> tuple[Gains, BySample]:
     """Return gains and variances of the innovations, sensor by sensor, for noise variances r and intensity λ."""
-    n = len(r)
-    K, S = _gains(*_padded_motion(motion, n), _padded(r, n, 1.0), motion.start_sd, intensity, outputs=motion.outputs)
-    return np.asarray(K)[:n], np.asarray(S)[:n]
+    M, G, fresh = (_padded(values) for values in (motion.M, motion.G, motion.fresh))
+    K, S = _gains(M, G, fresh, _padded(r, 1.0), motion.start_sd, intensity, outputs=motion.outputs)
+    return np.asarray(K)[: len(r)], np.asarray(S)[: len(r)]
 
 
 def innovations(motion: Motion, K: Gains, y: Columns) -> Columns:
@@ -46,26 +41,20 @@ def adjoint(motion: Motion, K: Gains, y: Columns) -> Columns:
 
 def precision_diagonal(motion: Motion, K: Gains, S: BySample) -> BySample:
     """Return 1/S + Kᵀ N K, N the covariance of the adjoint, K the gains and S the variances of the innovations."""
-    n = len(S)
-    M, _, fresh = _padded_motion(motion, n)
-    return np.asarray(_precision(M, fresh, _padded(K, n), _padded(1 / S, n), outputs=motion.outputs))[:n]
+    arrays = (_padded(values) for values in (motion.M, motion.fresh, K, 1 / S))
+    return np.asarray(_precision(*arrays, outputs=motion.outputs))[: len(S)]
 
 
 def _applied(work: Callable[..., Array], motion: Motion, K: np.ndarray, y: np.ndarray) -> np.ndarray:
     n, k = len(y), y.shape[-1]
-    M, _, fresh = _padded_motion(motion, n)
     wide = np.concatenate([y, np.zeros((*y.shape[:-1], _power_of_two(k) - k))], axis=-1)
-    result = work(M, fresh, _padded(K, n), _padded(wide, n), outputs=motion.outputs)
-    return np.asarray(result)[:n, :, :k]
+    arrays = (_padded(values) for values in (motion.M, motion.fresh, K, wide))
+    return np.asarray(work(*arrays, outputs=motion.outputs))[:n, :, :k]
 
 
-def _padded_motion(motion: Motion, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return _padded(motion.M, n), _padded(motion.G, n), _padded(motion.fresh, n)
-
-
-def _padded(values: np.ndarray, n: int, by: float = 0.0) -> np.ndarray:
-    padding = np.full((_power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)
-    return np.concatenate([values, padding])
+def _padded(values: np.ndarray, by: float = 0.0) -> np.ndarray:
+    n = len(values)
+    return np.concatenate([values, np.full((_power_of_two(n) - n, *values.shape[1:]), by, dtype=values.dtype)])
 
 
 def _power_of_two(n: int) -> int:

@@ -1,13 +1,10 @@
 """Covariance of derivative rows that a linear filter computed from noisy samples.
 
-A linear differentiator turns white sensor noise into correlated rows with a known covariance. It is stored as a
-correlation shape R (mean diagonal 1) and a factor `scale`: the covariance of the rows is (scale · s)² R when the state
-samples carry white noise of standard deviation s. The likelihood then needs only W with W R Wᵀ = I, applied to both
-sides of the equation.
-
-The covariance of a pure filter is nearly singular: a differentiator removes the mean, smoothing removes high
-frequencies, and rows that the filter claims to know exactly would outvote all others. A white share δ stands
-for the part of the row noise that is not filtered sensor noise (truncation and model error):
+A linear differentiator turns white sensor noise of standard deviation s into correlated rows of covariance
+(scale · s)² R, the mean diagonal of R being 1. The likelihood then needs only W with W R Wᵀ = I, applied to both sides
+of the equation. R of a pure filter is nearly singular: a differentiator removes the mean, smoothing removes high
+frequencies, and rows that the filter claims to know exactly would outvote all others. A white share δ stands for the
+part of the row noise that is not filtered sensor noise (truncation and model error):
 
     R = (1 − δ) R_filter + δ I.
 """
@@ -22,36 +19,23 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.running.errors import InputError
 
-WHITE_SHARE = 0.05
-"""Default δ: the share of the row variance that is white."""
-
-PRECISION_COLUMNS = 20
-"""Columns of R⁻¹ that are computed at once: each is as long as the record."""
-
+WHITE_SHARE = 0.05  # default δ: the share of the row variance that is white
+PRECISION_COLUMNS = 20  # columns of R⁻¹ that are computed at once: each is as long as the record
+# Values, the length of each stretch of neighbours, and True if they run along frequency instead of time.
 Sequences = tuple[Float[np.ndarray, "n_draw n_value"], tuple[int, ...], bool]
-"""Values, the length of each stretch of neighbours, and True if they run along frequency instead of time."""
 
 
 class RowNoise(ABC):
-    """Noise of the stacked rows of one derivative, block by run; each kind is a frozen dataclass.
+    """Noise of the stacked rows of one derivative, block by run; each kind is a frozen dataclass."""
 
-    Attributes:
-        kind: Name in files.
-        unsaved: Fields that files leave out.
-        local: If true, each row is whitened by itself, so that rows can be whitened a chunk at a time.
-        triangular: If true, no row of W depends on a later row.
-        derived: If true, R follows from the noise of the samples and a model, and is not estimated from the rows.
-        scale: Standard deviation of the derivative rows over that of the state samples, in the units of the data
-            (1/time for a first derivative).
-    """
-
-    kind: ClassVar[str]
-    unsaved: ClassVar[tuple[str, ...]] = ()
-    local: ClassVar[bool] = False
-    triangular: ClassVar[bool] = True
+    kind: ClassVar[str]  # name in files
+    unsaved: ClassVar[tuple[str, ...]] = ()  # fields that files leave out
+    local: ClassVar[bool] = False  # true if each row is whitened by itself: rows can be whitened a chunk at a time
+    triangular: ClassVar[bool] = True  # true if no row of W depends on a later row
+    # True if R follows from the noise of the samples and a model, and is not estimated from the rows.
     derived: ClassVar[bool] = False
     run_lengths: tuple[int, ...]
-    scale: float
+    scale: float  # standard deviation of the rows over that of the state samples, in the units of the data
 
     @property
     def n_obs(self) -> int:
@@ -76,7 +60,7 @@ class RowNoise(ABC):
     @property
     def n_white(self) -> int:
         """Number of whitened rows: one for each row, unless R is singular."""
-        return self.n_obs
+        return sum(self.white_lengths)
 
     @property
     @abstractmethod
@@ -123,11 +107,7 @@ class RowNoise(ABC):
     def starts_given(
         self, rows: Float[np.ndarray, "n_obs k"], white: Float[np.ndarray, "n_start k"]
     ) -> tuple[Float[np.ndarray, "n_start k"], Float[np.ndarray, "n_obs k"]]:
-        """Draw the unknown starts of runs given residuals over σ, from standard normal numbers `white`.
-
-        Returns:
-            The starts, and the residuals less the part that they explain, both over σ.
-        """
+        """Draw the starts of runs given residuals over σ, from standard normal numbers, and the residuals less them."""
         return white, rows
 
     @property
@@ -171,10 +151,8 @@ class RowNoise(ABC):
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "RowNoise":
         """Return the noise of a part of the rows, its mean diagonal of R again 1 and scale² R unchanged.
 
-        `bounds` is the half-open range of rows that stay, for each run; an empty range leaves the run out.
-
-        Raises:
-            InputError: The rows of a run cannot be parted.
+        `bounds` is the half-open range of rows that stay, for each run; an empty range leaves the run out. Rows that
+        cannot be parted are refused.
         """
 
     def to_dict(self) -> dict[str, Any]:
@@ -187,6 +165,12 @@ def check_white_share(share: float) -> None:
     """Refuse a white share outside (0, 1]."""
     if not 0.0 < share <= 1.0:
         raise InputError(f"white_share must be above 0 and at most 1, not {share}; the default is {WHITE_SHARE}.")
+
+
+def rows_within(run_lengths: Sequence[int], bounds: Sequence[tuple[int, int]]) -> Int[np.ndarray, " k"]:
+    """Return the numbers of contiguous rows of each run, as half-open ranges."""
+    starts = np.cumsum([0, *run_lengths[:-1]])
+    return np.concatenate([np.arange(start + a, start + b) for start, (a, b) in zip(starts, bounds, strict=True)])
 
 
 def unit_columns(n: int, rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, "n k"]:

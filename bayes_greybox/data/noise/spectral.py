@@ -19,23 +19,16 @@ from .protocol import WHITE_SHARE, RowNoise, Sequences, check_white_share
 class SpectralNoise(RowNoise):
     """Rows of a Fourier derivative of order m of periodic records: R is diagonal in the Fourier basis.
 
-    Each kept frequency ω has one cosine and one sine coefficient with variance proportional to ω^{2m}. The
-    mean and the frequencies outside the band carry no rows, so W has fewer rows than the data and a constant
-    term leaves no trace in the whitened equation.
-
-    Attributes:
-        order: m.
-        steps: Sample spacing of each run, in units of time.
-        kept: Number of kept frequencies 1, …, kept of each run (multiples of 1 / (n · step)).
-        white_share: δ, spread evenly over the kept coefficients of each run.
+    Each kept frequency ω has one cosine and one sine coefficient with variance proportional to ω^{2m}. The mean and the
+    frequencies outside the band carry no rows: W has fewer rows than the data, and a constant term leaves no trace.
     """
 
     kind: ClassVar[str] = "spectral"
-    order: int
+    order: int  # m
     run_lengths: tuple[int, ...]
-    steps: tuple[float, ...]
-    kept: tuple[int, ...]
-    white_share: float = WHITE_SHARE
+    steps: tuple[float, ...]  # sample spacing of each run, in units of time
+    kept: tuple[int, ...]  # number of kept frequencies 1, …, kept of each run (multiples of 1 / (n · step))
+    white_share: float = WHITE_SHARE  # δ, spread evenly over the kept coefficients of each run
 
     def __post_init__(self) -> None:
         check_white_share(self.white_share)
@@ -44,11 +37,6 @@ class SpectralNoise(RowNoise):
     def scale(self) -> float:  # pyright: ignore[reportIncompatibleVariableOverride]
         """Standard deviation of the rows for unit white noise on the samples."""
         return math.sqrt(sum(2.0 * float(np.sum(power)) for power in self._powers) / self.n_obs)
-
-    @property
-    def n_white(self) -> int:
-        """Number of whitened rows, two for each kept frequency."""
-        return 2 * sum(self.kept)
 
     @property
     def white_lengths(self) -> tuple[int, ...]:
@@ -114,13 +102,11 @@ class SpectralNoise(RowNoise):
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "SpectralNoise":
         """Return the noise of whole runs, and refuse to cut one: a part of a periodic record has no such form."""
         stay = [i for i, (start, stop) in enumerate(bounds) if stop > start]
-        for i in stay:
-            if bounds[i] != (0, self.run_lengths[i]):
-                raise InputError(
-                    "Rows differentiated with method='spectral' belong to whole periodic records and cannot "
-                    "be split by time; split the measured data first and differentiate the parts, or split "
-                    "with by='trajectory'."
-                )
+        if any(bounds[i] != (0, self.run_lengths[i]) for i in stay):
+            raise InputError(
+                "Rows differentiated with method='spectral' belong to whole periodic records and cannot be split by "
+                "time; split the measured data first and differentiate the parts, or split with by='trajectory'."
+            )
         lengths, steps, kept = (tuple(each[i] for i in stay) for each in (self.run_lengths, self.steps, self.kept))
         return replace(self, run_lengths=lengths, steps=steps, kept=kept)
 

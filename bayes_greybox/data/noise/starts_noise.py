@@ -21,44 +21,32 @@ from jaxtyping import Bool, Float
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import RowNoise, band_by_columns
+from .protocol import RowNoise, band_by_columns, rows_within
 
 
 class Motion(NamedTuple):
-    """Propagation of changes of a path from sample to sample, samples in order of time within their segment.
+    """Propagation of changes of a path from sample to sample, samples in order of time within their segment."""
 
-    Attributes:
-        M: Transition from the sample before; for the first sample of a segment, from the segment's start.
-        G: Covariance that a force of unit intensity adds on the way, over that of the rows.
-        fresh: True for the first sample of each segment.
-        outputs: Indices of the states that have a sensor; rows are ordered by sensor, then by sample.
-        start_sd: Prior standard deviation of each state at the start of a segment, in the rows' unit.
-        intensities: λ that are worth trying, from hardly anything to a force as large as the path's own.
-    """
-
+    # Transition from the sample before; for the first sample of a segment, from the segment's start.
     M: Float[np.ndarray, "n d d"]
-    G: Float[np.ndarray, "n d d"]
-    fresh: Bool[np.ndarray, " n"]
-    outputs: tuple[int, ...]
+    G: Float[np.ndarray, "n d d"]  # covariance that a force of unit intensity adds on the way, over that of the rows
+    fresh: Bool[np.ndarray, " n"]  # true for the first sample of each segment
+    outputs: tuple[int, ...]  # indices of the states that have a sensor; rows are ordered by sensor, then by sample
+    # Prior standard deviation of each state at the start of a segment, in the rows' unit.
     start_sd: Float[np.ndarray, " d"]
+    # λ that are worth trying, from hardly anything to a force as large as the path's own.
     intensities: Float[np.ndarray, " n_intensity"]
 
 
 @dataclass(frozen=True, eq=False)
 class ForcedNoise(RowNoise):
-    """Noise of sensors, of the starts of segments, and of an unknown force along the path.
-
-    Attributes:
-        sensor: Noise of the sensors alone, of independent rows.
-        starts: Change of the rows by one prior standard deviation of each start.
-        intensity: λ.
-    """
+    """Noise of sensors, of the starts of segments, and of an unknown force along the path."""
 
     kind: ClassVar[str] = "forced"
-    sensor: RowNoise
+    sensor: RowNoise  # noise of the sensors alone, of independent rows
     motion: Motion
-    starts: Float[np.ndarray, "n_obs n_start"]
-    intensity: float
+    starts: Float[np.ndarray, "n_obs n_start"]  # change of the rows by one prior standard deviation of each start
+    intensity: float  # λ
     scale: float = 1.0
 
     @property
@@ -117,8 +105,7 @@ class ForcedNoise(RowNoise):
 
     @property
     def _filter(self) -> Any:
-        # Imported here: it brings JAX, which data do without.
-        from . import innovations
+        from . import innovations  # imported here: it brings JAX, which data do without
 
         return innovations
 
@@ -138,20 +125,15 @@ class ForcedNoise(RowNoise):
 
 @dataclass(frozen=True, eq=False)
 class StartsNoise(RowNoise):
-    """Noise of rows with unknown starts.
-
-    Attributes:
-        inner: R₀.
-        starts: B [n_obs, n_start].
-        motion: Function that returns the propagation of changes of the path, where it is known; called on first need.
-    """
+    """Noise of rows with unknown starts."""
 
     kind: ClassVar[str] = "starts"
     unsaved: ClassVar[tuple[str, ...]] = ("motion",)
     # All rows of a run share its start.
     triangular: ClassVar[bool] = False
-    inner: RowNoise
-    starts: Float[np.ndarray, "n_obs n_start"]
+    inner: RowNoise  # R₀
+    starts: Float[np.ndarray, "n_obs n_start"]  # B
+    # Function that returns the propagation of changes of the path, where it is known; called on first need.
     motion: Callable[[], Motion] | None = None
     scale: float = 1.0
 
@@ -161,9 +143,9 @@ class StartsNoise(RowNoise):
         return self.inner.run_lengths
 
     @property
-    def n_white(self) -> int:
-        """Number of whitened rows of R₀."""
-        return self.inner.n_white
+    def white_lengths(self) -> tuple[int, ...]:
+        """Number of whitened rows of each run of R₀."""
+        return self.inner.white_lengths
 
     @cached_property
     def log_det(self) -> float:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -239,9 +221,8 @@ class StartsNoise(RowNoise):
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "StartsNoise":
         """Return the noise of contiguous rows of each run."""
-        first = np.cumsum([0, *self.run_lengths])
-        rows = np.concatenate([np.arange(first[i] + a, first[i] + b) for i, (a, b) in enumerate(bounds)])
-        return StartsNoise(self.inner.restrict(bounds), self.starts[rows], scale=self.scale)
+        starts = self.starts[rows_within(self.run_lengths, bounds)]
+        return StartsNoise(self.inner.restrict(bounds), starts, scale=self.scale)
 
     @cached_property
     def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,11 +22,8 @@ from bayes_greybox.running.errors import InputError
 
 from .protocol import RowNoise
 
-PROCESSES = ("exponential", "matern32")
-"""Correlation functions: rough like a sensor's noise, and smooth like the motion of a system."""
-
-GAIN_SETTLED = 1e-13
-"""Relative change of the gain below which it is constant: whitening is then a filter with fixed coefficients."""
+PROCESSES = ("exponential", "matern32")  # rough like a sensor's noise, and smooth like the motion of a system
+GAIN_SETTLED = 1e-13  # relative change of the gain below which whitening is a filter with fixed coefficients
 
 
 class _Gains(NamedTuple):
@@ -40,20 +37,13 @@ class _Gains(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class StateSpaceNoise(RowNoise):
-    """R of a process in time plus white noise.
-
-    Attributes:
-        times: Time stamps of each run, increasing.
-        process: One of `PROCESSES`.
-        time_scale: τ, in units of time.
-        white: w, the share of the variance that is white, from 0 to 1.
-    """
+    """R of a process in time plus white noise."""
 
     kind: ClassVar[str] = "state space"
-    times: tuple[Float[np.ndarray, " _"], ...]
-    process: str
-    time_scale: float
-    white: float
+    times: tuple[Float[np.ndarray, " _"], ...]  # time stamps of each run, increasing
+    process: str  # one of `PROCESSES`
+    time_scale: float  # τ, in units of time
+    white: float  # w, the share of the variance that is white, from 0 to 1
     scale: float = 1.0
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from bayes_greybox.running.errors import InputError
 
-from .protocol import RowNoise, Sequences
+from .protocol import RowNoise, Sequences, rows_within
 
 
 @dataclass(frozen=True)
@@ -59,16 +59,11 @@ class WhiteNoise(RowNoise):
 
 @dataclass(frozen=True, eq=False)
 class WeightedNoise(RowNoise):
-    """Noise whose standard deviation differs from row to row.
-
-    Attributes:
-        inner: R₀, the noise of rows of equal variance.
-        sd: Roots of the diagonal of D, over the σ of the model [n_obs].
-    """
+    """Noise whose standard deviation differs from row to row."""
 
     kind: ClassVar[str] = "weighted"
-    inner: RowNoise
-    sd: Float[np.ndarray, " n_obs"]
+    inner: RowNoise  # R₀, the noise of rows of equal variance
+    sd: Float[np.ndarray, " n_obs"]  # roots of the diagonal of D, over the σ of the model [n_obs]
     scale: float = 1.0
 
     def __post_init__(self) -> None:
@@ -84,11 +79,6 @@ class WeightedNoise(RowNoise):
     def independent(self) -> bool:
         """True if R₀ is diagonal."""
         return self.inner.independent
-
-    @property
-    def n_white(self) -> int:
-        """Number of whitened rows of R₀."""
-        return self.inner.n_white
 
     @property
     def white_lengths(self) -> tuple[int, ...]:
@@ -129,10 +119,9 @@ class WeightedNoise(RowNoise):
 
     def restrict(self, bounds: Sequence[tuple[int, int]]) -> "WeightedNoise":
         """Return the noise of contiguous rows of each run; their standard deviations over the same σ stay."""
-        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])[:-1].astype(int)
-        kept = [self.sd[s + a : s + b] for s, (a, b) in zip(starts, bounds, strict=True)]
         inner = self.inner.restrict(bounds)
-        return WeightedNoise(inner, np.concatenate([np.zeros(0), *kept]), self.scale * inner.scale / self.inner.scale)
+        sd = self.sd[rows_within(self.run_lengths, bounds)]
+        return WeightedNoise(inner, sd, self.scale * inner.scale / self.inner.scale)
 
 
 def correlation_and_sd(noise: RowNoise) -> tuple[RowNoise, Float[np.ndarray, " n_obs"]]:

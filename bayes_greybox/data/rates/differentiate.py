@@ -2,12 +2,11 @@
 
 Derivatives, states and inputs are filtered alike. `data.rates.rate_filter` says how the filter changes the true rate,
 and therefore every term of the equation. Rows at the edges, where a filter would invent samples, are dropped.
-
-`Trajectories.differentiate` is the user's way in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -36,8 +35,7 @@ from .rate_filter import RateFilter
 
 AnyRuns = TypeVar("AnyRuns", bound=Runs)
 
-WRAP_FACTOR = 3.0
-"""A record whose last and first sample differ by more than this many largest steps is not periodic."""
+WRAP_FACTOR = 3.0  # a record whose last and first sample differ by more than this many largest steps is not periodic
 
 
 @dataclass(frozen=True)
@@ -61,11 +59,7 @@ class _Filter(NamedTuple):
 
 
 def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int[np.ndarray, " n_row"]]:
-    """Smooth every column and add the missing derivatives; see `Trajectories.differentiate`.
-
-    Returns:
-        The filtered data, and the numbers of the rows that stay.
-    """
+    """Return the data as `Trajectories.differentiate` filters them, and the numbers of the rows that stay."""
     rates, names = settings.rates, data.run_names
     _check_request(data, rates)
     check_settings(settings.method, settings.window, settings.polyorder, settings.band)
@@ -77,8 +71,8 @@ def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int
         filtered = _spectral_filter(settings, blocks, steps, names)
     else:
         filtered = _window_filter(settings, blocks, steps, names, missing)
-    states = {name: filtered.apply(values, 0) for name, values in data.states.items()}
-    derivatives = {name: filtered.apply(values, 0) for name, values in data.derivatives.items()}
+    columns = data.each_column(lambda values: filtered.apply(values, 0))
+    states, derivatives = columns["states"], columns["derivatives"]
     orders, units = dict.fromkeys(derivatives, 0), dict(data.units)
     for name, values in missing.items():
         derivatives[name], orders[name] = filtered.apply(values, 1), 1
@@ -89,24 +83,16 @@ def differentiate(data: AnyRuns, settings: FilterSettings) -> tuple[AnyRuns, Int
             units |= {} if unit is None else {rate: unit}
     noise = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
     rate_filter = RateFilter(
-        method=settings.method,
-        window=filtered.window,
-        polyorder=filtered.polyorder,
-        band=settings.band,
-        white_share=settings.white_share,
-        rates=tuple(rates.items()),
-        orders=tuple(orders.items()),
-        steps=_different(steps),
+        settings.method, filtered.window, filtered.polyorder, settings.band, settings.white_share,
+        tuple(rates.items()), tuple(orders.items()), _different(steps),
         sample_noise=tuple(zip(data.states, map(float, noise), strict=True)),
-    )
+    )  # fmt: skip
     rows = filtered.rows
     result = replace(
         data,
         time=data.time[rows],
         run=data.run[rows],
-        states=states,
-        inputs={name: filtered.apply(values, 0) for name, values in data.inputs.items()},
-        derivatives=derivatives,
+        **columns,
         units=units,
         noise={name: filtered.row_noise(order) for name, order in orders.items()},
         filter=rate_filter,
@@ -133,12 +119,9 @@ def _spectral_filter(
 
 
 def _window_filter(
-    settings: FilterSettings,
-    blocks: Sequence[np.ndarray],
-    steps: Sequence[float],
-    run_names: Sequence[str],
+    settings: FilterSettings, blocks: Sequence[np.ndarray], steps: Sequence[float], run_names: Sequence[str],
     missing: Mapping[str, np.ndarray],
-) -> _Filter:
+) -> _Filter:  # fmt: skip
     """Build a finite differentiator, its window chosen from the states without a derivative if it is left open."""
     highest = 2 if settings.rates else 1
     window, polyorder, band = settings.window, settings.polyorder, None
@@ -169,7 +152,7 @@ def _window_filter(
 
 
 def _different(steps: Sequence[float]) -> tuple[float, ...]:
-    """Drop steps that are equal to an earlier one within the tolerance."""
+    """Drop steps that are equal to one that was kept within the tolerance."""
     different: list[float] = []
     for step in steps:
         if not any(abs(step - other) <= STEP_TOLERANCE * other for other in different):
@@ -181,21 +164,18 @@ def uniform_step(time: Float[np.ndarray, " n"], name: str) -> float:
     """Return the sample spacing of one run, and refuse uneven ones."""
     if len(time) < 2:
         raise InputError(f'Run "{name}" has one row and cannot be differentiated; leave it out.')
-    step = float(time[-1] - time[0]) / (len(time) - 1)
-    deviation = np.abs(np.diff(time) - step)
-    worst = int(np.argmax(deviation))
-    slack = step_slack(time, step)
-    if deviation[worst] > slack:
-        steps = np.diff(time)
+    step, steps = float(time[-1] - time[0]) / (len(time) - 1), np.diff(time)
+    worst, slack = int(np.argmax(np.abs(steps - step))), step_slack(time, step)
+    if abs(steps[worst] - step) > slack:
         usual = float(np.median(steps))
         # Single missing rows are put back at the usual step; jittered stamps keep their mean step.
         even = step if np.mean(np.abs(steps - usual) <= slack) < 0.5 else usual
         gap = np.max(steps) > GAP_STEPS * usual
         remedy = "it has a gap there" if gap else f"resample the runs evenly, data.resample({even:.6g})"
         raise InputError(
-            f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} '
-            f"where the mean step is {step:.6g}; {remedy}, or give measured derivatives, or take the samples as they "
-            "are, without differentiating them (in a file without [data.differentiate]): those need no even steps."
+            f'Run "{name}" is not sampled evenly: the step after row {worst} is {steps[worst]:.6g} where the mean '
+            f"step is {step:.6g}; {remedy}, or give measured derivatives, or take the samples as they are, without "
+            "differentiating them (in a file without [data.differentiate]): those need no even steps."
         )
     return step
 
@@ -220,13 +200,12 @@ def _check_request(data: Runs, rates: Mapping[str, str]) -> None:
 
 
 def _check_periodic(columns: Mapping[str, np.ndarray], blocks: Sequence[np.ndarray], run_names: Sequence[str]) -> None:
-    for name, values in columns.items():
-        for rows, run_name in zip(blocks, run_names, strict=True):
-            jump = abs(values[rows[0]] - values[rows[-1]])
-            largest = float(np.max(np.abs(np.diff(values[rows]))))
-            if jump > WRAP_FACTOR * largest:
-                raise InputError(
-                    f'Run "{run_name}" is not a whole number of periods: state "{name}" jumps by {jump:.3g} '
-                    f"from its last row to its first, but by {largest:.3g} at most between rows; cut it to "
-                    "whole periods, or use method='savgol' or 'bandlimited'."
-                )
+    for (name, values), (rows, run_name) in product(columns.items(), zip(blocks, run_names, strict=True)):
+        jump = abs(values[rows[0]] - values[rows[-1]])
+        largest = float(np.max(np.abs(np.diff(values[rows]))))
+        if jump > WRAP_FACTOR * largest:
+            raise InputError(
+                f'Run "{run_name}" is not a whole number of periods: state "{name}" jumps by {jump:.3g} from its last '
+                f"row to its first, but by {largest:.3g} at most between rows; cut it to whole periods, or use "
+                "method='savgol' or 'bandlimited'."
+            )

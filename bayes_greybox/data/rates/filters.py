@@ -12,20 +12,12 @@ from scipy.special import ive
 from bayes_greybox.running.errors import InputError
 
 METHODS = ("savgol", "bandlimited", "spectral")
-ATTENUATION_DB = 80.0
-"""Stop-band attenuation of the band-limited filter."""
+ATTENUATION_DB = 80.0  # stop-band attenuation of the band-limited filter
+# A step this many times the usual one is a gap, in which interpolation would invent samples. Stamps that must be even
+# have no such step by chance. Where they may be uneven, a run goes on across it, and begins anew after a longer one.
 GAP_STEPS = 4.0
-"""A step this many times the usual one is a gap, in which interpolation would invent samples.
-
-Stamps that have to be even have no such step by chance. Where they may be uneven, a run goes on across it, and begins
-anew after one that is longer still, `gaps.ANEW`.
-"""
-
-STEP_TOLERANCE = 1e-3
-"""Largest relative deviation of a sample spacing from the mean spacing, beside the rounding of the stamps."""
-
-UNDERSMOOTHING = 0.75
-"""Factor on the window that cross-validation finds, see `savgol_window`."""
+STEP_TOLERANCE = 1e-3  # largest relative deviation from the mean spacing, beside the rounding of the stamps
+UNDERSMOOTHING = 0.75  # factor on the window that cross-validation finds, see `savgol_window`
 
 
 def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
@@ -37,13 +29,9 @@ def step_slack(time: Float[np.ndarray, " n"], step: float) -> float:
 
 
 def filter_taps(
-    order: int,
-    method: str = "savgol",
-    *,
-    window: int | None = None,
-    polyorder: int | None = None,
+    order: int, method: str = "savgol", *, window: int | None = None, polyorder: int | None = None,
     band: float | None = None,
-) -> Float[np.ndarray, " n_tap"]:
+) -> Float[np.ndarray, " n_tap"]:  # fmt: skip
     """Return taps c of a finite impulse response differentiator for unit sample spacing.
 
     The filtered row is d_n = Σ_k c_k x_{n+k}, k = −w/2 … w/2; divide by step^order for other spacings.
@@ -51,13 +39,8 @@ def filter_taps(
     "savgol" is the derivative at the centre of the least-squares polynomial through the window (Savitzky &
     Golay 1964, Anal. Chem. 36:1627). "bandlimited" is the inverse transform of (iω)^order over the pass band,
     under a Kaiser window, with the lowest moments corrected so that cubics are differentiated exactly.
-
-    Args:
-        order: Order of the derivative, 0 for the smoothing filter.
-        method: "savgol" or "bandlimited".
-        window: Odd number of taps; needed for savgol, chosen from the band for bandlimited.
-        polyorder: Degree of the polynomial, default 3 (order 0 and 1) or 4.
-        band: Edge of the pass band in cycles per sample, below 0.5.
+    The window is an odd number of taps, chosen from the band for "bandlimited"; polyorder is 3 by default (order 0
+    and 1) or 4, and band the edge of the pass band in cycles per sample, below 0.5.
     """
     if method == "savgol":
         degree = polyorder if polyorder is not None else (3 if order < 2 else 4)
@@ -72,15 +55,14 @@ def filter_taps(
         raise InputError(f"Band-limited filters give derivatives of order 0, 1 and 2, not {order}.")
     if band is None or not 0.0 < band < 0.5:
         raise InputError(f"band must lie between 0 and half the sampling rate, not {band} cycles per sample.")
-    return _kaiser_taps(order, window if window is not None else _kaiser_length(band), band)
+    if window is None:
+        # The odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76).
+        window = math.ceil((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * np.pi * _transition(band)) / 2.0) * 2 + 1
+    return _kaiser_taps(order, window, band)
 
 
 def spectral_derivative(values: Float[np.ndarray, " n"], step: float, order: int, kept: int) -> Float[np.ndarray, " n"]:
-    """Differentiate one whole period, or several, by multiplication with (iω)^order in Fourier space.
-
-    Samples are evenly spaced, the repeated last point left out; of the multiples of 1 / (n · step) the first `kept`
-    stay.
-    """
+    """Differentiate whole periods of even samples by (iω)^order in Fourier space; the first `kept` frequencies stay."""
     n = len(values)
     spectrum = np.fft.rfft(values)
     spectrum[kept + 1 :] = 0.0
@@ -93,16 +75,13 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
 
     Cross-validation minimises Σ_columns log [ mean(r²) / (1 − c_0)² ], r the residual of the smoothed
     samples and c_0 the centre tap (the trace of the smoother per row), over rows that every
-    candidate can filter (Craven & Wahba 1979, Numer. Math. 31:377). For a local polynomial this is
-    leave-one-out prediction of the centre sample. It assumes noise that is white from sample to sample; give
-    the window where it is not.
+    candidate can filter (Craven & Wahba 1979, Numer. Math. 31:377). For a local polynomial this is leave-one-out
+    prediction of the centre sample. It assumes noise that is white from sample to sample.
 
     That window balances noise against truncation error. The covariance of the rows accounts for noise only, so the
     window returned is UNDERSMOOTHING times as long: the truncation error of a second derivative falls by two thirds,
     its noise doubles and is known. It is odd, at most a third of the shortest run and 401; a run too short for any is
-    refused.
-
-    `series` has the runs of each column.
+    refused. `series` has the runs of each column.
     """
     smallest = polyorder + 2 + (polyorder + 1) % 2
     shortest = min(len(values) for runs in series for values in runs)
@@ -121,13 +100,9 @@ def savgol_window(series: Sequence[Sequence[Float[np.ndarray, " _"]]], polyorder
         trim, score = half - candidate // 2, 0.0
         # A column of zeros has no information on the window.
         for runs in (runs for runs in series if any(np.any(values) for values in runs)):
-            residual = np.concatenate(
-                [
-                    values[half : len(values) - half]
-                    - np.correlate(values, taps, "valid")[trim : len(values) - candidate + 1 - trim]
-                    for values in runs
-                ]
-            )
+            smooth = [np.correlate(values, taps, "valid") for values in runs]
+            pairs = zip(runs, smooth, strict=True)
+            residual = np.concatenate([x[half : len(x) - half] - y[trim : len(y) - trim] for x, y in pairs])
             # The floor keeps noise-free data, whose residual is rounding error, from a log of zero.
             floor = np.finfo(float).eps ** 2 * float(np.mean(np.concatenate(list(runs)) ** 2))
             square = max(float(np.mean(residual**2)) + floor, np.finfo(float).tiny)
@@ -182,11 +157,6 @@ def band_per_sample(band: float | None, steps: Sequence[float], run_names: Seque
 def _transition(band: float) -> float:
     """Return the width of the transition, cycles per sample: half the band, but ending below the Nyquist frequency."""
     return min(0.5 * band, 0.5 - band)
-
-
-def _kaiser_length(band: float) -> int:
-    """Return the odd number of taps for the attenuation and transition (Oppenheim & Schafer 2010, eq. 7.76)."""
-    return math.ceil((ATTENUATION_DB - 8.0) / (2.285 * 2.0 * np.pi * _transition(band)) / 2.0) * 2 + 1
 
 
 def _kaiser_taps(order: int, window: int, band: float) -> np.ndarray:

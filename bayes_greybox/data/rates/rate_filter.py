@@ -23,35 +23,25 @@ from .filters import STEP_TOLERANCE, filter_taps
 from .sample_spread import Columns, Evaluate
 from .smoothing import smoothing_taps
 
-NEIGHBOUR_CORRELATION = float(np.exp(-1))
-"""Largest correlation of the noise of neighbouring rows, which decides how far apart rows are."""
-
-STRETCH_SAMPLES = 16_384
-"""Samples at which a table is evaluated at once."""
+NEIGHBOUR_CORRELATION = float(np.exp(-1))  # largest correlation of the noise of neighbouring rows
+STRETCH_SAMPLES = 16_384  # samples at which a table is evaluated at once
 
 
 @dataclass(frozen=True)
 class RateFilter:
-    """Filter that computed the rates of data; two are equal if they treat any data set alike.
+    """Filter that computed the rates of data; two are equal if they treat any data set alike."""
 
-    Attributes:
-        method: "savgol", "bandlimited" or "spectral".
-        window: Taps; 0 for spectral.
-        band: Edge of the pass band, cycles per unit of time (bandlimited, spectral).
-        orders: Order of the derivative by the state whose equation the row is; 0 where the rate was measured and
-            smoothed.
-        steps: Different sample spacings of the runs, that of the first run first.
-        sample_noise: Standard deviation of the white noise on each measured state.
-    """
-
-    method: str
-    window: int
+    method: str  # "savgol", "bandlimited" or "spectral"
+    window: int  # taps; 0 for spectral
     polyorder: int | None
-    band: float | None
+    band: float | None  # edge of the pass band, cycles per unit of time (bandlimited, spectral)
     white_share: float
     rates: tuple[tuple[str, str], ...]
+    # Order of the derivative by the state whose equation the row is; 0 where the rate was measured and smoothed.
     orders: tuple[tuple[str, int], ...]
+    # Different sample spacings of the runs, that of the first run first.
     steps: tuple[float, ...] = field(compare=False)
+    # Standard deviation of the white noise on each measured state.
     sample_noise: tuple[tuple[str, float], ...] = field(default=(), compare=False)
 
     @property
@@ -63,8 +53,8 @@ class RateFilter:
     def in_words(self) -> str:
         """Description for remarks, such as "differentiated by savgol, window 21"."""
         settings = {"window": self.window or None, "polyorder": self.polyorder, "band": self.band}
-        words = [f"{name} {value:g}" for name, value in settings.items() if value is not None]
-        return ", ".join([f"differentiated by {self.method}", *words])
+        words = [f", {name} {value:g}" for name, value in settings.items() if value is not None]
+        return f"differentiated by {self.method}{''.join(words)}"
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -85,10 +75,7 @@ class RateFilter:
 
     @cached_property
     def every(self) -> int:
-        """Distance of rows in samples: the first lag at which the noise's correlation is at most 1/e.
-
-        The highest derivative decides it, so that all equations have their rows at the same samples.
-        """
+        """Distance of rows: the first lag at which the noise of the highest derivative is correlated by 1/e at most."""
         taps = self._taps(max(order for _, order in self.orders))
         correlation = np.correlate(taps, taps, mode="full")[len(taps) - 1 :]
         return int(np.argmax(np.append(correlation, 0.0) <= NEIGHBOUR_CORRELATION * correlation[0]))
@@ -136,17 +123,11 @@ class RateFilter:
     def from_dict(cls, record: Mapping[str, Any]) -> "RateFilter":
         """Rebuild from `to_dict`."""
         # Numbers of a damaged file are refused here, where its name is known.
-        return cls(
-            method=record["method"],
-            window=int(record["window"]),
-            polyorder=record["polyorder"],
-            band=record["band"],
-            white_share=float(record["white_share"]),
-            rates=tuple(record["rates"].items()),
-            orders=tuple((name, int(order)) for name, order in record["orders"].items()),
-            steps=tuple(record["steps"]),
-            sample_noise=tuple(record["sample_noise"].items()),
-        )
+        fields: dict[str, Any] = {name: record[name] for name in ("method", "polyorder", "band")}
+        fields |= {"window": int(record["window"]), "white_share": float(record["white_share"])}
+        fields |= {name: tuple(record[name].items()) for name in ("rates", "sample_noise")}
+        orders = tuple((name, int(order)) for name, order in record["orders"].items())
+        return cls(**fields, orders=orders, steps=tuple(record["steps"]))
 
     def _per_step(self, row_steps: Float[np.ndarray, " n_row"], order: int) -> float:
         """Return the RMS of 1/h^m over rows, h the step of each row's run; the first run's if no run has two rows."""
@@ -163,14 +144,10 @@ class RowOperator:
     """Operator V from values at the samples to values of the rows, smoothed by s and taken every so many samples.
 
     Samples whose window reaches beyond their run have no row; a run shorter than the window has none.
-
-    Attributes:
-        weights: s.
-        every: Distance of rows in samples.
     """
 
-    weights: Float[np.ndarray, " window"]
-    every: int
+    weights: Float[np.ndarray, " window"]  # s
+    every: int  # distance of rows in samples
     run_lengths: tuple[int, ...]
 
     @property

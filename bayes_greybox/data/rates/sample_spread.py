@@ -18,74 +18,46 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from scipy.stats import norm, qmc
 
-Columns = Mapping[str, Float[np.ndarray, " n"]]
-"""States and inputs at some samples, by name."""
-
-Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]
-"""Function from columns to values."""
-
-MEAN_POINTS = 64
-"""Points of a mean: it crosses a jump in so many steps."""
-
-NOISE_REACH = 2.5
-"""Standard deviations of the noise at which a jump is looked for."""
-
-JUMP = 0.5
-"""Second difference over a part of the reach, as a share of the largest value there, from which on a term jumps."""
-
-BEND_PARTS = 16
-"""Parts of the reach by which a kink is distinguished from a smooth curve."""
-
-MOST_AVERAGED_AT_ONCE = 1_000_000
-"""Largest number of values that are averaged at once, which bounds the memory."""
-
-NEXT, LAST = " to the next sample", " from the last sample"
-"""Endings of the keys of a column's changes; no name has a space."""
+Columns = Mapping[str, Float[np.ndarray, " n"]]  # states and inputs at some samples, by name
+Evaluate = Callable[[Columns], Float[np.ndarray, "n k"]]  # function from columns to values
+MEAN_POINTS = 64  # points of a mean: it crosses a jump in so many steps
+NOISE_REACH = 2.5  # standard deviations of the noise at which a jump is looked for
+JUMP = 0.5  # second difference over a part of the reach, as a share of the largest value, from which a term jumps
+BEND_PARTS = 16  # parts of the reach by which a kink is distinguished from a smooth curve
+MOST_AVERAGED_AT_ONCE = 1_000_000  # largest number of values that are averaged at once, which bounds the memory
+NEXT, LAST = " to the next sample", " from the last sample"  # endings of keys of changes; no name has a space
 
 
 @dataclass(frozen=True, eq=False)
 class SampleSpread:
-    """Spread of samples.
+    """Spread of samples."""
 
-    Attributes:
-        noise: s by state, user's units; states without noise are left out.
-        ahead: Change of each column to the next sample; zero at the end of a run.
-        behind: Change of each column from the sample before; zero at the start of a run.
-    """
-
-    noise: Mapping[str, float]
-    ahead: Columns
-    behind: Columns
+    noise: Mapping[str, float]  # s by state, user's units; states without noise are left out
+    ahead: Columns  # change of each column to the next sample; zero at the end of a run
+    behind: Columns  # change of each column from the sample before; zero at the start of a run
 
     @classmethod
     def of(cls, columns: Columns, run_lengths: Sequence[int], noise: Mapping[str, float]) -> "SampleSpread":
         """Return the spread of smoothed columns; noise that is zero or not finite is unknown and left out."""
-        ends = np.cumsum(run_lengths)[:-1]
-        steps = {
-            name: [np.diff(part) for part in np.split(np.asarray(column, float), ends)]
-            for name, column in columns.items()
-        }
         finite = {name: s for name, s in noise.items() if name in columns and 0 < s < np.inf}
-        ahead = {name: np.concatenate([np.append(part, 0.0) for part in parts]) for name, parts in steps.items()}
-        behind = {name: np.concatenate([[0.0, *part] for part in parts]) for name, parts in steps.items()}
-        return cls(finite, ahead, behind)
+        last = np.cumsum(run_lengths) - 1
+        ahead = {name: np.diff(np.asarray(column, float), append=0.0) for name, column in columns.items()}
+        for steps in ahead.values():
+            steps[last] = 0.0
+        return cls(finite, ahead, {name: np.roll(steps, 1) for name, steps in ahead.items()})
 
     def beside(self, columns: Columns) -> dict[str, np.ndarray]:
         """Return columns at all samples together with their changes, to be taken in stretches."""
-        return {
-            **columns,
-            **{name + NEXT: self.ahead[name] for name in columns},
-            **{name + LAST: self.behind[name] for name in columns},
-        }
+        ahead = {name + NEXT: self.ahead[name] for name in columns}
+        return {**columns, **ahead, **{name + LAST: self.behind[name] for name in columns}}
 
     def mean(self, evaluate: Evaluate, columns: Columns, jumping: Evaluate | None = None) -> Float[np.ndarray, "n k"]:
         """Return means φ̄ of jumping terms at some samples of `beside`.
 
-        `jumping` has the parts [n, m] of these terms that jump, where they also have smooth ones: where one of them
-        jumps, all terms are means.
+        `jumping` has the parts [n, m] of them that jump, where they also have smooth ones: if one jumps, all are means.
         """
         x = {name: column for name, column in columns.items() if not name.endswith((NEXT, LAST))}
         value = np.array(evaluate(x), float)
@@ -120,9 +92,7 @@ class SampleSpread:
             largest = np.fmax(largest, np.where(3 * BEND_PARTS * part > whole, whole, 0.0))
         return largest
 
-    def _near_jump(
-        self, evaluate: Evaluate, x: Columns, columns: Columns, value: np.ndarray
-    ) -> Bool[np.ndarray, "n k"]:
+    def _near_jump(self, evaluate: Evaluate, x: Columns, columns: Columns, value: np.ndarray) -> np.ndarray:
         """Return True where a jump is within reach of a sample."""
         near = np.zeros(value.shape, bool)
         for first, other in self._ends(x, columns):
@@ -148,9 +118,7 @@ class SampleSpread:
                 other = {name: x[name] - columns[name + LAST] / 2 - (s if name == state else 0.0) for name in x}
                 yield first, other
 
-    def _along(
-        self, evaluate: Evaluate, first: Columns, middle: Columns, other: Columns
-    ) -> list[Float[np.ndarray, "n k"]]:
+    def _along(self, evaluate: Evaluate, first: Columns, middle: Columns, other: Columns) -> list[np.ndarray]:
         """Return values at the ends of equal parts of the way from one point to another by a third."""
         shares = np.linspace(0.0, 1.0, BEND_PARTS + 1).tolist()
         ways = [(first, middle, a) for a in shares] + [(middle, other, a) for a in shares[1:]]
@@ -161,15 +129,11 @@ class SampleSpread:
         tau, e = self._points
         ahead, behind = (np.where(side * tau > 0, tau, 0.0) for side in (1, -1))
         ahead, behind = ahead - np.mean(ahead), behind - np.mean(behind)
-        return {
-            name: np.ravel(
-                x[name][at]
-                + ahead[:, None] * columns[name + NEXT][at]
-                + behind[:, None] * columns[name + LAST][at]
-                + e.get(name, np.zeros(MEAN_POINTS))[:, None]
-            )
-            for name in x
-        }
+        moved = {}
+        for name in x:
+            on = x[name][at] + ahead[:, None] * columns[name + NEXT][at] + behind[:, None] * columns[name + LAST][at]
+            moved[name] = np.ravel(on + e.get(name, np.zeros(MEAN_POINTS))[:, None])
+        return moved
 
     @cached_property
     def _points(self) -> tuple[Float[np.ndarray, " n_point"], dict[str, Float[np.ndarray, " n_point"]]]:

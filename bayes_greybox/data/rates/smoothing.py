@@ -8,17 +8,10 @@ import math
 import numpy as np
 from jaxtyping import Float
 
-BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24
-"""Weights of the mean of a function between the two inner ones of four samples, exact for cubics."""
-
-AT_END = np.array([5.0, 8.0, -1.0]) / 12
-"""Weights of the mean of a function between the first two of three samples, exact for quadratics."""
-
-HAT = np.array([1.0, 10.0, 1.0]) / 12
-"""Weights of the mean of a function under a hat of one sample on either side, exact for cubics (Numerov)."""
-
-FFT_PADDING = 16
-"""Length of a transform over the number of taps, at which what wraps around is as small as what is cut off."""
+BETWEEN = np.array([-1.0, 13.0, 13.0, -1.0]) / 24  # mean between the two inner ones of four samples, exact for cubics
+AT_END = np.array([5.0, 8.0, -1.0]) / 12  # mean between the first two of three samples, exact for quadratics
+HAT = np.array([1.0, 10.0, 1.0]) / 12  # mean under a hat of one sample on either side, exact for cubics (Numerov)
+FFT_PADDING = 16  # length of a transform over the number of taps: what wraps around is as small as what is cut off
 
 
 def smoothing_taps(taps: Float[np.ndarray, " n_tap"], order: int, method: str) -> Float[np.ndarray, " n_tap"]:

@@ -15,8 +15,7 @@ from bayes_greybox.running.errors import InputError
 from .table import Layout, Table, capital
 from .units import is_number
 
-COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"
-"""Pattern of a number with a comma for its decimal mark."""
+COMMA = r"[+-]?\d*,\d+([eE][+-]?\d+)?"  # pattern of a number with a comma for its decimal mark
 
 _CLOCK = re.compile(r"^\d{1,3}:\d{2}:\d{2}([.,]\d+)?$")
 _DATES = (datetime.date, datetime.time, datetime.timedelta, np.datetime64, np.timedelta64)
@@ -26,27 +25,20 @@ _NO_NUMBER = "?"
 _PACKED = {8: "%Y%m%d", 12: "%Y%m%d%H%M", 14: "%Y%m%d%H%M%S"}
 _SHORT_DATE = re.compile(r"^(\d{1,2})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)(.*)$")
 _SECOND_FRACTION = re.compile(r"(?<=:\d{2})[.,](?=\d)")
-_WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")
-"""Pattern of a time of day with seconds and no fraction of them."""
-
+_WHOLE = re.compile(r"(\d{1,2}:\d{2}:\d{2})(?![\d.,:])")  # a time of day with seconds and no fraction of them
+# Pattern of a time of day with its zone.
 _ZONE = re.compile(r"[T:]\d{2,6}(?:[.,]\d+)?\s*(?:Z|z|UTC|GMT|[+-]\d{2}(?::?\d{2})?)$")
-"""Pattern of a time of day with its zone."""
 
 
 class Stamps(NamedTuple):
-    """A column of time.
+    """A column of time."""
 
-    Attributes:
-        time: Numbers, NaN where a cell is missing; dates and clock times as seconds since the earliest one.
-        dated: True for dates or clock times.
-        first: Smallest of whole numbers that floats would not distinguish, which was subtracted; else None.
-        zoned: True for dates with their time zone.
-    """
-
+    # Numbers, NaN where a cell is missing; dates and clock times as seconds since the earliest one.
     time: Float[np.ndarray, " n_row"]
-    dated: bool
+    dated: bool  # true for dates or clock times
+    # Smallest of whole numbers that floats would not distinguish, which was subtracted; else None.
     first: int | None = None
-    zoned: bool = False
+    zoned: bool = False  # true for dates with their time zone
 
 
 class AmbiguousDates(InputError):
@@ -83,7 +75,13 @@ def stamps(table: Table, name: str, layout: Layout) -> Stamps:
     if column.dtype.kind not in "mM":
         values, bad = _as_numbers(column, layout)
         if not len(bad):
-            return _number_stamps(values)
+            present, whole = _whole(values)
+            time = values.to_numpy(dtype=float, na_value=np.nan)
+            if first_lost(whole) is not None:
+                time[present] = since_first(whole)
+                return Stamps(time, False, int(whole.min()))
+            packed = _packed_stamps(time)
+            return Stamps(time, False) if packed is None else Stamps(packed, True)
         if _is_grouped(column.iloc[bad[0]], layout):
             raise _neither(column, table, name, layout, int(bad[0]))
         column = _dates(column, table, name, layout, int(bad[0]))
@@ -96,16 +94,6 @@ def stamps(table: Table, name: str, layout: Layout) -> Stamps:
     # Dates that were read from words are all in UTC by now.
     zoned = raw.astype(str).str.contains(_ZONE).any() if words else getattr(raw.dtype, "tz", None) is not None
     return Stamps(seconds, True, zoned=bool(zoned))
-
-
-def _number_stamps(column: Any) -> Stamps:
-    values = column.to_numpy(dtype=float, na_value=np.nan)
-    present, whole = _whole(column)
-    if first_lost(whole) is not None:
-        values[present] = since_first(whole)
-        return Stamps(values, False, int(whole.min()))
-    packed = _packed_stamps(values)
-    return Stamps(values, False) if packed is None else Stamps(packed, True)
 
 
 def _whole(column: Any) -> tuple[Bool[np.ndarray, " n_row"], np.ndarray]:
@@ -166,11 +154,11 @@ def _as_numbers(column: Any, layout: Layout) -> tuple[Any, np.ndarray]:
     text = column.map(lambda cell: _plain(cell, layout))
     values: Any = pd.to_numeric(text, errors="coerce")
     values = with_digits(values, text) if may_have_lost(values) else values
-    missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
-    bad = np.flatnonzero(values.isna().to_numpy() & ~missing.to_numpy())
     # Grouped digits are sought in the original cells: in `text` a decimal comma is a point already.
-    grouped = np.flatnonzero(column.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
-    bad = grouped if len(grouped) else bad
+    bad = np.flatnonzero(column.map(lambda cell: _is_grouped(cell, layout)).to_numpy(dtype=bool))
+    if not len(bad):
+        missing = text.isna() | text.map(lambda cell: isinstance(cell, str) and not cell)
+        bad = np.flatnonzero(values.isna().to_numpy() & ~missing.to_numpy())
     if not len(bad) and (not pd.api.types.is_numeric_dtype(values) or values.dtype.kind == "c"):
         bad = np.array([0])
     return values, bad
@@ -200,15 +188,12 @@ def _is_grouped(cell: Any, layout: Layout) -> bool:
 
 def _remedy(cell: Any, layout: Layout) -> str:
     """Advise on a cell that is no number."""
-    text = str(cell).strip()
+    text, comma = str(cell).strip(), 'if the comma is its decimal mark, pass decimal=","'
     if re.fullmatch(COMMA, text) and layout.decimal == ".":
-        return 'if the comma is its decimal mark, pass decimal=","'
+        return comma
     if _GROUPED.match(text):
-        return (
-            'if the point groups its digits, pass thousands="."'
-            if layout.decimal == ","
-            else 'if the comma is its decimal mark, pass decimal="," and thousands="."'
-        )
+        grouped = 'if the point groups its digits, pass thousands="."'
+        return grouped if layout.decimal == "," else f'{comma} and thousands="."'
     if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+(\.\d+)?", text):
         return 'if the comma groups its digits, pass thousands=","'
     return "correct the cell or choose another column"

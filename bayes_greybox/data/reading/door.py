@@ -22,29 +22,14 @@ Columns = Sequence[str] | Mapping[str, str] | Mapping[str, int] | None
 
 
 def read(
-    source: Any,
-    *,
-    states: Columns = (),
-    inputs: Columns = (),
-    derivatives: Mapping[str, str] | None = None,
-    outputs: Columns = (),
-    time: str | int | None = None,
-    dt: float | None = None,
-    run: str | int | None = None,
-    units: Mapping[str, str] | None = None,
-    rates: Mapping[str, str] | None = None,
-    missing: Literal["error", "drop"] = "error",
-    constant: Literal["error", "keep"] = "error",
-    restart: Literal["error", "run"] = "error",
-    sep: str | None = None,
-    decimal: str = ".",
-    thousands: str | None = None,
-    skiprows: int | Sequence[int] | None = 0,
-    encoding: str = "utf-8",
-    sheet: str | int | None = None,
-    columns: Sequence[str] | None = None,
-    dayfirst: bool | None = None,
-) -> Trajectories:
+    source: Any, *, states: Columns = (), inputs: Columns = (), derivatives: Mapping[str, str] | None = None,
+    outputs: Columns = (), time: str | int | None = None, dt: float | None = None, run: str | int | None = None,
+    units: Mapping[str, str] | None = None, rates: Mapping[str, str] | None = None,
+    missing: Literal["error", "drop"] = "error", constant: Literal["error", "keep"] = "error",
+    restart: Literal["error", "run"] = "error", sep: str | None = None, decimal: str = ".",
+    thousands: str | None = None, skiprows: int | Sequence[int] | None = 0, encoding: str = "utf-8",
+    sheet: str | int | None = None, columns: Sequence[str] | None = None, dayfirst: bool | None = None,
+) -> Trajectories:  # fmt: skip
     """Read measurements from a table: a file, several files, a DataFrame or a Dataset.
 
     Any change that the table does not state itself stands in `remarks` of the data, which their repr shows.
@@ -126,9 +111,7 @@ def _tables(source: Any, asked: Asked, layout: Layout) -> tuple[list[str | None]
     return [label for label, _ in sources], tables
 
 
-def _joined(
-    parts: Sequence[Pieces], asked: Asked, units: Mapping[str, str], missing: Any, constant: Any
-) -> Trajectories:
+def _joined(parts: list[Pieces], asked: Asked, units: Mapping[str, str], missing: Any, constant: Any) -> Trajectories:
     """Join the runs of all sources."""
     names = _distinct([name for part in parts for name in part.names])
     remarks = [remark for part in parts for remark in part.remarks]
@@ -139,13 +122,9 @@ def _joined(
         return [values for part in parts for values in part.columns[kind, name]]
 
     arrays = {f"{kind}s": {name: runs(kind, name) for name in chosen} for kind, chosen in asked.kinds.items()}
+    stated = stated_units(parts, units, asked.time)
     data = Trajectories.from_arrays(
-        runs("time", "t"),
-        **arrays,
-        units=stated_units(parts, units, asked.time),
-        run_names=names,
-        missing=missing,
-        constant=constant,
+        runs("time", "t"), **arrays, units=stated, run_names=names, missing=missing, constant=constant
     )
     if data.dropped:
         one = data.dropped == 1
@@ -160,17 +139,15 @@ def require_computed(source: Any, rates: Mapping[str, str], settings: Mapping[st
     _require_computed(rates, [read_source(each, layout) for _, each in listed(source)])
 
 
-def layout_of(
-    *, skiprows: Any = 0, encoding: str = "utf-8", columns: Sequence[str] | None = None, **options: Any
-) -> Layout:
+def layout_of(*, skiprows: Any = 0, encoding: str = "utf-8", columns: Any = None, **options: Any) -> Layout:
     """Check the arguments of `read` that describe the layout of tables, and collect them."""
     skiprows = 0 if skiprows is None else skiprows
     try:
         lines = np.asarray(skiprows).astype(np.int64, casting="safe").tolist() if np.size(skiprows) else []
+        if np.any(np.asarray(lines) < 0):
+            raise ValueError
     except (TypeError, ValueError):
         raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows!r}.") from None
-    if np.any(np.asarray(lines) < 0):
-        raise InputError(f"skiprows counts lines, or numbers them from 0; it cannot be {skiprows}.")
     if isinstance(columns, str):
         raise InputError(f'columns must be a list of names, such as columns=["{columns}"], not a single string.')
     sep = options.get("sep")
@@ -201,12 +178,12 @@ def named(columns: Columns, what: str) -> dict[str, str]:
         raise InputError(f'{what} must be a list of names, such as ["{columns}"], not a single string.')
     if isinstance(columns, Mapping):
         return {name: str(column) for name, column in columns.items()}
-    for name in columns:
-        if not str(name).isidentifier():
-            renamed = {_plain(str(each)): str(each) for each in columns}
-            raise InputError(
-                f"{name!r} cannot be used as a name in expressions; give the column one there: {what}={renamed}."
-            )
+    odd = next((name for name in columns if not str(name).isidentifier()), None)
+    if odd is not None:
+        renamed = {_plain(str(each)): str(each) for each in columns}
+        raise InputError(
+            f"{odd!r} cannot be used as a name in expressions; give the column one there: {what}={renamed}."
+        )
     return {name: name for name in columns}
 
 
@@ -247,19 +224,11 @@ def _distinct(names: Sequence[str]) -> list[str]:
 
 
 def read_table(
-    path: str | Path,
-    *,
-    time: str | None = None,
-    states: Sequence[str] | Mapping[str, str] = (),
-    inputs: Sequence[str] | Mapping[str, str] = (),
-    derivatives: Mapping[str, str] | None = None,
-    outputs: Sequence[str] | Mapping[str, str] = (),
-    trajectory: str | None = None,
-    dt: float | None = None,
-    units: Mapping[str, str] | None = None,
-    missing: Literal["error", "drop"] = "error",
-    constant: Literal["error", "keep"] = "error",
-) -> Trajectories:
+    path: str | Path, *, time: str | None = None, states: Columns = (), inputs: Columns = (),
+    derivatives: Mapping[str, str] | None = None, outputs: Columns = (), trajectory: str | None = None,
+    dt: float | None = None, units: Mapping[str, str] | None = None,
+    missing: Literal["error", "drop"] = "error", constant: Literal["error", "keep"] = "error",
+) -> Trajectories:  # fmt: skip
     """Read one file of measurements: `read(path, run=trajectory, ...)`, which has more options.
 
     `path` is the `source` of `read`, and `trajectory` its `run`: the column whose value tells the runs apart.

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.data.runs.resampling import interpolated
@@ -17,20 +17,13 @@ from .door import layout_of
 from .sources import read_source
 from .table import Layout, Table, capital
 
-HOW = ("linear", "hold")
-"""Ways in which an input goes on between two of its samples."""
+HOW = ("linear", "hold")  # ways in which an input goes on between two of its samples
 
 
 def join(
-    inputs: Any,
-    measurements: Any,
-    *,
-    time: str | Sequence[str],
-    how: str = "linear",
-    offset: float = 0.0,
-    run: str | None = None,
-    **layout: Any,
-) -> pd.DataFrame:
+    inputs: Any, measurements: Any, *, time: str | Sequence[str], how: str = "linear", offset: float = 0.0,
+    run: str | None = None, **layout: Any,
+) -> pd.DataFrame:  # fmt: skip
     """Return the rows of the measurements with the inputs at their times beside them, for `read`.
 
     Where the inputs are not known at a row, before their first sample, after their last or, with lines, in a gap of
@@ -77,7 +70,12 @@ def join(
     columns = {name: np.full(len(at), np.nan) for name in added}
     for own, rows in _by_run(first, second, runs):
         stamped = own[np.isfinite(known[own])]
-        _require_forward(known[stamped], first, clocks[0])
+        back = np.flatnonzero(np.diff(known[stamped]) <= 0)
+        if len(back):
+            raise InputError(
+                f'The time "{clocks[0]}" of {first.where} does not go forward after {known[stamped][back[0]]:g}: sort '
+                "its rows, leave out those that are there twice, or say by run= which column tells runs apart."
+            )
         for name in added:
             there = stamped[np.isfinite(values[name][stamped])]
             columns[name][rows] = _at(known[there] - offset, values[name][there], at[rows], how)
@@ -93,16 +91,14 @@ def join(
     )
 
 
-def _times(
-    first: Table, second: Table, clocks: Sequence[str], layout: Layout
-) -> tuple[Float[np.ndarray, " n_input"], Float[np.ndarray, " n_row"]]:
+def _times(first: Table, second: Table, clocks: Sequence[str], layout: Layout) -> tuple[np.ndarray, np.ndarray]:
     """Return the stamps of both tables, counted from one time."""
-    where = f"{first.where} and {second.where}"
-    units = [table.units.get(name) for table, name in zip((first, second), clocks, strict=True)]
+    where, both = f"{first.where} and {second.where}", list(zip((first, second), clocks, strict=True))
+    units = [table.units.get(name) for table, name in both]
     if None not in units and units[0] != units[1]:
         raise InputError(f"The times of {where} are in {units[0]} and in {units[1]}: convert one.")
-    one, two = (table.frame[name] for table, name in zip((first, second), clocks, strict=True))
-    dated = [stamps(table, name, layout).dated for table, name in zip((first, second), clocks, strict=True)]
+    one, two = (table.frame[name] for table, name in both)
+    dated = [stamps(table, name, layout).dated for table, name in both]
     if dated[0] != dated[1]:
         raise InputError(f"The stamps of {where} differ, dates in only one of them: convert one.")
     together = pd.DataFrame({"t": pd.concat([one, two], ignore_index=True)})
@@ -121,23 +117,12 @@ def _by_run(first: Table, second: Table, runs: Sequence[str]) -> list[tuple[np.n
     return [(np.flatnonzero(one == label), np.flatnonzero(two == label)) for label in dict.fromkeys(two.tolist())]
 
 
-def _require_forward(time: Float[np.ndarray, " n"], table: Table, name: str) -> None:
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if len(back):
-        raise InputError(
-            f'The time "{name}" of {table.where} does not go forward after {time[back[0]]:g}: sort its rows, leave '
-            "out those that are there twice, or say by run= which column tells runs apart."
-        )
-
-
-def _at(
-    time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], at: Float[np.ndarray, " m"], how: str
-) -> Float[np.ndarray, " m"]:
+def _at(time: np.ndarray, values: np.ndarray, at: Float[np.ndarray, " m"], how: str) -> Float[np.ndarray, " m"]:
     """Return one input at other times, NaN where it is not known."""
     out = np.full(len(at), np.nan)
     if len(time) < 2:
         return np.where(at >= time[0], values[0], np.nan) if len(time) and how == "hold" else out
-    inside: Bool[np.ndarray, " m"] = at >= time[0]
+    inside = at >= time[0]
     if how == "linear":
         after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
         wide = time[after] - time[after - 1] > GAP_STEPS * np.median(np.diff(time))

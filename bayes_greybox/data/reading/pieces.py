@@ -5,34 +5,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float, Int
 
-from bayes_greybox.data.columns import derivative_label
+from bayes_greybox.data.columns import derivative_label, labelled_runs
 from bayes_greybox.running.errors import InputError
 
 from .cells import numbers, stamps
 from .table import Layout, Table, capital
 
 Rows = Int[np.ndarray, " _"]
-"""Numbers of rows."""
-
-Time = Float[np.ndarray, " n_row"]
-"""Stamps of a table, NaN where one is missing."""
-
-MOST_NIGHTS = 4
-"""Most steps of a run that may be off by an hour because clocks were changed: those of some years."""
+Time = Float[np.ndarray, " n_row"]  # stamps of a table, NaN where one is missing
+MOST_NIGHTS = 4  # most steps of a run that may be off by an hour because clocks were changed: those of some years
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Columns that are asked of a table, and what tells its runs apart; see `read` for each.
+    """Columns that are asked of a table, and what tells its runs apart; see `read` for each."""
 
-    Attributes:
-        kinds: Column by name for each of "state", "input", "derivative" and "output".
-    """
-
-    kinds: Mapping[str, Mapping[str, str]]
+    kinds: Mapping[str, Mapping[str, str]]  # column by name for each of "state", "input", "derivative" and "output"
     time: str | None
     dt: float | None
     run: str | None
@@ -41,20 +31,15 @@ class Asked:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Runs of one source.
-
-    Attributes:
-        columns: Values of each run by kind and name; the time's under ("time", "t").
-        units: Units that the source states, by name as `Trajectories` has them.
-        remarks: Changes that the source does not state itself.
-    """
+    """Runs of one source."""
 
     names: list[str]
+    # Values of each run by kind and name; the time's under ("time", "t").
     columns: dict[tuple[str, str], list[Float[np.ndarray, " _"]]]
-    units: dict[str, str]
+    units: dict[str, str]  # units that the source states, by name as `Trajectories` has them
     dated: bool
     where: str
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...]  # changes that the source does not state itself
 
 
 def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces:
@@ -64,8 +49,11 @@ def cut(table: Table, asked: Asked, layout: Layout, label: str | None) -> Pieces
     run = asked.run if asked.run is not None else table.run
     groups, names = [np.arange(len(table.frame))], [label or "0"]
     if run is not None:
-        groups, values = _grouped(table, run)
-        names = [f"{label}/{value}" if label else str(value) for value in values]
+        # Blanks around a label are no part of it.
+        labels = table.column(run).map(lambda value: value.strip() if isinstance(value, str) else value)
+        codes, _, values = labelled_runs(labels, f'Column "{run}" of {table.where}')
+        groups = [np.flatnonzero(codes == i) for i in range(len(values))]
+        names = [f"{label}/{value}" if label else value for value in values]
     if asked.time is None and run is None and len(table.dimensions) > 1:
         raise InputError(
             f"{capital(table.where)} has the dimensions {' and '.join(table.dimensions)}, whose rows dt would put end "
@@ -124,21 +112,6 @@ def stated_units(pieces: Sequence[Pieces], units: Mapping[str, str], time: str |
     return {name: unit for name, unit in {**pieces[0].units, **chosen}.items() if unit}
 
 
-def _grouped(table: Table, run: str) -> tuple[list[Rows], list[str]]:
-    """Return the rows and the name of each run, in the order in which runs appear in the table."""
-    labels = table.column(run)
-    if labels.isna().any():
-        row = int(np.argmax(labels.isna().to_numpy()))
-        raise InputError(
-            f'Column "{run}" of {table.where} names no run in row {row}; fill it in, or leave out that row.'
-        )
-    # Blanks around a label are no part of it.
-    codes, values = pd.factorize(labels.map(lambda label: label.strip() if isinstance(label, str) else label))
-    # A whole number stays one, where an empty cell elsewhere made the column one of decimals.
-    names = [str(int(v)) if isinstance(v, float) and v.is_integer() else str(v) for v in values]
-    return [np.flatnonzero(codes == i) for i in range(len(values))], names
-
-
 def clock_set_back(time: Time, row: int) -> bool:
     """Return True if stamps, in seconds, go back by an hour less the usual step, as when clocks are set back."""
     steps = np.diff(time[np.isfinite(time)])
@@ -194,15 +167,12 @@ def _restarted(
     time: Time, groups: list[Rows], names: list[str], alone: bool, where: str, remarks: list[str]
 ) -> tuple[list[Rows], list[str]]:
     """Cut runs wherever the time goes back; parts of a run that has a name have its name and a number."""
-    parts: list[np.ndarray] = []
-    labels: list[str] = []
+    parts: list[tuple[Rows, str]] = []
     for rows, name in zip(groups, names, strict=True):
         stamped = rows[np.isfinite(time[rows])]
-        back = stamped[1:][np.diff(time[stamped]) < 0]
-        pieces = np.split(rows, np.searchsorted(rows, back))
-        parts += pieces
+        pieces = np.split(rows, np.searchsorted(rows, stamped[1:][np.diff(time[stamped]) < 0]))
         numbered = [str(i) if alone else f"{name}/{i}" for i in range(len(pieces))]
-        labels += numbered if len(pieces) > 1 else [name]
+        parts += zip(pieces, numbered if len(pieces) > 1 else [name], strict=True)
     if len(parts) > len(groups):
         remarks.append(f"a new run begins wherever the time of {where} goes back: {len(parts)} runs")
-    return parts, labels
+    return [rows for rows, _ in parts], [name for _, name in parts]

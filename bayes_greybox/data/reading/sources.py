@@ -20,13 +20,11 @@ from .table import Layout, Table, capital, first_line, first_row_measured, requi
 
 def listed(source: Any) -> list[tuple[str | None, Any]]:
     """Return the sources, each with the name of its run: that of its file, or None if there is only one source."""
-    if isinstance(source, str | Path):
+    if not isinstance(source, list | tuple):
         if not _is_pattern(source):
             return [(None, source)]
-        source = _matching(source)
-    elif not isinstance(source, list | tuple):
-        return [(None, source)]
-    elif any(isinstance(each, str | Path) and _is_pattern(each) for each in source):
+        source = [source]
+    if any(map(_is_pattern, source)):
         source = _opened(source)
     if not source:
         raise InputError("There is nothing to read: the list of sources is empty.")
@@ -36,18 +34,12 @@ def listed(source: Any) -> list[tuple[str | None, Any]]:
     return list(zip(stems, source, strict=True))
 
 
-def _is_pattern(source: str | Path) -> bool:
-    """Return True if a path stands for all files that it matches."""
+def _is_pattern(source: Any) -> bool:
+    """Return True if a source is a path that stands for all files that it matches."""
+    if not isinstance(source, str | Path):
+        return False
     require_path(source)
     return glob.has_magic(str(source)) and not Path(source).exists()
-
-
-def _matching(pattern: str | Path) -> list[Any]:
-    """Return the files of a pattern, run 2 before run 10."""
-    files = sorted(glob.glob(str(pattern), recursive=True), key=_in_order)
-    if not files:
-        raise InputError(f'No file matches "{pattern}"; check the folder and the pattern.')
-    return files
 
 
 def _opened(sources: Sequence[Any]) -> list[Any]:
@@ -55,12 +47,14 @@ def _opened(sources: Sequence[Any]) -> list[Any]:
     named = {Path(each) for each in sources if isinstance(each, str | Path) and not _is_pattern(each)}
     opened: list[Any] = []
     for each in sources:
-        if isinstance(each, str | Path) and _is_pattern(each):
-            files = [path for path in _matching(each) if Path(path) not in named]
-            named |= {Path(path) for path in files}
-            opened += files
-        else:
+        if not _is_pattern(each):
             opened.append(each)
+            continue
+        files = sorted(glob.glob(str(each), recursive=True), key=_in_order)
+        if not files:
+            raise InputError(f'No file matches "{each}"; check the folder and the pattern.')
+        opened += [path for path in files if Path(path) not in named]
+        named |= {Path(path) for path in files}
     return opened
 
 
@@ -71,20 +65,15 @@ def _in_order(name: str) -> list[tuple[int, str]]:
 
 INSTALL_TABLES = 'install it with pip install ".[tables]" in the checkout'
 
+# Advice on files that are not read.
 SAVE_AS = {
-    ".xls": "save it as .xlsx",
-    ".xlsb": "save it as .xlsx",
-    ".ods": "save it as .xlsx",
+    **dict.fromkeys((".xls", ".xlsb", ".ods"), "save it as .xlsx"),
     ".tdms": "export it as text (.lvm or .csv)",
-    ".mdf": "export it as .csv or .parquet",
-    ".mf4": "export it as .csv or .parquet",
-    ".h5": "read it with pandas.read_hdf or h5py and pass the DataFrame",
-    ".hdf5": "read it with pandas.read_hdf or h5py and pass the DataFrame",
-    ".npy": "load it with numpy.load and pass bg.read({name: column, ...})",
-    ".npz": "load it with numpy.load and pass bg.read({name: column, ...})",
+    **dict.fromkeys((".mdf", ".mf4"), "export it as .csv or .parquet"),
+    **dict.fromkeys((".h5", ".hdf5"), "read it with pandas.read_hdf or h5py and pass the DataFrame"),
+    **dict.fromkeys((".npy", ".npz"), "load it with numpy.load and pass bg.read({name: column, ...})"),
     ".json": "read it with pandas.read_json and pass the DataFrame",
 }
-"""Advice on files that are not read."""
 
 
 def read_source(source: Any, layout: Layout) -> Table:
@@ -139,8 +128,7 @@ def _frame_table(frame: pd.DataFrame, where: str) -> Table:
         # set_index(name, drop=False) leaves the column beside the index.
         if not np.array_equal(frame.index.get_level_values(name), frame[name].to_numpy()):
             raise InputError(f'{capital(where)} has both an index and a column "{name}", which differ; rename one.')
-        one = frame.index.nlevels == 1
-        frame = frame.reset_index(drop=True) if one else frame.reset_index(level=name, drop=True)
+        frame = frame.reset_index(level=name, drop=True)
     counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
     # Decimal numbers are no count: they are times.
     if not counts or frame.index.dtype.kind in "mMf":
@@ -200,18 +188,15 @@ def _read_excel(path: Path, layout: Layout) -> Table:
         if len(frame.columns) == 1:
             # pandas leaves out the empty cells of a column that is alone.
             frame = _only_column(book, sheet, frame, () if isinstance(skipped, int) else skipped)
-    if measured:
-        # Columns that are empty throughout are no part of the table.
-        frame = frame.dropna(axis=1, how="all") if len(frame.columns) != len(layout.columns or ()) else frame
+    if measured and len(frame.columns) != len(layout.columns or ()):
+        frame = frame.dropna(axis=1, how="all")
     unnamed = [name for name in frame.columns if str(name).startswith("Unnamed:") and np.all(frame[name].isna())]
     frame = frame.drop(columns=unnamed)
-    remarks: list[str] = []
-    if layout.sheet is None and len(sheets) > 1:
-        remarks.append(f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}')
-    if measured:
-        remarks.append(first_row_measured(f'"{path}"'))
+    several = layout.sheet is None and len(sheets) > 1
+    remarks = (f'read from the sheet "{sheet}" of "{path}", which has {len(sheets)}',) if several else ()
+    remarks += (first_row_measured(f'"{path}"'),) if measured else ()
     hint = "" if layout.skiprows else " If the names stand further down the sheet, pass skiprows= the rows above them."
-    return Table(frame, f'"{path}"', remarks=tuple(remarks), hint=hint, spaced=True)
+    return Table(frame, f'"{path}"', remarks=remarks, hint=hint, spaced=True)
 
 
 def _only_column(book: pd.ExcelFile, sheet: Any, frame: pd.DataFrame, skipped: Sequence[int]) -> pd.DataFrame:
@@ -268,11 +253,9 @@ def dataset_table(dataset: Any, where: str) -> Table:
     return Table(frame[kept].rename(columns=str), where, units, remarks=remarks, dimensions=dimensions)
 
 
+# Readers of files by extension.
 TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
-    ".csv": read_text,
-    ".tsv": read_text,
-    ".txt": read_text,
-    ".dat": read_text,
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".dat"), read_text),
     ".xlsx": _read_excel,
     ".xlsm": _read_excel,
     ".parquet": _read_parquet,
@@ -280,4 +263,3 @@ TABLE_READERS: dict[str, Callable[[Path, Layout], Table]] = {
     ".nc": read_netcdf,
     ".lvm": read_lvm,
 }
-"""Readers of files by extension."""

@@ -29,36 +29,28 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Named columns of one source.
-
-    Attributes:
-        where: Description of the source, within a sentence, such as '"run.csv"'.
-        units: Units that the source states, by column, in its own spelling until `tidy` has checked them.
-        aliases: Column by the name that the source had for it with its unit, such as "pos [mm]".
-        run: Column that tells runs apart, where the source has one by itself.
-        groups: Columns that belong together, by their name in the source, such as those of a matrix.
-        spaced: If true, rows without any value may only separate others, as in text and in sheets.
-        dimensions: Dimensions of a data set that has one row for each pair of their values, the shorter one first.
-        others: Tables of other lengths in the same source.
-    """
+    """Named columns of one source."""
 
     frame: pd.DataFrame
-    where: str
+    where: str  # description of the source, within a sentence, such as '"run.csv"'
+    # Units that the source states, by column, in its own spelling until `tidy` has checked them.
     units: Mapping[str, str] = field(default_factory=dict)
+    # Column by the name that the source had for it with its unit, such as "pos [mm]".
     aliases: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
     hint: str = ""
-    run: str | None = None
+    run: str | None = None  # column that tells runs apart, where the source has one by itself
+    # Columns that belong together, by their name in the source, such as those of a matrix.
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    spaced: bool = False
+    spaced: bool = False  # if true, rows without any value may only separate others, as in text and in sheets
+    # Dimensions of a data set that has one row for each pair of their values, the shorter one first.
     dimensions: tuple[str, ...] = ()
-    others: "tuple[Table, ...]" = ()
+    others: "tuple[Table, ...]" = ()  # tables of other lengths in the same source
 
     def holding(self, names: Iterable[str]) -> "Table":
         """Return the table of the source that has all columns of these names; this one if none has."""
         asked = list(names)
-        every = (self, *self.others)
-        return next((each for each in every if all(each.has(name) for name in asked)), self)
+        return next((each for each in (self, *self.others) if all(map(each.has, asked))), self)
 
     def has(self, name: str) -> bool:
         """Return True if there is such a column, or a group of columns."""
@@ -106,7 +98,10 @@ def tidy(table: Table, layout: Layout) -> Table:
     frame = table.frame
     names = [str(name).strip() for name in frame.columns]
     if layout.columns is not None:
-        names = _renamed(names, layout.columns, table.where)
+        if len(layout.columns) != len(names):
+            count = f"columns names {len(layout.columns)} columns, but {table.where} has {len(names)}"
+            raise InputError(f"{count}: {', '.join(names)}; give one name each.")
+        names = [str(name) for name in layout.columns]
     stated, aliases = dict(table.units), {}
     plain = split_headers(names)
     short = [name for name, _ in plain]
@@ -150,15 +145,6 @@ def _without_margins(frame: pd.DataFrame) -> pd.DataFrame:
     if len(filled) and len(filled) < len(frame):
         frame = frame.iloc[filled[0] : filled[-1] + 1].reset_index(drop=True).infer_objects()
     return frame if len(filled) else frame.iloc[:0]
-
-
-def _renamed(names: list[str], columns: Sequence[str], where: str) -> list[str]:
-    if len(columns) != len(names):
-        raise InputError(
-            f"columns names {len(columns)} columns, but {where} has {len(names)}: {', '.join(names)}; give one name "
-            "each."
-        )
-    return [str(name) for name in columns]
 
 
 def _row_of_units(frame: pd.DataFrame, decimal: str) -> list[str] | None:

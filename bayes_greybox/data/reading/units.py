@@ -17,18 +17,7 @@ def registry() -> Any:
 # Spellings of instruments that pint does not read, or reads as something else ("Nm" as number times metre).
 _SPELLINGS = {"Nm": "N*m", "kNm": "kN*m", "mNm": "mN*m", "U/min": "rpm", "1/min": "1/min", "sek": "s", "Sek": "s"}
 _ONE = "volt ampere newton pascal watt joule kelvin ohm hertz second minute hour meter metre degree radian"
-_WORDS = {
-    *_ONE.split(),
-    *(f"{word}s" for word in _ONE.split()),
-    "bar",
-    "sec",
-    "min",
-    "amp",
-    "amps",
-    "rad",
-    "deg",
-    "rpm",
-}
+_WORDS = {*_ONE.split(), *(f"{word}s" for word in _ONE.split()), *"bar sec min amp amps rad deg rpm".split()}
 _UNITLESS = {"", "-", "--", "–", "none", "n/a"}
 _BRACKETED = re.compile(r"^\[(.*)\]$|^\((.*)\)$")
 _HEADER = re.compile(r"^(?P<name>.*?\S)\s*\[(?P<square>[^\[\]]*)\]$|^(?P<name2>.*?\S)\s+\((?P<round>[^()]*)\)$")
@@ -83,21 +72,17 @@ def split_headers(names: Sequence[str]) -> list[tuple[str, str | None]]:
 
 
 def unit_row(cells: Sequence[str], below: Sequence[bool]) -> list[str] | None:
-    """Return the units of a row that holds nothing else; None if it is a row of measurements.
-
-    Empty cells are ""; `below` is True where the next row has a number or a date.
-    """
+    """Return the units of a row that holds nothing else; `below` is True where the next row has a number or a date."""
     if len(cells) != len(below) or not any(cells):
         return None
     units = []
     for cell, measured in zip(cells, below, strict=True):
         bracketed = _BRACKETED.match(cell)
-        inside = next((part for part in bracketed.groups() if part is not None), "").strip() if bracketed else cell
-        if cell and not measured:
+        if (cell and not measured) or is_number(cell):
             return None
-        if is_number(cell) or not (bracketed or cell in _UNITLESS or known_unit(cell)):
+        if not (bracketed or cell in _UNITLESS or known_unit(cell)):
             return None
-        units.append(inside)
+        units.append((bracketed[1] or bracketed[2] or "").strip() if bracketed else cell)
     return units if any(unit not in _UNITLESS for unit in units) else None
 
 
@@ -105,13 +90,11 @@ def checked_units(stated: Iterable[tuple[str, str]], where: str) -> tuple[dict[s
     """Return the known units by column, and a remark on the others."""
     units, unknown = {}, []
     for name, text in stated:
-        if text.strip() in _UNITLESS:
-            continue
-        unit = known_unit(text)
-        if unit is None:
-            unknown.append(f'"{text}" of {name}')
-        else:
+        unit = None if text.strip() in _UNITLESS else known_unit(text)
+        if unit is not None:
             units[name] = unit
+        elif text.strip() not in _UNITLESS:
+            unknown.append(f'"{text}" of {name}')
     remark = f"units of {where} that are not known were left out: {', '.join(unknown)}; give them with units="
     return units, (remark,) if unknown else ()
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Int
 
 from bayes_greybox.data.columns import split_cuts
-from bayes_greybox.data.noise.protocol import RowNoise
+from bayes_greybox.data.noise.protocol import RowNoise, rows_within
 from bayes_greybox.data.noise.weighted import WhiteNoise
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import is_finite
@@ -16,8 +16,7 @@ from bayes_greybox.running.limits import is_finite
 from .resampling import decimated, even_times, interpolated, rows_named
 from .stacked import Runs
 
-AnyRuns = TypeVar("AnyRuns", bound="CutRuns")
-"""Class of the data that are cut, and of the result."""
+AnyRuns = TypeVar("AnyRuns", bound="CutRuns")  # class of the data that are cut, and of the result
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,19 +34,16 @@ class CutRuns(Runs):
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
     def leave_out(self: AnyRuns, runs: str | Sequence[str]) -> AnyRuns:
-        """Return the other runs; see `run_names` for their names.
-
-        Raises:
-            InputError: There is no such run, or no other.
-        """
+        """Return the other runs, as in `run_names`; a run that there is not, and no other, are refused."""
         names = [runs] if isinstance(runs, str) else [*runs]
         for name in names:
             if name not in self.run_names:
                 raise InputError(f"There is no run {name!r} to leave out; there are {', '.join(self.run_names)}.")
         if set(names) == set(self.run_names):
             raise InputError("No run is left: keep at least one.")
-        kept = [0 if name in names else n for name, n in zip(self.run_names, self.run_lengths, strict=True)]
-        return self._restrict([(0, n) for n in kept]).remarked(f"runs that were left out: {', '.join(names)}")
+        kept = zip(self.run_names, self.run_lengths, strict=True)
+        rest = self._restrict([(0, 0 if name in names else n) for name, n in kept])
+        return rest.remarked(f"runs that were left out: {', '.join(names)}")
 
     def keep(self: AnyRuns, rows: Any) -> AnyRuns:
         """Keep some rows; a run that has none of them is left out.
@@ -106,9 +102,8 @@ class CutRuns(Runs):
         if not isinstance(factor, int | np.integer) or isinstance(factor, bool) or factor < 2:
             raise InputError(f"factor must be a whole number, 2 or more, not {factor!r}.")
         factor = int(factor)
-        times = [
-            decimated(self.time[rows], self.time[rows], factor, name)[0] for name, rows in self._blocks("decimate")
-        ]
+        stamps = [(name, self.time[rows]) for name, rows in self._blocks("decimate")]
+        times = [decimated(time, time, factor, name)[0] for name, time in stamps]
         remark = f"decimated by {factor} behind a symmetric low pass, the rows at edges left out: {self.n_obs} rows to "
         data = self._at_times(times, lambda i, t, x: decimated(t, x, factor, self.run_names[i])[1], remark)
         return replace(data, dropped=self.dropped + sum(-(-n // factor) for n in self.run_lengths) - data.n_obs)
@@ -116,12 +111,7 @@ class CutRuns(Runs):
     def trim(self: AnyRuns, start: float | None = None, end: float | None = None) -> AnyRuns:
         """Keep the rows from one time to another, both included, of every run; a run that has none is left out.
 
-        Args:
-            start: First time; None for that of each run.
-            end: Last time; None for that of each run.
-
-        Raises:
-            InputError: No limit; no row within.
+        None as a limit is the first or last time of each run. No limit, and no row within, are refused.
         """
         if start is None and end is None:
             raise InputError("trim needs start, end or both, in the unit of the time.")
@@ -160,21 +150,13 @@ class CutRuns(Runs):
             fraction: share of the first part, between 0 and 1.
             by: "time" cuts every run once, keeping rows contiguous; "trajectory" gives whole runs, in order.
 
-        Returns:
-            First and second part.
-
         Raises:
             InputError: if a part would be empty, or the rows of a run cannot be parted.
         """
-        lengths = self.run_lengths
-        cuts = split_cuts(lengths, self.run_names, fraction, by)
+        cuts = split_cuts(self.run_lengths, self.run_names, fraction, by)
         first = self._restrict([(0, cut) for cut in cuts])
-        second = self._restrict([(cut, n) for cut, n in zip(cuts, lengths, strict=True)])
-        return first, second._after(first)
-
-    def _after(self: AnyRuns, first: Any) -> AnyRuns:
-        """Return the same data, which go on where the first ones end."""
-        return self
+        second = self._restrict([(cut, n) for cut, n in zip(cuts, self.run_lengths, strict=True)])
+        return first, replace(second, before=first)
 
     @property
     def _computed(self) -> bool:
@@ -188,15 +170,9 @@ class CutRuns(Runs):
         return list(zip(self.run_names, self.run_rows, strict=True))
 
     def _at_times(
-        self: AnyRuns,
-        times: Sequence[np.ndarray],
-        column: Callable[[int, np.ndarray, np.ndarray], np.ndarray],
-        remark: str,
+        self: AnyRuns, times: Sequence[np.ndarray], column: Callable[..., np.ndarray], remark: str
     ) -> AnyRuns:
-        """Return data at other times of each run, with a remark that the new number of rows completes.
-
-        The new values of a column are a function of a run's number, its stamps and its values.
-        """
+        """Return data at other times; new values of a column are a function of a run's number, stamps and values."""
         blocks = self.run_rows
 
         def moved(values: np.ndarray) -> np.ndarray:
@@ -208,8 +184,7 @@ class CutRuns(Runs):
 
     def _restrict(self: AnyRuns, bounds: Sequence[tuple[int, int]]) -> AnyRuns:
         """Return contiguous rows of each run, as half-open ranges; a run with an empty range is left out."""
-        starts = np.concatenate([[0], np.cumsum(self.run_lengths)])
-        rows = np.concatenate([np.arange(starts[i] + a, starts[i] + b) for i, (a, b) in enumerate(bounds)])
+        rows = rows_within(self.run_lengths, bounds)
         return self._at(rows, {name: noise.restrict(bounds) for name, noise in self.noise.items()})
 
     def _at(self: AnyRuns, rows: Int[np.ndarray, " n_row"], noise: Mapping[str, RowNoise]) -> AnyRuns:

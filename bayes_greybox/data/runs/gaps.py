@@ -3,22 +3,14 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+# Ratio of a step to the usual ones of its run from which on the run begins anew behind it. It is more than the four of
+# `filters.GAP_STEPS`: a differentiator refuses shorter gaps, while this one parts a run unasked. Times may be random
+# (of exponential steps 6 % exceed four medians), a short gap costs only a stretch of the inputs, and a new start that
+# is not needed costs information.
 NEW_RUN_STEPS = 10.0
-"""Ratio of a step to the usual ones of its run from which on it is a gap, after which the run begins anew.
-
-It is more than the four of `filters.GAP_STEPS`: a differentiator refuses shorter gaps, while this one parts a run
-unasked. Samples may have random times (of exponential steps 6 % are longer than four medians), a short gap costs only a
-stretch of the inputs, and a new start that is not needed costs information.
-"""
-
-USUAL_STEPS_SHARE = 0.9
-"""Share of the steps of a run that are certainly no gaps; stamps may be uneven."""
-
-COMPARED_STEPS = 5
-"""Steps on either side of one that it is compared with."""
-
-FEWEST_PART_ROWS = 25
-"""Fewest rows of a part: a shorter one has little information and would need a start of its own."""
+USUAL_STEPS_SHARE = 0.9  # share of the steps of a run that are certainly no gaps; stamps may be uneven
+COMPARED_STEPS = 5  # steps on either side of one that it is compared with
+FEWEST_PART_ROWS = 25  # fewest rows of a part: a shorter one has little information and would need a start of its own
 
 
 def after_gaps(time: Float[np.ndarray, " n"], usual: float = USUAL_STEPS_SHARE) -> list[int]:
@@ -42,8 +34,11 @@ def parted(
     for r, name in enumerate(names):
         rows = np.flatnonzero(run == r)
         t, edges = time[rows], [0]
+        steps = np.diff(t)
         for row in after_gaps(t):
-            if t[row] - t[row - 1] <= NEW_RUN_STEPS * _usual_beside(t, row):
+            sides = (steps[max(row - 1 - COMPARED_STEPS, 0) : row - 1], steps[row : row + COMPARED_STEPS])
+            usual = max((float(np.median(side)) for side in sides if len(side)), default=np.inf)
+            if steps[row - 1] <= NEW_RUN_STEPS * usual:
                 continue
             gap = f'"{name}" has no rows from {t[row - 1]:.12g} to {t[row]:.12g}'
             if row - edges[-1] >= FEWEST_PART_ROWS and len(rows) - row >= FEWEST_PART_ROWS:
@@ -58,10 +53,3 @@ def parted(
                 part_name += "'"
             parts.append(part_name)
     return number, tuple(parts), tuple(remarks)
-
-
-def _usual_beside(time: Float[np.ndarray, " n"], row: int) -> float:
-    """Return the larger of the usual steps on either side of a step."""
-    steps = np.diff(time)
-    sides = (steps[max(row - 1 - COMPARED_STEPS, 0) : row - 1], steps[row : row + COMPARED_STEPS])
-    return max((float(np.median(side)) for side in sides if len(side)), default=np.inf)

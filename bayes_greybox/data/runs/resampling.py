@@ -11,21 +11,13 @@ from bayes_greybox.data.rates.differentiate import uniform_step
 from bayes_greybox.data.rates.filters import GAP_STEPS
 from bayes_greybox.running.errors import InputError
 
-COARSER = 1.5
-"""Largest ratio of a new step to the usual one: at longer steps fast motion would alias."""
-
-STAMP_ROUNDING = 1e-6
-"""Share of a step by which stamps may be off by rounding."""
-
-HALF_WINDOW = 10
-"""Rows at either edge of a decimated run whose filter reaches beyond it: SciPy's has 20 factor + 1 taps."""
+COARSER = 1.5  # largest ratio of a new step to the usual one: at longer steps fast motion would alias
+STAMP_ROUNDING = 1e-6  # share of a step by which stamps may be off by rounding
+HALF_WINDOW = 10  # rows at either edge of a decimated run that SciPy's filter of 20 factor + 1 taps reaches beyond
 
 
 def even_times(time: Float[np.ndarray, " n"], step: float, name: str) -> Float[np.ndarray, " m"]:
-    """Return times, evenly spaced by `step`, from the first sample of a run up to the last.
-
-    Gaps of more than `GAP_STEPS` usual steps, and steps so large that they would alias, are refused.
-    """
+    """Return even times from a run's first sample to its last; gaps, and steps that would alias, are refused."""
     if len(time) < 4:
         raise InputError(f'Run "{name}" has {len(time)} rows, too few to interpolate; leave it out.')
     steps = np.diff(time)
@@ -71,10 +63,7 @@ def running_integral(time: Float[np.ndarray, " n"], rate: Float[np.ndarray, "n .
 def decimated(
     time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], factor: int, name: str
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """Return times and values of one of so many samples of a run behind a symmetric low pass, its edges left out.
-
-    The filter is SciPy's, zero phase; runs too short for it and uneven stamps are refused.
-    """
+    """Return times and values of one of so many samples behind SciPy's zero-phase low pass, edges left out."""
     # The filter of the last row must not reach beyond the run.
     last = (len(time) - 1 - HALF_WINDOW * factor) // factor
     kept = slice(HALF_WINDOW, min(-(-len(time) // factor) - HALF_WINDOW, last + 1))

@@ -105,9 +105,8 @@ class Runs:
     @property
     def row_steps(self) -> Float[np.ndarray, " n_obs"]:
         """Mean time between two rows of the run of each row; 0 where that has one row."""
-        ends = np.cumsum(self.run_lengths)
-        spans = [self.time[end - 1] - self.time[end - n] for end, n in zip(ends, self.run_lengths, strict=True)]
-        steps = [span / max(n - 1, 1) for span, n in zip(spans, self.run_lengths, strict=True)]
+        times = [self.time[rows] for rows in self.run_rows]
+        steps = [(time[-1] - time[0]) / max(len(time) - 1, 1) for time in times]
         return np.repeat(np.asarray(steps, float), self.run_lengths)
 
     @property
@@ -144,16 +143,13 @@ class Runs:
 
     def summary(self) -> pd.DataFrame:
         """Tabulate kind, unit, min, max, mean and number of rows of every column."""
+        rates = {self.target_label(k): (self.derivative_unit(k), self.derivatives[k]) for k in self.derivative_names}
         rows = [(self.time_name, "time", self.unit("t"), self.time)]
         rows += [(k, "state", self.unit(k), v) for k, v in self.states.items()]
         rows += [(k, "input", self.unit(k), v) for k, v in self.inputs.items()]
-        rows += [
-            (self.target_label(k), "derivative", self.derivative_unit(k), self.derivatives[k])
-            for k in self.derivative_names
-        ]
+        rows += [(label, "derivative", *rate) for label, rate in rates.items()]
         rows += [(k, "output", self.unit(k), self.derivatives[k]) for k in self.output_names]
         table = [
-            (name, kind, unit or "", float(np.min(values)), float(np.max(values)), float(np.mean(values)), len(values))
-            for name, kind, unit, values in rows
+            (k, kind, u or "", *(float(of(x)) for of in (np.min, np.max, np.mean)), len(x)) for k, kind, u, x in rows
         ]
         return pd.DataFrame(table, columns=["column", "kind", "unit", "min", "max", "mean", "n"]).set_index("column")

@@ -15,26 +15,18 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .clipping import clipped_states
 
-ENOUGH = 1000
-"""Fewest samples that are left."""
-
+ENOUGH = 1000  # fewest samples that are left
+# Ratio of the longest block without a visible loss to the block that is used. The loss of a smooth motion goes with the
+# fourth power of a block's length and its variance with the eighth: it is at most 1.5⁻⁸ = 0.04 of the noise then.
 SAFE = 1.5
-"""Ratio of the longest block without a visible loss to the block that is used. The loss of a smooth motion goes with
-the fourth power of a block's length and its variance with the eighth: it is at most 1.5⁻⁸ = 0.04 of the noise then."""
-
-FEWEST_RUN_AVERAGES = 4
-"""Fewest averages of a run."""
-
-FLAT = 1e-12
-"""Share of a column's size below which its loss is none."""
-
+FEWEST_RUN_AVERAGES = 4  # fewest averages of a run
+FLAT = 1e-12  # share of a column's size below which its loss is none
+# Largest step over the usual one: no block reaches over a gap, nor one of a dense record over motion that a sparser
+# record shows.
 UNEVEN = 2.0
-"""Largest step over the usual one: no block reaches over a gap, nor one of a dense record over motion that a sparser
-record shows."""
-
+# Fourth moment of the noise over the square of its second from which on outliers would spoil averages; it is 3 for
+# normal noise, within 0.11 for the fewest samples that are averaged.
 TAILS = 5.0
-"""Fourth moment of the noise over the square of its second from which on outliers would spoil averages; it is 3 for
-normal noise, within 0.11 for the fewest samples that are averaged."""
 
 
 def longest_block(data: Trajectories, test: Trajectories | None = None) -> int:
@@ -77,9 +69,7 @@ def averaged(data: Trajectories, m: int) -> Trajectories:
     """Average blocks of m samples; the last samples of a run that fill no block are left out."""
     if m < 2:
         return data
-    first = np.concatenate([[0], np.cumsum(data.run_lengths)[:-1]])
-    parts = zip(first, data.run_lengths, strict=True)
-    blocks = np.concatenate([np.arange(a, a + n // m * m).reshape(-1, m) for a, n in parts])
+    blocks = np.concatenate([rows[: len(rows) // m * m].reshape(-1, m) for rows in data.run_rows])
     times = data.time[blocks]
     time, spread, run = times.mean(axis=1), times.var(axis=1), data.run[blocks[:, 0]]
 
@@ -107,12 +97,10 @@ def _bends(time: np.ndarray, values: np.ndarray, run: np.ndarray) -> Float[np.nd
 def _lost(data: Trajectories, means: Trajectories, name: str) -> bool:
     """Return True if averages lose something of a state that shows, or if its noise has outliers."""
     residuals, earlier = [], []
-    ends = np.cumsum(data.run_lengths)[:-1], np.cumsum(means.run_lengths)[:-1]
-    columns = data.time, data.column(name), means.time, means.column(name)
-    parts = [np.split(x, at) for x, at in zip(columns, (ends[0], ends[0], ends[1], ends[1]), strict=True)]
-    for time, values, mean_time, mean in zip(*parts, strict=True):
+    for rows, blocks in zip(data.run_rows, means.run_rows, strict=True):
+        time, mean_time = data.time[rows], means.time[blocks]
         inside = (time > mean_time[0]) & (time < mean_time[-1])
-        between = values - CubicSpline(mean_time, mean)(time)
+        between = data.column(name)[rows] - CubicSpline(mean_time, means.column(name)[blocks])(time)
         residuals.append(between[1:][inside[1:]])
         earlier.append(between[:-1][inside[1:]])
     now, then = np.concatenate(residuals), np.concatenate(earlier)

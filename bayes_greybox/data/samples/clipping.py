@@ -1,7 +1,6 @@
 """Samples at which a sensor was at the end of its range, so that the true value was beyond it."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -10,30 +9,24 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .sample_noise import sample_noise
 
-CLIPPED_IN_A_ROW = 3
-"""Samples in a row at the very end of a sensor's range from which on they are clipped."""
-
-MOST_CLIPPED = 0.5
-"""Share of samples at the ends from which on a channel rests and is not clipped."""
-
-MANY_LEVELS = 0.5
-"""Ratio of different values to samples below which a sensor is coarse."""
+CLIPPED_IN_A_ROW = 3  # samples in a row at the very end of a sensor's range from which on they are clipped
+MOST_CLIPPED = 0.5  # share of samples at the ends from which on a channel rests and is not clipped
+MANY_LEVELS = 0.5  # ratio of different values to samples below which a sensor is coarse
 
 
 def clipped(values: Mapping[str, Float[np.ndarray, " n"]], run: np.ndarray) -> dict[str, Bool[np.ndarray, " n"]]:
     """Mark the rows at which a channel's sensor was at its end, by channel; channels without any are left out."""
-    rows: dict[str, Any] = {}
+    rows: dict[str, np.ndarray] = {}
     for name, x in values.items():
         if len(np.unique(x)) < MANY_LEVELS * len(x):
-            # A coarse sensor stays on its last level at every turn.
-            continue
+            continue  # a coarse sensor stays on its last level at every turn
         at_end = np.zeros(len(x), bool)
         for end in (float(np.max(x)), float(np.min(x))):
             here = x == end
-            for r in np.unique(run):
-                # If it stays there once, every sample there is clipped.
-                if np.any(np.convolve(here[run == r], np.ones(CLIPPED_IN_A_ROW), "valid") >= CLIPPED_IN_A_ROW):
-                    at_end |= here
+            stays = (np.convolve(here[run == r], np.ones(CLIPPED_IN_A_ROW), "valid") for r in np.unique(run))
+            # If it stays there once, every sample there is clipped.
+            if any(np.any(count >= CLIPPED_IN_A_ROW) for count in stays):
+                at_end |= here
         if 0 < np.mean(at_end) < MOST_CLIPPED:
             rows[name] = at_end
     return rows

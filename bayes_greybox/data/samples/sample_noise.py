@@ -1,41 +1,22 @@
-"""Noise level of the samples of a signal, estimated from the samples alone.
-
-Differences of high order remove whatever is smooth and keep white noise.
-"""
+"""Noise level of samples from the samples alone: differences of high order remove what is smooth, and keep noise."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-ORDERS = (4, 6, 8, 10, 12)
-"""Orders of the differences; those of order k remove polynomials below degree k."""
-
+ORDERS = (4, 6, 8, 10, 12)  # orders of the differences; those of order k remove polynomials below degree k
+# Ratio of normalised differences of one order to those of the order before from which on they are white noise, alike in
+# all orders. A smooth signal falls below it unless it has fewer than about three and a half samples a period.
 WHITE_RATIO = 0.75
-"""Ratio of normalised differences of one order to those of the order before from which on they are white noise, which
-is alike in all orders. A smooth signal falls below it unless it has fewer than about three and a half samples a period.
-"""
-
+# Share of half a column's range below which noise is none: the rounding of a file, or a solver's tolerance. It is no
+# share of the largest value, as the place of zero (pressure, absolute position) is arbitrary.
 NOISELESS_SHARE = 1e-6
-"""Share of half a column's range below which noise is none: it is the rounding of a file, or a solver's tolerance.
-
-It is a share of the range and not of the largest value: the place of zero (pressure, absolute position) is arbitrary.
-"""
-
-ROUNDINGS = 2.0
-"""Roundings of the largest value, in the precision of its numbers, below which noise is none either."""
-
-FEWEST_DIFFERENCES = 10
-"""Fewest differences from which noise is estimated; with fewer the states are taken as exact."""
-
-MOST_DIFFERENCES = 20_000
-"""Most differences from which noise is estimated; more are evenly thinned."""
-
-OUTLYING = 5.0
-"""Robust standard deviations beyond which a difference is a kink or a gross error, and left out."""
-
-MEDIAN_SQUARED_NORMAL = 0.4549364231195725
-"""Median of the square of a standard normal number."""
+ROUNDINGS = 2.0  # roundings of the largest value, in the precision of its numbers, below which noise is none either
+FEWEST_DIFFERENCES = 10  # fewest differences from which noise is estimated; with fewer the states are taken as exact
+MOST_DIFFERENCES = 20_000  # most differences from which noise is estimated; more are evenly thinned
+OUTLYING = 5.0  # robust standard deviations beyond which a difference is a kink or a gross error, and left out
+MEDIAN_SQUARED_NORMAL = 0.4549364231195725  # median of the square of a standard normal number
 
 
 def sample_noise(

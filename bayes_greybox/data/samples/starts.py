@@ -1,7 +1,6 @@
-"""Starts of runs from noisy samples: the state in which each run started, and its uncertainty.
+"""Starts of runs, with their uncertainty, from cubics through as many first samples as the curve of the path allows.
 
-A free run that starts from one noisy sample carries that sample's error along its whole path. The start is the value of
-a cubic through the first samples, as many as the curve of the path allows.
+A free run that starts from one noisy sample would carry that sample's error along its whole path.
 """
 
 from dataclasses import dataclass
@@ -13,27 +12,18 @@ from bayes_greybox.data.trajectories import Trajectories
 
 from .sample_noise import sample_noise, windows
 
-WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)
-"""Numbers of samples to which a cubic is fitted; through four or fewer it would pass exactly."""
-
-TRUNCATION = 0.2
-"""Largest truncation error of a cubic at its first sample, as a share of that value's standard error."""
-
-PLACES = 200
-"""Windows along the record, evenly spread, on which the truncation error is measured."""
+WINDOWS = (5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100)  # numbers of samples that a cubic is fitted to
+TRUNCATION = 0.2  # largest truncation error of a cubic at its first sample, as a share of that value's standard error
+PLACES = 200  # windows along the record, evenly spread, on which the truncation error is measured
 
 
 @dataclass(frozen=True)
 class Starts:
-    """State of each run at its first sample.
+    """State of each run at its first sample."""
 
-    Attributes:
-        mean: Its estimate, user's units; the measured sample itself where the states are exact.
-        sd: Its standard deviation, zero where the states are exact.
-    """
-
+    # Its estimate, user's units; the measured sample itself where the states are exact.
     mean: Float[np.ndarray, "n_run n_state"]
-    sd: Float[np.ndarray, "n_run n_state"]
+    sd: Float[np.ndarray, "n_run n_state"]  # its standard deviation, zero where the states are exact
 
     @property
     def exact(self) -> bool:

@@ -1,6 +1,6 @@
 """Columns and settings by which each piece of a stream is read."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -14,28 +14,19 @@ from bayes_greybox.data.reading.table import Layout, Table, tidy
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.running.errors import InputError
 
-CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20
-"""Rows in memory at a time, and rows of a part, which one worker reads before it answers."""
+CHUNK_ROWS, PART_ROWS = 1 << 16, 1 << 20  # rows in memory at a time, and that one worker reads before it answers
 
 
 @dataclass(frozen=True)
 class Asked:
-    """Columns and settings by which each piece is read.
+    """Columns and settings by which each piece is read."""
 
-    Attributes:
-        columns: Columns by the names that users gave, and once a source was opened by its own.
-        time: Column of time stamps; rows are numbered without.
-        settings: Further arguments of `read`.
-        stamps: Column of time stamps, as a source names it.
-        labels: Column that tells runs apart, as a source names it.
-    """
-
-    columns: tuple[str, ...]
-    time: str | None = None
+    columns: tuple[str, ...]  # columns by the names that users gave, and once a source was opened by its own
+    time: str | None = None  # column of time stamps; rows are numbered without
     missing: Literal["error", "drop"] = "error"
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    stamps: str | None = None
-    labels: str | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)  # further arguments of `read`
+    stamps: str | None = None  # column of time stamps, as a source names it
+    labels: str | None = None  # column that tells runs apart, as a source names it
 
     @property
     def restarts(self) -> bool:
@@ -47,17 +38,16 @@ class Asked:
         # Two rows of any numbers, as only the names matter: "pos [mm]" is a column pos.
         table = tidy(Table(pd.DataFrame(dict.fromkeys(kinds, [1.0, 2.0])), where), Layout())
         in_source = dict(zip(table.frame.columns, kinds, strict=True))
-        columns = tuple(in_source[table.own_name(name)] for name in self.columns)
+        columns = tuple(dict.fromkeys(in_source[table.own_name(name)] for name in self.columns))
         run = self.settings.get("run")
-        labels = None if run is None else in_source[table.own_name(run)]
+        stamps, labels = (None if name is None else in_source[table.own_name(name)] for name in (self.time, run))
         for name in columns:
             if kinds[name] not in "biuf" and name != labels:
                 raise InputError(
                     f'The column "{name}" of {where} does not hold numbers. A stream knows no row before its piece: '
                     "give dates as seconds, and text as numbers."
                 )
-        stamps = None if self.time is None else in_source[table.own_name(self.time)]
-        return replace(self, columns=tuple(dict.fromkeys(columns)), stamps=stamps, labels=labels)
+        return replace(self, columns=columns, stamps=stamps, labels=labels)
 
     def begins(self, frame: pd.DataFrame, before: pd.DataFrame | None) -> Bool[np.ndarray, " n_row"]:
         """Mark the rows that begin a run; `before` is the result of `latest` for earlier rows, or None."""
@@ -88,11 +78,8 @@ class Asked:
         numbers = frame.select_dtypes("number").to_numpy(float)
         return np.asarray(np.isfinite(numbers).all(axis=1))
 
-    def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Iterator[Trajectories]:
-        """Build data from a DataFrame or Dataset, whose first row has the number `first` in the source.
-
-        Rows beside them may have been dropped. Unless they are `whole` runs, stamps of too many digits are refused.
-        """
+    def formed(self, table: Any, where: str, first: int, dropped: int, whole: bool = False) -> Trajectories:
+        """Build data from a DataFrame or Dataset whose first row has the number `first`, whole runs or a piece."""
         if not whole and self.stamps is not None and first_lost(np.asarray(table[self.stamps])) is not None:
             raise InputError(
                 f'The column "{self.stamps}" of {where} holds whole numbers of more digits than a float does, and a '
@@ -104,4 +91,4 @@ class Asked:
         except InputError as error:
             raise InputError(f"In {where}, counted from its row {first}: {error}") from error
         time = data.time + first if self.time is None else data.time
-        yield replace(data, time=time, dropped=dropped + data.dropped, remarks=())
+        return replace(data, time=time, dropped=dropped + data.dropped, remarks=())

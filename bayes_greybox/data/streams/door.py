@@ -104,9 +104,15 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
     for path in files:
         with _open_parquet(path) as file:
             if file.metadata.num_rows:
-                here = asked.among(_kinds(file), f'"{path}"')
+                empty = file.schema_arrow.empty_table().to_pandas(ignore_metadata=True)
+                here = asked.among({str(name): empty[name].dtype.kind for name in empty.columns}, f'"{path}"')
                 common = here if common is None else common
-                _require_same(common, here, pieces[0][0] if pieces else "", str(path))
+                for column, its in zip(common.columns, here.columns, strict=True):
+                    if column != its:
+                        raise InputError(
+                            f'The column "{column}" of "{pieces[0][0]}" is "{its}" in "{path}": write one of them '
+                            "anew, with the same header and in the same unit."
+                        )
             sizes = [file.metadata.row_group(i).num_rows for i in range(file.metadata.num_row_groups)]
         row = start = 0
         groups: list[int] = []
@@ -119,16 +125,6 @@ def parquet_rows(files: Sequence[Path], asked: Asked) -> ParquetRows:
     if common is None:
         raise InputError(f'"{files[0]}" has no rows.')
     return ParquetRows(tuple(pieces), common)
-
-
-def _require_same(first: Asked, other: Asked, one: str, another: str) -> None:
-    """Refuse a file whose headers differ, such as in a unit."""
-    for column, its in zip(first.columns, other.columns, strict=True):
-        if column != its:
-            raise InputError(
-                f'The column "{column}" of "{one}" is "{its}" in "{another}": write one of them anew, with the same '
-                "header and in the same unit."
-            )
 
 
 def _open_parquet(path: str | Path) -> Any:
@@ -145,32 +141,16 @@ def _open_parquet(path: str | Path) -> Any:
         raise InputError(f'"{path}" cannot be read as parquet ({error}); check the file.') from error
 
 
-def _kinds(file: Any) -> dict[str, str]:
-    """Return the kind of NumPy's data type of each column."""
-    empty = file.schema_arrow.empty_table().to_pandas(ignore_metadata=True)
-    return {str(name): empty[name].dtype.kind for name in empty.columns}
-
-
 STREAM_READERS = {".parquet": parquet_rows, ".nc": labelled_rows, ".zarr": labelled_rows}
-"""Readers in pieces by extension."""
 
 
 def stream(
-    source: Any,
-    *,
-    states: Columns = (),
-    inputs: Columns = (),
-    derivatives: Mapping[str, str] | None = None,
-    outputs: Columns = (),
-    time: str | None = None,
-    run: str | None = None,
-    restart: Literal["error", "run"] = "error",
-    units: Mapping[str, str] | None = None,
-    missing: Literal["error", "drop"] = "error",
-    sample: int = SAMPLE_ROWS,
-    workers: int | None = None,
+    source: Any, *, states: Columns = (), inputs: Columns = (), derivatives: Mapping[str, str] | None = None,
+    outputs: Columns = (), time: str | None = None, run: str | None = None,
+    restart: Literal["error", "run"] = "error", units: Mapping[str, str] | None = None,
+    missing: Literal["error", "drop"] = "error", sample: int = SAMPLE_ROWS, workers: int | None = None,
     scheduler: str | None = None,
-) -> RowStream:
+) -> RowStream:  # fmt: skip
     """Open measured rates or outputs, or samples of paths, that stay in their file: `GreyBox.fit` reads them in chunks.
 
     Memory is that of a few chunks, whatever the number of rows, and of the longest run where rows are of paths.
@@ -204,15 +184,10 @@ def stream(
     chosen = {kind: named(columns, kind) for kind, columns in kinds.items()}
     chosen["derivatives"] = dict(derivatives or {})
     wanted = [column for columns in chosen.values() for column in columns.values()]
-    asked = Asked(
-        columns=(*wanted, *(name for name in (time, run) if name is not None)),
-        time=time,
-        missing=missing,
-        settings={**chosen, "run": run, "restart": restart, "units": dict(units or {})},
-    )
+    settings = {**chosen, "run": run, "restart": restart, "units": dict(units or {})}
+    asked = Asked((*wanted, *(name for name in (time, run) if name is not None)), time, missing, settings)
     files = _paths(source)
-    rows = STREAM_READERS[files[0].suffix.lower()](files, asked)
-    return RowStream(rows, sample, workers, scheduler)
+    return RowStream(STREAM_READERS[files[0].suffix.lower()](files, asked), sample, workers, scheduler)
 
 
 def _paths(source: Any) -> Sequence[Path]:

@@ -13,11 +13,8 @@ from bayes_greybox.running.limits import Count, require_limits
 
 from .whole_runs import some_runs, stacked_runs
 
-SAMPLE_ROWS = 2000
-"""Rows of the sample by default."""
-
-STRETCHES = 10
-"""Stretches of the sample; their rows follow each other, as some checks compare neighbours."""
+SAMPLE_ROWS = 2000  # rows of the sample by default
+STRETCHES = 10  # stretches of the sample; their rows follow each other, as some checks compare neighbours
 
 
 @runtime_checkable
@@ -79,14 +76,9 @@ class RowStream:
 
     @classmethod
     def from_chunks(
-        cls,
-        chunk: Callable[[int], Trajectories],
-        n_chunk: int,
-        *,
-        sample: int = SAMPLE_ROWS,
-        workers: int | None = None,
-        scheduler: str | None = None,
-    ) -> "RowStream":
+        cls, chunk: Callable[[int], Trajectories], n_chunk: int, *, sample: int = SAMPLE_ROWS,
+        workers: int | None = None, scheduler: str | None = None,
+    ) -> "RowStream":  # fmt: skip
         """Stream rows that a function returns, from a source that `stream` does not read.
 
         Args:
@@ -110,16 +102,14 @@ class RowStream:
     @cached_property
     def sample(self) -> Trajectories:
         """Stretches of rows that follow each other, or whole runs, evenly spaced over the parts."""
-        pieces: list[tuple[int, Trajectories]] = []
         if self.by_run:
             pieces = some_runs(self.source, self.sample_size, STRETCHES)
         else:
             # Stretches are in the middle of equal shares of the parts.
             place = (np.arange(STRETCHES) + 0.5) / STRETCHES * self.source.n_part
             size = max(self.sample_size // STRETCHES, 1)
-            for part in np.unique(place.astype(int)).tolist():
-                stretches = _stretches(self.source, part, place[place.astype(int) == part] - part, size)
-                pieces += [(part, stretch) for stretch in stretches]
+            places = {part: place[place.astype(int) == part] - part for part in np.unique(place.astype(int)).tolist()}
+            pieces = [(part, each) for part in places for each in _stretches(self.source, part, places[part], size)]
         if not pieces:
             raise InputError(f"There are no rows in {self.source.where}.")
         _require_alike([piece for _, piece in pieces])

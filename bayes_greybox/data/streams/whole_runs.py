@@ -4,6 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,11 +17,8 @@ from bayes_greybox.running.errors import InputError
 
 from .asked import Asked
 
-ROWS_HELD_TOGETHER = 2048
-"""Rows of short runs that are read together; a longer run is read alone."""
-
-REMEMBERED_RUNS = 100_000
-"""Latest runs of a file whose names are remembered, to refuse rows of the same run elsewhere."""
+ROWS_HELD_TOGETHER = 2048  # rows of short runs that are read together; a longer run is read alone
+REMEMBERED_RUNS = 100_000  # latest runs of a file whose names are remembered, to refuse rows of the same run elsewhere
 
 
 class Piece(NamedTuple):
@@ -74,7 +72,7 @@ class FileRows(ABC):
             kept = self.asked.usable(piece.frame)
             if kept.any():
                 table, dropped = piece._replace(frame=piece.frame[kept]).table, int((~kept).sum())
-                yield from self.asked.formed(table, f'"{self.paths[part]}"', piece.first, dropped)
+                yield self.asked.formed(table, f'"{self.paths[part]}"', piece.first, dropped)
 
     @abstractmethod
     def tables(self, part: int) -> Iterator[Piece]:
@@ -83,10 +81,10 @@ class FileRows(ABC):
 
 @dataclass(frozen=True)
 class WholeRuns:
-    """Files whose chunks hold whole runs; a part is a file.
+    """Files whose chunks hold whole runs; a part is a file. Memory is that of the longest run, and of a few chunks.
 
     A run begins where the column that tells runs apart changes or, without one, where the time goes back if that begins
-    another run; else a file is one run. Memory is that of the longest run, and of a few chunks.
+    another run; else a file is one run.
     """
 
     rows: FileRows
@@ -117,9 +115,9 @@ class WholeRuns:
         path, label = self._files[part]
         n_run = 0
         for piece, dropped in self._runs(path):
-            for data in self.rows.asked.formed(piece.table, f'"{path}"', piece.first, dropped, whole=True):
-                yield replace(data, run_names=tuple(self._named(name, label, n_run) for name in data.run_names))
-                n_run += len({name.partition(",")[0] for name in data.run_names})
+            data = self.rows.asked.formed(piece.table, f'"{path}"', piece.first, dropped, whole=True)
+            yield replace(data, run_names=tuple(self._named(name, label, n_run) for name in data.run_names))
+            n_run += len({name.partition(",")[0] for name in data.run_names})
 
     @cached_property
     def _files(self) -> list[tuple[str, str]]:
@@ -159,7 +157,8 @@ class WholeRuns:
             frames, numbers = zip(*held, strict=True)
             return Piece(first, pd.concat(frames, ignore_index=True), attributes), np.concatenate(numbers)
 
-        for piece in self._pieces(path):
+        parts = [part for part, its in enumerate(self.rows.paths) if its == path]
+        for piece in chain.from_iterable(map(self.rows.tables, parts)):
             frame, start = piece.frame, 0
             if not len(frame):
                 continue
@@ -179,11 +178,6 @@ class WholeRuns:
             n_held += len(frame) - start
         if held:
             yield together()
-
-    def _pieces(self, path: str) -> Iterator[Piece]:
-        for part, its in enumerate(self.rows.paths):
-            if its == path:
-                yield from self.rows.tables(part)
 
     def _require_together(self, piece: Piece, begins: np.ndarray, path: str, seen: dict[Any, None]) -> None:
         """Refuse rows that name no run, as `read` does, and a run whose rows lie apart."""
@@ -218,10 +212,7 @@ class WholeRuns:
 
 
 def some_runs(source: Any, size: int, places: int) -> list[tuple[int, Trajectories]]:
-    """Choose whole runs of about `size` rows, at places spread over the parts; all if there are no more rows.
-
-    Returns the runs with the number of their part, in order.
-    """
+    """Return whole runs of about `size` rows with their part, at places spread over the parts; all if they are few."""
     n_part, chosen, more = source.n_part, dict[int, list[Trajectories]](), list[tuple[int, int]]()
     rows = 0
     # Places in the middle of equal shares of the parts, then all other parts.
@@ -251,25 +242,21 @@ def stacked_runs(pieces: list[tuple[int, Trajectories]]) -> Trajectories:
     alone = len({name for _, name in names}) == len(names)
     starts = np.cumsum([0, *(piece.n_run for _, piece in pieces)])
 
-    def of(pick: Any) -> Any:
-        return np.concatenate([pick(piece) for _, piece in pieces])
-
-    def unseen(piece: Trajectories) -> np.ndarray:
-        return np.zeros(piece.n_obs, bool) if piece.unseen is None else piece.unseen
-
+    each = [piece for _, piece in pieces]
     columns = {
-        kind: {name: of(lambda piece, k=kind, n=name: getattr(piece, k)[n]) for name in getattr(first, kind)}
+        kind: {name: np.concatenate([getattr(piece, kind)[name] for piece in each]) for name in getattr(first, kind)}
         for kind in ("states", "inputs", "derivatives")
     }
+    unseen = [np.zeros(piece.n_obs, bool) if piece.unseen is None else piece.unseen for piece in each]
     return replace(
         first,
-        time=of(lambda piece: piece.time),
-        run=np.concatenate([piece.run + start for (_, piece), start in zip(pieces, starts[:-1], strict=True)]),
+        time=np.concatenate([piece.time for piece in each]),
+        run=np.concatenate([piece.run + start for piece, start in zip(each, starts[:-1], strict=True)]),
         **columns,
         run_names=tuple(name if alone else f"{name} of part {part}" for part, name in names),
         dropped=0,
         remarks=(),
-        unseen=of(unseen) if any(piece.unseen is not None for _, piece in pieces) else None,
+        unseen=np.concatenate(unseen) if any(piece.unseen is not None for piece in each) else None,
     )
 
 

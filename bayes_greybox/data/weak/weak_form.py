@@ -14,6 +14,8 @@ from the data alone (Stein 1981, Ann. Statist. 9:1135), as mean (x − H x)² + 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -23,17 +25,11 @@ from scipy.special import beta
 from bayes_greybox.data.rates.filters import STEP_TOLERANCE
 from bayes_greybox.data.runs.gaps import after_gaps
 
+# Numbers of neighbours on either side that are tried.
 HALF_WIDTHS = (2, 3, 4, 5, 6, 8, 10, 13, 16, 20, 25, 32, 40, 50, 64, 80, 100, 125, 160, 200)
-"""Numbers of neighbours on either side that are tried."""
-
-FEWEST_FITS = 8
-"""Windows that a stretch holds at least for a width to be tried."""
-
-MOST_FITS = 2000
-"""Samples, evenly thinned, at which widths are compared."""
-
-WEIGHTS_AT_ONCE = 200_000
-"""Weights that are computed at once."""
+FEWEST_FITS = 8  # windows that a stretch holds at least for a width to be tried
+MOST_FITS = 2000  # samples, evenly thinned, at which widths are compared
+WEIGHTS_AT_ONCE = 200_000  # weights that are computed at once
 
 
 @dataclass(frozen=True)
@@ -56,32 +52,18 @@ def stretches(time: Float[np.ndarray, " n"], run_lengths: Sequence[int]) -> list
 
 @dataclass(frozen=True, eq=False)
 class LocalFits:
-    """Cubics of one width, at every sample.
+    """Cubics of one width, at every sample."""
 
-    Attributes:
-        neighbours: Samples of each fit.
-        value: Weights of the neighbours in the fit's value at the sample.
-        slope: Weights of the neighbours in the fit's slope at the sample.
-        leverage: Weight of the sample itself.
-    """
-
-    neighbours: Int[np.ndarray, "n m"]
-    value: Float[np.ndarray, "n m"]
-    slope: Float[np.ndarray, "n m"]
-    leverage: Float[np.ndarray, " n"]
+    neighbours: Int[np.ndarray, "n m"]  # samples of each fit
+    value: Float[np.ndarray, "n m"]  # weights of the neighbours in the fit's value at the sample
+    slope: Float[np.ndarray, "n m"]  # weights of the neighbours in the fit's slope at the sample
+    leverage: Float[np.ndarray, " n"]  # weight of the sample itself
 
     @classmethod
     def of(
-        cls,
-        time: Float[np.ndarray, " n"],
-        parts: Sequence[Stretch],
-        half_width: int,
-        at: Int[np.ndarray, " m"] | None = None,
+        cls, time: Float[np.ndarray, " n"], parts: Sequence[Stretch], half_width: int, at: np.ndarray | None = None
     ) -> "LocalFits":
-        """Fit over so many neighbours on either side; at the end of a stretch the window lies on one side.
-
-        No fit reaches beyond its stretch. `at` are the samples at which fits are wanted, all by default.
-        """
+        """Fit at some samples, or all, over so many neighbours on either side; on one side at the end of a stretch."""
         width = 2 * half_width + 1
         at = np.arange(len(time)) if at is None else at
         neighbours, used = np.zeros((len(at), width), int), np.ones((len(at), width), bool)
@@ -111,10 +93,7 @@ def chosen_half_widths(
     time: Float[np.ndarray, " n"], columns: Float[np.ndarray, "n k"], noise: Float[np.ndarray, " k"],
     parts: Sequence[Stretch],
 ) -> tuple[int, ...]:  # fmt: skip
-    """Choose the number of neighbours on either side with the least estimated mean square error, column by column.
-
-    The noise is s of each column.
-    """
+    """Choose the neighbours on either side with the least estimated mean square error, for columns with noise s."""
     longest = max(part.rows[1] - part.rows[0] for part in parts)
     at = np.unique(np.linspace(0, len(time) - 1, MOST_FITS).astype(int))
     tried = [m for m in HALF_WIDTHS if m == HALF_WIDTHS[0] or longest >= FEWEST_FITS * (2 * m + 1)]
@@ -140,38 +119,22 @@ def _weights(offset: np.ndarray, used: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return solved[..., 0], solved[..., 1] / size[:, None]
 
 
-POWER = 8
-"""p: at the ends of a bump its first seven derivatives vanish."""
-
-CENTRES_PER_RADIUS = 4
-"""Centres within one radius: neighbours overlap by seven eighths, and whitening accounts for the samples they share."""
-
-FEWEST_RADIUS_STEPS = 8
-"""Fewest steps of a radius: fewer do not integrate a bump."""
-
-NODES_PER_STEP = 6
-"""Nodes of Gauss and Legendre in each step, where steps are uneven."""
+POWER = 8  # p: at the ends of a bump its first seven derivatives vanish
+CENTRES_PER_RADIUS = 4  # neighbours overlap by seven eighths; whitening accounts for the samples they share
+FEWEST_RADIUS_STEPS = 8  # fewest steps of a radius: fewer do not integrate a bump
+NODES_PER_STEP = 6  # nodes of Gauss and Legendre in each step, where steps are uneven
 
 
 @dataclass(frozen=True, eq=False)
 class Bumps:
-    """Test functions along runs, in order of time.
+    """Test functions along runs, in order of time."""
 
-    Attributes:
-        radius: r, units of time.
-        values: Matrix of ∫ φ f dt from values of f at the samples [n_bump, n_sample].
-        slopes: Matrix of ∫ φ̇ f dt.
-        centre: t₀.
-        run: Number of the run of each bump.
-        sample: Nearest sample to each centre.
-    """
-
-    radius: float
-    values: csr_matrix
-    slopes: csr_matrix
-    centre: Float[np.ndarray, " n_bump"]
-    run: Int[np.ndarray, " n_bump"]
-    sample: Int[np.ndarray, " n_bump"]
+    radius: float  # r, units of time
+    values: csr_matrix  # matrix of ∫ φ f dt from values of f at the samples [n_bump, n_sample]
+    slopes: csr_matrix  # matrix of ∫ φ̇ f dt
+    centre: Float[np.ndarray, " n_bump"]  # t₀
+    run: Int[np.ndarray, " n_bump"]  # number of the run of each bump
+    sample: Int[np.ndarray, " n_bump"]  # nearest sample to each centre
 
     @classmethod
     def along(
@@ -196,9 +159,7 @@ def bump(u: Float[np.ndarray, "*n"], radius: float) -> tuple[Float[np.ndarray, "
     return size * inside**POWER, -2.0 * POWER * size / radius * u * inside ** (POWER - 1)
 
 
-def _bumps_of_stretch(
-    time: np.ndarray, part: Stretch, radius: float, every: int
-) -> tuple[csr_matrix, csr_matrix, np.ndarray, np.ndarray, np.ndarray] | None:
+def _bumps_of_stretch(time: np.ndarray, part: Stretch, radius: float, every: int) -> tuple[Any, ...] | None:
     """Return the bumps of one stretch: both matrices, centres, runs and nearest samples; None if it is too short."""
     start, stop = part.rows
     t = time[start:stop]
@@ -250,10 +211,8 @@ def _quadrature(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
     samples = t[four]
     # Lagrange's polynomials: ∏ (τ − t_l)/(t_j − t_l)
     basis = np.ones((n - 1, NODES_PER_STEP, 4))
-    for j in range(4):
-        for k in range(4):
-            if k != j:
-                basis[:, :, j] *= (nodes - samples[:, k, None]) / (samples[:, j] - samples[:, k])[:, None]
+    for j, k in permutations(range(4), 2):
+        basis[:, :, j] *= (nodes - samples[:, k, None]) / (samples[:, j] - samples[:, k])[:, None]
     rows = np.repeat(np.arange(nodes.size), 4)
     columns = np.repeat(four[:, None], NODES_PER_STEP, axis=1).ravel()
     cubics = csr_matrix((basis.ravel(), (rows, columns)), shape=(nodes.size, n))

@@ -5,9 +5,8 @@ import pytest
 
 from bayes_greybox.data.noise.banded import fir_noise
 from bayes_greybox.data.rates.filters import filter_taps
-from bayes_greybox.data.rates.held_out import with_filter_of
 from bayes_greybox.data.rates.rate_filter import RateFilter, RowOperator
-from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.data.trajectories import Trajectories, with_filter_of
 from bayes_greybox.running.errors import InputError
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +44,8 @@ def read_lvm(path: Path, layout: Layout) -> Table:
     if not segments:
         raise InputError(f'"{path}" has no samples below its header; export the file again.')
     frames = [_frame(segment, decimal, path) for segment in segments]
-    for segment, frame in zip(segments, frames, strict=True):
+    for number, (segment, frame) in enumerate(zip(segments, frames, strict=True)):
         _require_one_time(segment, frame, decimal, path)
-    for number, frame in enumerate(frames):
         if len(frames) > 1:
             frame.insert(0, "segment", number)
     # Units stand beside the columns of samples, which follow the stamps.
@@ -56,10 +55,9 @@ def read_lvm(path: Path, layout: Layout) -> Table:
     units = {name: unit for name, unit in stated if unit.strip() and not _is_stamps(name) and name != "Comment"}
     if (first.header.get("X_Dimension") or ["Time"])[0].strip() == "Time":
         units[STAMPS] = "s"
-    several = len(frames) > 1
-    remarks = (f'the {len(frames)} segments of "{path}" are runs',) if several else ()
-    frame = pd.concat(frames, ignore_index=True)
-    return Table(frame, f'"{path}"', units, remarks=remarks, run="segment" if several else None)
+    table = Table(pd.concat(frames, ignore_index=True), f'"{path}"', units)
+    remarks = (f'the {len(frames)} segments of "{path}" are runs',)
+    return replace(table, remarks=remarks, run="segment") if len(frames) > 1 else table
 
 
 def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
@@ -71,9 +69,12 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
             # The header of the file ends in the same way as that of a segment.
             segment = _Segment(header)
         elif cells[0].strip() == STAMPS and segment is not None:
-            segment.names = _distinct([cell.strip() for cell in cells])
+            names = [cell.strip() for cell in cells]
+            # Later names that are the same are numbered.
+            segment.names = [f"{n}.{names[:i].count(n)}" if n in names[:i] else n for i, n in enumerate(names)]
         elif segment is not None and segment.names and any(cell.strip() for cell in cells):
-            if _is_row(cells):
+            # Samples begin with a number, or with nothing and then something.
+            if not cells[0].strip() or cells[0].strip()[0] in "+-.0123456789":
                 segment.rows.append(cells)
                 continue
             yield segment
@@ -84,27 +85,14 @@ def _segments(lines: list[str], separator: str) -> Iterator[_Segment]:
         yield segment
 
 
-def _is_row(cells: list[str]) -> bool:
-    """Return True if a line holds samples: a number, or nothing and then something."""
-    first = cells[0].strip()
-    return first[0] in "+-.0123456789" if first else any(cell.strip() for cell in cells[1:])
-
-
-def _distinct(names: list[str]) -> list[str]:
-    """Number later names that are the same."""
-    return [f"{name}.{names[:i].count(name)}" if name in names[:i] else name for i, name in enumerate(names)]
-
-
 def _frame(segment: _Segment, decimal: str, path: Path) -> pd.DataFrame:
     """Return one segment as numbers, its stamps filled from its header where the file has none."""
     kept = [i for i, name in enumerate(segment.names) if name and name != "Comment"]
     try:
-        values = np.array(
-            [[_number(row[i] if i < len(row) else "", decimal) for i in kept] for row in segment.rows], dtype=float
-        )
+        rows = [[_number(row[i] if i < len(row) else "", decimal) for i in kept] for row in segment.rows]
     except ValueError as error:
         raise InputError(f'"{path}" has a cell that is no number ({error}); correct it.') from None
-    frame = pd.DataFrame(values, columns=[segment.names[i] for i in kept])
+    frame = pd.DataFrame(rows, columns=[segment.names[i] for i in kept], dtype=float)
     if np.isnan(frame[STAMPS].to_numpy()).all():
         start, step = (_number((segment.header.get(key) or ["0"])[0], decimal) for key in ("X0", "Delta_X"))
         if not step > 0.0:
@@ -121,7 +109,9 @@ def _require_one_time(segment: _Segment, frame: pd.DataFrame, decimal: str, path
         stamps = frame[name].to_numpy()
         if np.isnan(stamps).all():
             at = segment.names.index(str(name))
-            start, step = (_channel_number(segment, key, at, decimal) for key in ("X0", "Delta_X"))
+            # The headers of the channel behind a column of stamps.
+            cells = (segment.header.get(key) or ["0"] for key in ("X0", "Delta_X"))
+            start, step = (_number(row[at] if at < len(row) else row[0], decimal) for row in cells)
             stamps = start + step * np.arange(len(frame))
         if np.any(np.abs(stamps - frame[STAMPS].to_numpy()) > slack):
             channel = segment.names[segment.names.index(str(name)) + 1 :][:1]
@@ -129,12 +119,6 @@ def _require_one_time(segment: _Segment, frame: pd.DataFrame, decimal: str, path
                 f'"{path}" has times of its own for the channel {"".join(channel)!r}, and rows have one time: export '
                 "channels of one sampling into one file, or each into its own."
             )
-
-
-def _channel_number(segment: _Segment, key: str, at: int, decimal: str) -> float:
-    """Return a number in the header of the channel behind a column of stamps."""
-    cells = segment.header.get(key) or ["0"]
-    return _number(cells[at] if at < len(cells) else cells[0], decimal)
 
 
 def _is_stamps(name: str) -> bool:

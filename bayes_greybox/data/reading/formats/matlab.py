@@ -50,9 +50,7 @@ def read_mat(path: Path, layout: Layout) -> Table:
 def _table_of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Table:
     columns: dict[str, np.ndarray] = {}
     groups, remarks = {}, []
-    for name, values in arrays.items():
-        if n not in values.shape:
-            continue
+    for name, values in ((name, values) for name, values in arrays.items() if n in values.shape):
         # Signals may lie along rows; a square matrix is taken as it is.
         upright = values if values.shape[0] == n else values.T
         if upright.shape[1] == 1:
@@ -61,8 +59,7 @@ def _table_of_length(n: int, arrays: Mapping[str, np.ndarray], path: Path) -> Ta
         parts = {f"{name}_{i + 1}": upright[:, i] for i in range(upright.shape[1])}
         columns |= parts
         groups[name] = tuple(parts)
-        lies = "columns" if upright is values else "rows"
-        remarks.append(f"the {lies} of {name} are {', '.join(parts)}")
+        remarks.append(f"the {'columns' if upright is values else 'rows'} of {name} are {', '.join(parts)}")
     return Table(pd.DataFrame(columns), f'"{path}"', remarks=tuple(remarks), groups=groups)
 
 

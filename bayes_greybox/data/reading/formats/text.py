@@ -16,39 +16,27 @@ from bayes_greybox.data.reading.table import Layout, Table, first_line, first_ro
 from bayes_greybox.data.reading.units import is_number, split_header, unit_row
 from bayes_greybox.running.errors import InputError
 
-REMARKS = ("#", "%")
-"""Signs at the start of lines that are remarks, as NumPy and MATLAB write them."""
-
-BLANKS = r"\s+"
-"""Separator of values by any number of blanks or tabs."""
-
-LOOKED_AT = 400
-"""Lines at the start of a file among which the names of the columns are looked for."""
-
-
-_QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')
-"""Pattern of quoted text that has a separator or nothing around it."""
+REMARKS = ("#", "%")  # signs at the start of lines that are remarks, as NumPy and MATLAB write them
+BLANKS = r"\s+"  # separator of values by any number of blanks or tabs
+LOOKED_AT = 400  # lines at the start of a file among which the names of the columns are looked for
+_QUOTED_CELL = re.compile(r'(?<![^\s,;|])"[^"]*"(?![^\s,;|])')  # quoted text between separators
 
 
 @dataclass(frozen=True)
 class _Head:
-    """Lines above the measurements: those to skip, their separator, and names where they are marked as remarks.
-
-    `nameless` if the first row holds numbers only.
-    """
+    """Lines above the measurements."""
 
     skipped: tuple[int, ...]
     sep: str
-    names: list[str] | None
+    names: list[str] | None  # where a line with a mark of remarks has them
     units: dict[str, str]
-    nameless: bool = False
+    nameless: bool = False  # true if the first row holds numbers only
 
 
 def read_text(path: Path, layout: Layout) -> Table:
     """Read a file of delimited text; its separator is found from the text if `layout` has none."""
     try:
-        with path.open(encoding=layout.encoding) as file:
-            lines = list(islice(file, LOOKED_AT))
+        lines = _first_lines(path, layout)
     except UnicodeError:
         raise InputError(
             f'"{path}" is not text in {layout.encoding.removesuffix("-sig")}; give its encoding, such as '
@@ -88,42 +76,33 @@ def read_text(path: Path, layout: Layout) -> Table:
 
 
 def titles(path: Path, layout: Layout) -> int:
-    """Count the lines of titles above the names, if they cannot be names: each has fewer cells than the names.
-
-    The count is 0 if the first line certainly has the names, or if it is unclear.
-    """
+    """Count the lines of titles above the names, each with fewer cells than these; 0 if it is unclear."""
     try:
-        with path.open(encoding=layout.encoding) as file:
-            lines = list(islice(file, LOOKED_AT))
+        lines = _first_lines(path, layout)
     except (OSError, UnicodeError, LookupError):
-        # The reader of the file reports that.
-        return 0
+        return 0  # the reader of the file reports that
     header = _header(lines, layout.sep or "\t")
     if not header or all(not line.strip() or line.startswith(REMARKS) for line in lines[:header]):
-        # Remarks are no titles: they are passed over anyway.
-        return 0
+        return 0  # remarks are no titles: they are passed over anyway
     mark = next(mark for mark in _marks(layout.sep or "\t") if _is_header(lines[header : header + 3], mark))
     filled = [sum(map(bool, _cells(line, mark))) for line in lines[: header + 1]]
     return header if all(count < filled[header] for count in filled[:header]) else 0
 
 
+def _first_lines(path: Path, layout: Layout) -> list[str]:
+    with path.open(encoding=layout.encoding) as file:
+        return list(islice(file, LOOKED_AT))
+
+
 def _frame(path: Path, head: _Head, layout: Layout, **options: Any) -> pd.DataFrame:
+    # A delimiter at the end of each row would make the first column an index. A row that is empty still takes its time,
+    # where there is no column of stamps. Marks of thousands are read with the cells: pandas would make a number of
+    # 01.02.2024.
     return pd.read_csv(
-        path,
-        sep=head.sep,
-        skipinitialspace=True,
-        skiprows=list(head.skipped),
-        header=None if head.names else "infer",
-        names=head.names,
-        # A delimiter at the end of each row would make the first column an index.
-        index_col=False,
-        # A row that is empty still takes its time, where there is no column of stamps.
-        skip_blank_lines=False,
-        # Marks of thousands are read with the cells: pandas would make a number of 01.02.2024.
-        decimal=layout.decimal,
-        encoding=layout.encoding,
-        **options,
-    )
+        path, sep=head.sep, skipinitialspace=True, skiprows=list(head.skipped), names=head.names, index_col=False,
+        header=None if head.names else "infer", skip_blank_lines=False, decimal=layout.decimal,
+        encoding=layout.encoding, **options,
+    )  # fmt: skip
 
 
 def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
@@ -155,10 +134,8 @@ def _head(lines: list[str], path: Path, layout: Layout) -> _Head:
         # A line of units in brackets below that of names.
         names = _cells(marked[-2], sep)
     if len(names) != len(cells):
-        raise InputError(
-            f'"{path}" names {len(names)} columns, but its first row has {len(cells)} values; correct the line of '
-            "names."
-        )
+        count = f"names {len(names)} columns, but its first row has {len(cells)} values"
+        raise InputError(f'"{path}" {count}; correct the line of names.')
     return _Head(every, sep, names, dict(zip(names, units or (), strict=False)))
 
 
@@ -210,13 +187,10 @@ def _check_lengths(path: Path, head: _Head, count: int, layout: Layout) -> None:
 def _rows(lines: Iterable[str], sep: str) -> Iterator[list[str]]:
     """Yield the cells of lines; quoted text is one cell."""
     if sep == BLANKS:
-        rows: Iterable[list[str]] = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ")
-    elif len(sep) == 1:
-        rows = csv.reader(
-            (f"{line.rstrip()}\n" if sep != "\t" else line for line in lines), delimiter=sep, skipinitialspace=True
-        )
+        rows = csv.reader((" ".join(line.split()) for line in lines), delimiter=" ")
     else:
-        rows = (re.split(sep, line.strip()) for line in lines)
+        plain = (line if sep == "\t" else f"{line.rstrip()}\n" for line in lines)
+        rows = csv.reader(plain, delimiter=sep, skipinitialspace=True)
     for row in rows:
         yield [cell.strip().strip('"') for cell in row]
 
