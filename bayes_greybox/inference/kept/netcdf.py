@@ -28,7 +28,7 @@ from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import whole_file
 
-from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
+from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sum_of, take_end
 from .draws import require_draws
 from .groups import data_table, part_details, rate_name
 from .model_record import describe, rebuild
@@ -46,7 +46,7 @@ STUDIED = "missing_effects"
 """Group of a file with the results of a study, and root attribute that holds the study's record."""
 
 TRIED = "trial"
-"""Group of a file with a `Trial`."""
+"""Group of a file with results of model criticism."""
 
 GROUPS_BESIDE = (STUDIED, TRIED)
 """Groups that do not belong to the posterior."""
@@ -131,24 +131,24 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
         put_end(part)
 
 
-def add(
-    saved: str | os.PathLike, path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]
-) -> None:
-    """Write the file that `save` would, copying the arrays of a file of the same posterior without these groups.
+def add(saved: str | os.PathLike, path: str | os.PathLike, groups: Mapping[str, xr.Dataset]) -> None:
+    """Write the file that `save` would with other groups of `as_group`, copying the rest of a file of the posterior.
 
-    Root attributes of the same names are replaced. InputError is raised if the destination cannot be written.
+    InputError is raised if the destination cannot be written.
     """
     path = Path(path)
     with _writing(path), whole_file(path) as part:
         take_end(saved, part)
         for name, group in groups.items():
+            with h5py.File(part, "a") as file:
+                file.pop(name, None)
             group.to_netcdf(part, mode="a", group=name, engine="h5netcdf", encoding=_compressed(group.data_vars))
         with h5netcdf.File(part, "a") as file:
             seals = json.loads(str(file.attrs[SEALS]))
-            seals["/"] |= sums(attributes)
-            seals |= {f"/{name}": sums({TEXT: each.attrs[TEXT]}) for name, each in groups.items() if TEXT in each.attrs}
-            for name, text in {**attributes, SEALS: json.dumps(seals)}.items():
-                file.attrs[name] = text
+            seals |= {
+                f"/{name}": {TEXT: sum_of(each.attrs[TEXT])} for name, each in groups.items() if TEXT in each.attrs
+            }
+            file.attrs[SEALS] = json.dumps(seals)
         put_end(part)
 
 
@@ -186,21 +186,17 @@ def read(path: str | os.PathLike) -> xr.DataTree:
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    if _format(tree, path) > FILE_FORMAT:
+    with made_of(path):
+        version = json.loads(tree.attrs[RECORD_ATTRIBUTE])["format"]
+    if type(version) is not int:
+        raise damaged(path, f"{version!r} is no version of a layout")
+    if version > FILE_FORMAT:
         raise InputError(
             f"{str(path)!r} was saved by a bayes_greybox that is newer than this one: upgrade with pip install "
             "--upgrade bayes-greybox."
         )
     require_sealed(tree, path)
     return tree
-
-
-def _format(tree: xr.DataTree, path: Path) -> int:
-    with made_of(path):
-        version = json.loads(tree.attrs[RECORD_ATTRIBUTE])["format"]
-        if type(version) is not int:
-            raise damaged(path, f"{version!r} is no version of a layout")
-        return version
 
 
 def sampled(tree: xr.DataTree) -> bool:
@@ -226,11 +222,13 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     for name in GROUPS_BESIDE:
         if name in tree.children:
             del tree[name]
-    data = _read_data(tree["constant_data"].dataset, record["data"])
+    data, earlier = _read_data(tree["constant_data"].dataset, record["data"]), None
     if SAMPLES_GROUP in tree.children:
-        data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES_GROUP].dataset, record["samples"]))
-        del tree[SAMPLES_GROUP]
-    data = dataclasses.replace(data, before=_before(tree, record.get("before", ())))
+        data = dataclasses.replace(data, samples=_read_data(_taken(tree, SAMPLES_GROUP), record["samples"]))
+    for number, metadata in reversed(list(enumerate(record.get("before", ()), 1))):
+        read = _read_data(_taken(tree, f"{BEFORE_GROUP}_{number}"), metadata)
+        earlier = dataclasses.replace(read, before=earlier)
+    data = dataclasses.replace(data, before=earlier)
     gp = record["model"]["discrepancy"]
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
@@ -242,10 +240,9 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     require_draws(tree, model, data)
     if "all_rows" not in record:
         return Posterior(model, data, sampling, tree)
-    whole = whole_from(record["all_rows"], tree[STATISTICS_GROUP].dataset)
+    whole = whole_from(record["all_rows"], _taken(tree, STATISTICS_GROUP))
     # Raised here, so that statistics of another model are reported with the file's name.
     equations_of(model, data, whole)
-    del tree[STATISTICS_GROUP]
     return Posterior(model, data, sampling, tree, whole=whole)
 
 
@@ -253,15 +250,11 @@ def _data_group(data: Trajectories, dimension: str) -> xr.DataTree:
     return xr.DataTree(xr.Dataset({name: (dimension, values) for name, values in data_table(data).items()}))
 
 
-def _before(tree: xr.DataTree, records: Sequence[Mapping[str, Any]]) -> Trajectories | None:
-    """Take earlier rows of the same runs out of the groups of a file."""
-    earlier: Trajectories | None = None
-    for number in range(len(records), 0, -1):
-        group = f"{BEFORE_GROUP}_{number}"
-        read = _read_data(tree[group].dataset, records[number - 1])
-        earlier = dataclasses.replace(read, before=earlier)
-        del tree[group]
-    return earlier
+def _taken(tree: xr.DataTree, name: str) -> xr.Dataset:
+    """Take a group out of a file."""
+    group = tree[name].to_dataset()
+    del tree[name]
+    return group
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
@@ -269,13 +262,12 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     for name, values in table.variables.items():
         if values.dtype.kind not in "biuf" or values.ndim != 1 or not np.all(np.isfinite(values.to_numpy())):
             raise InputError(f"the file is damaged: its column {str(name)!r} is not one of finite numbers.")
-    columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
     # Older files have no outputs.
     measured = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
-    columns |= {name: table[name].to_numpy() for name in measured}
-    names = {s: rate_name(s, measured) for s in metadata["derivatives"]}
-    rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
-    return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
+    names = {time_name: "t", "run": "run", **{name: name for name in measured}}
+    names |= {derivative_label(s, time_name): rate_name(s, measured) for s in metadata["derivatives"]}
+    frame = pd.DataFrame({column: table[name].to_numpy() for column, name in names.items()})
+    return Trajectories.from_frame(frame, **metadata)
 
 
 def _slab_group(posterior: Posterior) -> xr.Dataset:
