@@ -15,11 +15,8 @@ from bayes_greybox.running.errors import InputError
 SCHEMES = ("loo", "block", "trajectory", "future")
 """Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""
 
-LEAST_BLOCKS = 10
-"""Fewest blocks of a length that the package chooses."""
-
-MOST_FUTURES = 20
-"""Most steps into the future of a length that the package chooses."""
+LEAST_BLOCKS, MOST_FUTURES = 10, 20
+"""Fewest blocks, and most steps into the future, of a length that the package chooses."""
 
 WHITE_BOUND = 1.96
 """Standard deviations within which an autocorrelation passes for that of white noise."""
@@ -57,14 +54,7 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
     fold is every row, of whichever run, with an earlier stamp. Runs that share a clock thus advance together, and
     runs that followed each other are predicted one after the other. A fold covers all sensors.
 
-    Args:
-        posterior: Fitted model.
-        scheme: "block", "trajectory" or "future".
-        block: Rows of a block, or time stamps of a step; None: from `correlation_length`.
-        start: Share of the time stamps before the first fold, for "future".
-
-    Raises:
-        InputError: The data cannot be divided so; the message has the remedy.
+    Arguments are those of `cross_validate`. InputError is raised if the data cannot be divided so.
     """
     data = posterior.data
     require_divisible(data, tuple(posterior.equations), scheme)
