@@ -12,11 +12,8 @@ from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
 
 from .cross_validation.psis import MIN_DRAWS, khat_threshold, smoothed_weights
 
-MOST_FOLLOWED = 200
-"""Most posterior draws whose exact paths are followed."""
-
-MOST_PATH_POINTS = 2_000_000
-"""Most points of all paths together: for long records fewer draws are followed, down to `MIN_DRAWS`."""
+MOST_FOLLOWED, MOST_PATH_POINTS = 200, 2_000_000
+"""Most posterior draws whose exact paths are followed, and most points of all paths together."""
 
 ELSEWHERE = 0.2
 """Largest share of the exact posterior that may lie elsewhere if k̂ is large."""
@@ -41,10 +38,8 @@ class Linearity(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """True if the draws, weighted or as they are, represent the exact posterior.
-
-        k̂ describes only the tail of the weights, and is rough for few draws; the distance complements it.
-        """
+        """True if the draws, weighted or as they are, represent the exact posterior."""
+        # k̂ describes only the tail of the weights, and is rough for few draws; the distance complements it.
         return not (self.khat > self.limit and self.elsewhere > ELSEWHERE)
 
 
@@ -94,7 +89,12 @@ def linearity_of_paths(
     if rows.noise.moved:
         return Linearity(math.nan, limit)
     white = np.random.default_rng(0).standard_normal((rows.noise.n_start, len(sigma)))
-    residual = rows.target - _linear_response(rows, added, len(sigma)) - beside
+    response = np.zeros((rows.n_row, len(sigma)))
+    for k, acting in enumerate(rows.learned.values()):
+        response += acting.operator.of(
+            lambda columns, k=k: np.column_stack([added(columns, s)[:, k] for s in range(len(sigma))]), rows.columns
+        )
+    residual = rows.target - response.T - beside
     starts, linear = rows.noise.starts_given((residual / sigma[:, None]).T, white)
     exact = (rows.measured - rows.exact(added, (starts * sigma).T) - beside) / sigma[:, None]
     error = rows.noise.error
@@ -112,15 +112,3 @@ def linearity_of_paths(
         khat = float(smoothed_weights(log_weight[None])[1][0])
     weight = np.exp(log_weight)
     return Linearity(khat, limit, float(np.mean(np.abs(weight / np.mean(weight) - 1)) / 2))
-
-
-def _linear_response(
-    rows: EquationRows, added: Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], n_draw: int
-) -> Float[np.ndarray, "n_draw n_row"]:
-    """Return the response of linear rows to the forces of each draw."""
-    response = np.zeros((rows.n_row, n_draw))
-    for k, acting in enumerate(rows.learned.values()):
-        response += acting.operator.of(
-            lambda columns, k=k: np.column_stack([added(columns, draw)[:, k] for draw in range(n_draw)]), rows.columns
-        )
-    return response.T
