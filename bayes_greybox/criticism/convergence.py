@@ -18,14 +18,12 @@ from bayes_greybox.running.compiling import compiled
 
 from .judged import in_words, judged
 
-MAX_R_HAT, MIN_ESS, MIN_E_BFMI, MAX_TREE_DEPTH = 1.01, 400, 0.3, 10
+MAX_R_HAT, MIN_ESS, MIN_E_BFMI, MAX_TREE_DEPTH, SATURATED_SHARE = 1.01, 400, 0.3, 10, 0.01
+"""Limits of the criteria of `convergence`; at most `SATURATED_SHARE` of the draws may reach the tree depth."""
 
 SHORT_SHARE = 0.75
 """Share of `MIN_ESS` from which on effective sample sizes are only somewhat too small: the Monte Carlo standard error
 is then at most 15 % larger than at `MIN_ESS`."""
-
-SATURATED_SHARE = 0.01
-"""Largest share of draws that may reach the tree depth."""
 
 NEGLIGIBLE_AMPLITUDE, QUANTILE = 0.1, 0.05
 """Multiple of σ below which length scales of f follow their prior and are not judged; else their resolved quantile."""
@@ -177,13 +175,14 @@ def array_stats() -> Any:
 def _agreement(table: pd.DataFrame, n_chain: int) -> Iterator[str]:
     if n_chain < 2:
         yield "There is one chain, and R̂ compares chains: run chains=4."
-    r_hat = table["r_hat"].astype(float)
-    high = r_hat[r_hat > MAX_R_HAT]
-    if len(high):
+    r_hat = table["r_hat"].to_numpy(float)
+    high = np.flatnonzero(r_hat > MAX_R_HAT)
+    if high.size:
+        worst = high[r_hat[high].argmax()]
         yield (
-            f"R̂ is {_beyond(high.max(), MAX_R_HAT)} for {high.idxmax()}, above {MAX_R_HAT}{_others(high)}: the chains "
-            "disagree; raise tune and draws, and if it stays, look at the chains for several modes (a kernel that is "
-            "not orthogonal to the dictionary makes them)."
+            f"R̂ is {_beyond(r_hat[worst], MAX_R_HAT)} for {table.index[worst]}, above {MAX_R_HAT}{_others(high)}: "
+            "the chains disagree; raise tune and draws, and if it stays, look at the chains for several modes (a "
+            "kernel that is not orthogonal to the dictionary makes them)."
         )
 
 
@@ -195,18 +194,19 @@ def _sample_sizes(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[st
         )
         return
     for part in ("bulk", "tail"):
-        ess = table[f"ess_{part}"].astype(float)
-        low = ess[ess < MIN_ESS]
-        if len(low):
+        ess = table[f"ess_{part}"].to_numpy(float)
+        low = np.flatnonzero(ess < MIN_ESS)
+        if low.size:
+            worst = low[ess[low].argmin()]
             # Draws that would bring the worst one to the threshold, with a quarter to spare.
-            needed = math.ceil(1.25 * n_draw * MIN_ESS / max(low.min(), 1.0) / 100) * 100
+            needed = math.ceil(1.25 * n_draw * MIN_ESS / max(ess[worst], 1.0) / 100) * 100
             yield (
-                f"The {part} effective sample size is {low.min():.0f} for {low.idxmin()}, below {MIN_ESS}"
+                f"The {part} effective sample size is {ess[worst]:.0f} for {table.index[worst]}, below {MIN_ESS}"
                 f"{_others(low)}: raise draws to about {needed}."
             )
 
 
-def _others(failed: pd.Series) -> str:
+def _others(failed: np.ndarray) -> str:
     return f", as it is for {len(failed) - 1} more" if len(failed) > 1 else ""
 
 

@@ -32,11 +32,14 @@ class DiscrepancyGrid:
         equation: Name of the state whose derivative the equation gives.
         variables: Names of the one or two variables that span the grid.
         axes: Grid positions of each variable, increasing, in `units`.
-        mean, sd, lower, upper: Posterior mean and standard deviation of f, and ends of its pointwise interval, in
-            `unit`.
+        mean: Posterior mean of f, in `unit`.
+        sd: Posterior standard deviation of f, in `unit`.
+        lower: Lower end of the pointwise credible interval, in `unit`.
+        upper: Upper end of the pointwise credible interval, in `unit`.
         inside: True where the grid point lies inside the support of the data.
         points: Positions of the data rows, one column a variable.
-        units, unit: Unit of each variable, and of f; empty if none was given.
+        units: Unit of each variable; empty if none was given.
+        unit: Unit of f; empty if none was given.
         fixed: The other variables of the equation and the values they are held at.
         level: Probability of the interval.
     """

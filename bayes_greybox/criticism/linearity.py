@@ -18,9 +18,6 @@ MOST_FOLLOWED, MOST_PATH_POINTS = 200, 2_000_000
 ELSEWHERE = 0.2
 """Largest share of the exact posterior that may lie elsewhere if k̂ is large."""
 
-LOG_WEIGHT_RANGE = 700.0
-"""Largest difference of log weights, for which exp does not underflow."""
-
 
 class Linearity(NamedTuple):
     """Distance of a posterior on linear rows from the exact one.
@@ -104,7 +101,8 @@ def linearity_of_paths(
     log_weight = np.where(np.isfinite(square), -square / 2, -np.inf)
     if not np.any(np.isfinite(log_weight)):
         return Linearity(math.inf, limit, 1.0)
-    log_weight = np.maximum(log_weight - np.max(log_weight), -LOG_WEIGHT_RANGE)
+    # exp underflows beyond this range.
+    log_weight = np.maximum(log_weight - np.max(log_weight), -700.0)
     if np.ptp(log_weight) == 0:
         return Linearity(0.0, limit)
     # A single weight may have all of the sum.

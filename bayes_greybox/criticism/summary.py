@@ -22,7 +22,7 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     group = posterior.idata["posterior"].dataset
     tail = (1 - level) / 2
     terms = inclusion(posterior, level)
-    rows: dict[tuple[str, str], dict] = {}
+    rows: dict[tuple[str, str], tuple] = {}
     for name, equation in posterior.equations.items():
         frame, own = equation.frame, posterior.sites[name]
         quantities = {

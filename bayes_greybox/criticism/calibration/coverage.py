@@ -17,16 +17,12 @@ from bayes_greybox.model.sites import EquationSites, Sites
 
 from .ranks import rank_truths
 
-REGIONS = ("data", "box", "beyond")
-COVERAGE_LEVELS = (0.5, 0.9)
-PLACES_PER_REGION = 12
-CANDIDATES = 512
+REGIONS, COVERAGE_LEVELS = ("data", "box", "beyond"), (0.5, 0.9)
+PLACES_PER_REGION, CANDIDATES = 12, 512
 
-BEYOND_REACH = 1.3
-"""Outer limit of the region "beyond", in half-widths of the box."""
-
-LEAST_DISTANCE = 0.1
-"""Distance to every row, in half-widths of the box, from which on a place is away from the data."""
+BEYOND_REACH, LEAST_DISTANCE = 1.3, 0.1
+"""Outer limit of the region "beyond", and distance to every row from which on a place is away from the data, both in
+half-widths of the box."""
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,8 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         joint += [(alpha - 1) * misfit for alpha in ALPHAS]
         if not enumerated:
             return (jnp.stack(joint),)
-        summed = (_summed(regression, slab, log_odds, coefficients.certain, *powers) for powers in _SCALINGS)
+        powers = [(1.0, 1.0), *((alpha, 1.0) for alpha in ALPHAS), *((1.0, alpha) for alpha in ALPHAS)]
+        summed = (_summed(regression, slab, log_odds, coefficients.certain, *each) for each in powers)
         total, probability = zip(*summed, strict=True)
         shift = [(alpha - 1) * top for alpha in ALPHAS] + [0.0, 0.0]
         collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
@@ -166,10 +167,6 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
         return jax.lax.map(lambda item: one(design, item), items)
 
     return kept(every, (enumerated, has_gamma), "sensitivity", once=True)
-
-
-_SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (1.0, ALPHAS[1]))
-"""Powers of prior and likelihood."""
 
 
 def _summed(

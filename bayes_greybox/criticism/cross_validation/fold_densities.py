@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,14 +21,6 @@ from bayes_greybox.running.compiling import compiled
 from .row_densities import ROW_BLOCK, in_blocks
 
 Members = Sequence[Int[np.ndarray, " _"]]
-
-
-class _Fold(NamedTuple):
-    """Folds padded to one size: rows, which of them count, and (R⁻¹)_FF."""
-
-    number: Int[Array, "n_fold size"]
-    counts: Bool[Array, "n_fold size"]
-    precision: Float[Array, "n_fold size size"]
 
 
 def fold_densities(
@@ -71,8 +62,8 @@ def fold_densities(
     for part, padded in in_blocks(index, max(1, ROW_BLOCK // size)):
         numbers = np.stack([np.concatenate([folds[i], np.full(size - len(folds[i]), folds[i][-1])]) for i in padded])
         counts = np.arange(size) < np.array([[len(folds[i])] for i in padded])
-        stacked = _Fold(jnp.asarray(numbers), jnp.asarray(counts), jnp.asarray(blocks(numbers)))
-        values = np.asarray(_mapped(entry.design, weighted(numbers.ravel()), stacked, parameters))[:, : len(part)]
+        stacked = jnp.asarray(counts), jnp.asarray(blocks(numbers))
+        values = np.asarray(_mapped(entry.design, weighted(numbers.ravel()), *stacked, parameters))[:, : len(part)]
         yield values - unit * np.array([len(folds[i]) for i in part])
 
 
@@ -116,9 +107,12 @@ def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array
 
 
 @compiled
-def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
-    n_fold, size = folds.number.shape
-    n_term = design.Phi.shape[1]
+def _mapped(
+    design: Design, rows: WeightedRows, counts: Bool[Array, "n_fold size"], precision: Float[Array, "n_fold size size"],
+    parameters: tuple[Hyperparameters, Scales],
+) -> Array:  # fmt: skip
+    """Return the densities of folds padded to one size, given which rows count and (R⁻¹)_FF."""
+    (n_fold, size), n_term = counts.shape, design.Phi.shape[1]
 
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
         hyper, (sd, log_odds, mean, _) = item
@@ -144,6 +138,6 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
             return value + logsumexp(log_pattern_weights(m, V, log_odds, certain)) - logsumexp(without)
 
         # Fold by fold, since batched factorisations inside a loop can deadlock (see row_densities).
-        return jax.lax.map(fold, (H, g, J, folds.counts, folds.precision))
+        return jax.lax.map(fold, (H, g, J, counts, precision))
 
     return jax.lax.map(one, parameters)

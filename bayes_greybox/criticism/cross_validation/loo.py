@@ -11,11 +11,6 @@ from bayes_greybox.inference.posterior import Posterior
 
 from .folds import Folds
 
-WEIGHTED_NOTE = (
-    "Noise(tails=...) gave each row its weight by its own residual, which a prediction cannot know: elpd is too high, "
-    "and compares with that of fits with the same tails alone."
-)
-
 
 @dataclass(frozen=True)
 class Loo:
@@ -98,7 +93,12 @@ def joined(
     """Join the values of all equations; `folds` is None for single rows."""
     pointwise, mean, khat, refitted = map(np.concatenate, zip(*(each[:4] for each in estimates.values()), strict=True))
     settings = {} if folds is None else {"scheme": folds.scheme, "block": folds.block, "words": folds.words}
-    before = [*([] if folds is None else folds.notes), *([WEIGHTED_NOTE] if weighted(posterior) else [])]
+    before = [] if folds is None else list(folds.notes)
+    if weighted(posterior):
+        before.append(
+            "Noise(tails=...) gave each row its weight by its own residual, which a prediction cannot know: elpd is "
+            "too high, and compares with that of fits with the same tails alone."
+        )
     return Loo(
         elpd=float(pointwise.sum()),
         se=float(np.sqrt(len(pointwise) * np.var(pointwise, ddof=1))),

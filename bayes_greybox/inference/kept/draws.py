@@ -21,18 +21,6 @@ BY_TERM = ("theta", "prior_sd", "gamma", "inclusion")
 AXES = {**dict.fromkeys(BY_TERM, 3), "sigma": 2, "amplitude": 2, "length_scale": 3, "weight": 3, "f": 3}
 """Number of dimensions of the quantities that the package itself draws."""
 
-POSITIVE = ("sigma", "length_scale")
-"""Quantities that are divided by."""
-
-BY_ROW = ("log_likelihood", "posterior_predictive", "prior_predictive")
-"""Optional groups with one number for each row of each equation and draw."""
-
-NEEDED_STATISTICS = ("diverging", "energy", "n_steps")
-"""Statistics of the sampler that the verdict on convergence needs."""
-
-NEEDED = ("theta", "sigma", "prior_sd")
-"""Quantities that every equation has."""
-
 
 def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None:
     """Require that the groups of draws in a file match each other and the model, or raise InputError."""
@@ -44,13 +32,15 @@ def require_draws(tree: xr.DataTree, model: Program, data: Trajectories) -> None
     group = xr.merge([tree[name].dataset for name in DRAW_GROUPS[:2] if name in tree.children], compat="override")
     names = [str(name) for name in group]
     for block, equations in model.blocks.items():
-        for name in (each for each in BY_ROW if each in tree.children):
+        for name in ("log_likelihood", "posterior_predictive", "prior_predictive"):
+            if name not in tree.children:
+                continue
             values = tree[name].dataset.get(model.sites[block].rate)
             by_row = values is not None and _numeric(values) and values.dims[:2] == DRAW_DIMENSIONS and values.ndim == 3
             _require(by_row, f"{name} has no numbers {model.sites[block].rate!r} for each chain, draw and row")
         own = model.sites.owned(block, names)
         # An equation whose f has no variables has no draws of f.
-        for quantity in (*NEEDED, *(of_f if set(of_f) & set(own) else ())):
+        for quantity in ("theta", "sigma", "prior_sd", *(of_f if set(of_f) & set(own) else ())):
             _require(quantity in own, f"it has no draws {model.sites[block][quantity]!r}")
         for quantity, dimension in (("theta", "term"), ("length_scale", "variable")):
             if quantity in own:
@@ -78,7 +68,7 @@ def _sizes(tree: xr.DataTree) -> tuple[int, int]:
         sizes[name] = tuple(tree[name].sizes.get(dimension, 0) for dimension in DRAW_DIMENSIONS)
     complete = "posterior" in sizes and "sample_stats" in sizes
     _require(complete, "it lacks the group of draws, or that of the sampler's statistics")
-    for name in NEEDED_STATISTICS:
+    for name in ("diverging", "energy", "n_steps"):
         values = tree["sample_stats"].dataset.get(name)
         _require(values is not None and _numeric(values), f"it has no {name!r} of the sampler")
     alike = len(set(sizes.values())) == 1 and 0 not in sizes["posterior"]
@@ -94,4 +84,5 @@ def _require_variable(name: str, values: xr.DataArray, quantity: str, n_term: in
     _require(values.ndim == AXES.get(quantity, values.ndim), f"{name} has {values.ndim} dimensions")
     numbers = values.to_numpy()
     _require(quantity not in AXES or bool(np.all(np.isfinite(numbers))), f"{name} has draws that are no numbers")
-    _require(quantity not in POSITIVE or bool(np.all(numbers > 0)), f"{name} has draws that are not positive")
+    positive = quantity not in ("sigma", "length_scale") or bool(np.all(numbers > 0))
+    _require(positive, f"{name} has draws that are not positive")

@@ -48,23 +48,17 @@ STUDIED = "missing_effects"
 TRIED = "trial"
 """Group of a file with results of model criticism."""
 
-GROUPS_BESIDE = (STUDIED, TRIED)
-"""Groups that do not belong to the posterior."""
-
 RECORD_ATTRIBUTE = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes have no bool, None or dict)."""
 
-FILE_FORMAT = 5
-"""Version of the file's layout.
+FILE_FORMAT, ALL_ROWS_FORMAT = 5, 4
+"""Version of the file's layout, and that of files with all their rows.
 
-Version 5 holds some of many rows and the statistics of all, which an older reader would ignore; files with all their
-rows still have version 4. Version 4 has the details of the draws in groups of their own, where an older reader would
-not find them. Version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In version 1
-`measure="empirical"` means what is now called "unweighted", also on rows with correlated noise.
+Version 5 holds some of many rows and the statistics of all, which an older reader would ignore. Version 4 has the
+details of the draws in groups of their own, where an older reader would not find them. Version 3 may have outputs,
+draws of exact paths, and samples that a sensor clipped. In version 1 `measure="empirical"` means what is now called
+"unweighted", also on rows with correlated noise.
 """
-
-ALL_ROWS_FORMAT = 4
-"""Version of files that hold all rows."""
 
 
 def versions() -> dict[str, str]:
@@ -79,7 +73,7 @@ def save(
 ) -> None:  # fmt: skip
     """Write a posterior to a netCDF file that `load_checked` and `arviz.from_netcdf` open.
 
-    Further root attributes and groups, of `GROUPS_BESIDE`, come from the caller. InputError is raised if the
+    Further root attributes and groups, `STUDIED` and `TRIED`, come from the caller. InputError is raised if the
     destination cannot be written.
     """
     record = {
@@ -121,14 +115,12 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
 
     `texts` are the root attributes that get a check sum. InputError is raised if the destination cannot be written.
     """
-    path = Path(path)
     packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
     tree = tree.copy()
     tree.attrs = {**tree.attrs, SEALS: seal(tree, {"/": list(texts), **packed})}
     encoding = {node.path: _compressed(node.data_vars) for node in tree.subtree if node.data_vars}
-    with _writing(path), whole_file(path) as part:
+    with _written(path) as part:
         tree.to_netcdf(part, engine="h5netcdf", encoding=encoding)
-        put_end(part)
 
 
 def add(saved: str | os.PathLike, path: str | os.PathLike, groups: Mapping[str, xr.Dataset]) -> None:
@@ -136,8 +128,7 @@ def add(saved: str | os.PathLike, path: str | os.PathLike, groups: Mapping[str, 
 
     InputError is raised if the destination cannot be written.
     """
-    path = Path(path)
-    with _writing(path), whole_file(path) as part:
+    with _written(path) as part:
         take_end(saved, part)
         for name, group in groups.items():
             with h5py.File(part, "a") as file:
@@ -149,7 +140,6 @@ def add(saved: str | os.PathLike, path: str | os.PathLike, groups: Mapping[str, 
                 f"/{name}": {TEXT: sum_of(each.attrs[TEXT])} for name, each in groups.items() if TEXT in each.attrs
             }
             file.attrs[SEALS] = json.dumps(seals)
-        put_end(part)
 
 
 def read(path: str | os.PathLike) -> xr.DataTree:
@@ -219,7 +209,7 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     `simulation` is the function of the simulation, if the model had one; InputError is raised if it is missing.
     """
     record = json.loads(tree.attrs.pop(RECORD_ATTRIBUTE))
-    for name in GROUPS_BESIDE:
+    for name in (STUDIED, TRIED):
         if name in tree.children:
             del tree[name]
     data, earlier = _read_data(tree["constant_data"].dataset, record["data"]), None
@@ -285,11 +275,13 @@ def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Turn errors of writing to a path into an `InputError`."""
+def _written(path: str | os.PathLike) -> Iterator[Path]:
+    """Yield a path to write a file to, which then gets its check sum and its name; turn errors into an `InputError`."""
     try:
-        yield
+        with whole_file(path) as part:
+            yield part
+            put_end(part)
     except (OSError, RuntimeError) as error:
         # HDF5 reports a full disk in either class.
         reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-        raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error
+        raise InputError(f"Cannot write {str(Path(path))!r}: {reason}. Choose a writable folder with room.") from error
