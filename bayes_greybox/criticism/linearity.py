@@ -22,11 +22,9 @@ ELSEWHERE = 0.2
 class Linearity(NamedTuple):
     """Distance of a posterior on linear rows from the exact one.
 
-    Attributes:
-        khat: k̂ of the weights, exact over linear density; zero for linear rows, NaN if unknown.
-        limit: k̂ up to which weighted draws can represent the exact posterior.
-        elsewhere: ½ E|w/E w − 1|, the total variation distance, which bounds the error of any probability. The estimate
-            is too small if hardly any draw lies where the exact posterior is.
+    k̂ is that of the weights, exact over linear density: zero for linear rows, NaN if unknown. Up to its limit weighted
+    draws can represent the exact posterior. `elsewhere` is ½ E|w/E w − 1|, the total variation distance, which bounds
+    the error of any probability; the estimate is too small if hardly any draw lies where the exact posterior is.
     """
 
     khat: float

@@ -41,8 +41,8 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
     The prior of a hierarchy is scaled level by level, each normalised again given the level above: every site of the
     model to the power α, N(θ_j; 0, sd_j²) to N(θ_j; 0, sd_j²/α), and π to π^α/(π^α + (1 − π)^α). Without normalising,
     a power of a density over k coefficients would multiply a pattern's weight by a factor that depends on k and on the
-    units. The likelihood is p(y | θ, η) with f integrated out. The `log_likelihood` group has leave-one-out densities
-    instead, so `arviz_stats.psense(fit.idata, group="likelihood")` answers another question.
+    units. The likelihood is p(y | θ, η) with f integrated out; `arviz_stats.psense(fit.idata, group="likelihood")`
+    answers another question, as the `log_likelihood` group has leave-one-out densities.
 
     P(γ_j = 1) is recomputed exactly for each draw of the hyperparameters, over all patterns, under every scaling, and
     averaged with importance weights in which θ and γ are summed out; draws of γ by Gibbs moves are reweighted with

@@ -141,11 +141,10 @@ class Unpacker:
     """Turns JSON and named arrays back into values; the arguments are those of `Packer`."""
 
     def __init__(self, classes: Iterable[type], arrays: Mapping[str, np.ndarray]) -> None:
-        self._arrays = arrays
         self._data: list[Trajectories] = []
         self._readers: dict[str, Callable[[dict[str, Any]], Any]] = {
-            "numbers": self._numbers,
-            "array": self._array,
+            "numbers": lambda value: np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"]),
+            "array": lambda value: np.asarray(arrays[value["name"]]).astype(np.dtype(value["dtype"])),
             "tuple": lambda value: tuple(self.unpack(each) for each in value["of"]),
             "pairs": lambda value: {self.unpack(key): self.unpack(each) for key, each in value["of"]},
             "term": self._term,
@@ -172,12 +171,6 @@ class Unpacker:
             return made
 
         return read
-
-    def _numbers(self, value: dict[str, Any]) -> np.ndarray:
-        return np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"])
-
-    def _array(self, value: dict[str, Any]) -> np.ndarray:
-        return np.asarray(self._arrays[value["name"]]).astype(np.dtype(value["dtype"]))
 
     def _term(self, value: dict[str, Any]) -> Term:
         # Files of earlier versions have no settings of coefficients.
