@@ -178,7 +178,7 @@ def _agreement(table: pd.DataFrame, n_chain: int) -> Iterator[str]:
     r_hat = table["r_hat"].to_numpy(float)
     high = np.flatnonzero(r_hat > MAX_R_HAT)
     if high.size:
-        worst = high[r_hat[high].argmax()]
+        worst = int(high[r_hat[high].argmax()])
         yield (
             f"R̂ is {_beyond(r_hat[worst], MAX_R_HAT)} for {table.index[worst]}, above {MAX_R_HAT}{_others(high)}: "
             "the chains disagree; raise tune and draws, and if it stays, look at the chains for several modes (a "
