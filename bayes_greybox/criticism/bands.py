@@ -26,7 +26,7 @@ class Band:
     @classmethod
     def surviving(cls, draws: Float[np.ndarray, "n_draw n_obs"], level: float) -> "Band":
         """Summarise the finite draws of each row; NaN where there are none."""
-        bands = {field: np.full(draws.shape[1], np.nan) for field in ("mean", "sd", "lower", "upper")}
+        bands = np.full((4, draws.shape[1]), np.nan)
         finite = np.isfinite(draws)
         # Draws end one by one, so there are few different sets of finite ones: one call of quantile for each.
         sets, which = np.unique(np.packbits(finite, axis=0), axis=1, return_inverse=True)
@@ -34,15 +34,13 @@ class Band:
             rows = np.flatnonzero(which.ravel() == i)
             alive = finite[:, rows[0]]
             if alive.any():
-                band = cls.of(draws[np.ix_(alive, rows)], level)
-                for field, values in bands.items():
-                    values[rows] = getattr(band, field)
-        return cls(**bands)
+                bands[:, rows] = list(vars(cls.of(draws[np.ix_(alive, rows)], level)).values())
+        return cls(*bands)
 
     @classmethod
     def join(cls, parts: "list[Band]") -> "Band":
         """Join the bands of consecutive rows."""
-        return cls(*(np.concatenate([getattr(p, f) for p in parts]) for f in ("mean", "sd", "lower", "upper")))
+        return cls(*map(np.concatenate, zip(*(vars(part).values() for part in parts), strict=True)))
 
 
 def band_holds(level: float, sources: Mapping[str, bool]) -> str:

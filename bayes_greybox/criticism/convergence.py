@@ -18,46 +18,31 @@ from bayes_greybox.running.compiling import compiled
 
 from .judged import in_words, judged
 
-MAX_R_HAT = 1.01
-MIN_ESS = 400
+MAX_R_HAT, MIN_ESS, MIN_E_BFMI, MAX_TREE_DEPTH, SATURATED_SHARE = 1.01, 400, 0.3, 10, 0.01
+"""Limits of the criteria of `convergence`; at most `SATURATED_SHARE` of the draws may reach the tree depth."""
+
 SHORT_SHARE = 0.75
-"""Share of `MIN_ESS` from which on effective sample sizes are only somewhat too small: the Monte Carlo standard error,
-which goes with the inverse root, is then at most 15 % larger than at `MIN_ESS`."""
+"""Share of `MIN_ESS` from which on effective sample sizes are only somewhat too small: the Monte Carlo standard error
+is then at most 15 % larger than at `MIN_ESS`."""
 
-MIN_E_BFMI = 0.3
-MAX_TREE_DEPTH = 10
-SATURATED_SHARE = 0.01
-"""Largest share of draws that may reach the tree depth."""
+NEGLIGIBLE_AMPLITUDE, QUANTILE = 0.1, 0.05
+"""Multiple of σ below which length scales of f follow their prior and are not judged; else their resolved quantile."""
 
-NEGLIGIBLE_AMPLITUDE = 0.1
-"""Multiple of σ below which the discrepancy's length scales follow their prior and are not judged."""
-
-UNSEEN_SQUARE = 1.0
+UNSEEN_SQUARE, FINER_FACTOR, THINNED = 1.0, 4, 200
 """Mean square that finer features would add to f, over σ² and summed over the rows, below which the rows cannot show
-them: a single feature of this size gains half a nat."""
+them: a single feature of this size gains half a nat. Most features considered, over those of the basis; draws used."""
 
-FINER_FACTOR = 4
-"""Most features that are considered for this, as a multiple of those of the basis."""
+WIDEST, LARGEST_BASIS = 4.0, 400
+"""Widest domain that is recommended, and most features of automatic refits.
 
-THINNED = 200
-"""Draws over which this mean square is averaged."""
-
-QUANTILE = 0.05
-"""Quantile of each posterior length scale that the basis must resolve."""
-
-_log_density = compiled(log_spectral_density, static_argnums=0)
-"""Compiled, since operation by operation all draws take half a second."""
-
-WIDEST = 4.0
-"""Widest domain that is recommended. There, images behind the walls multiply the prior variance of f by nearly the same
-factor everywhere on the data, to within 9 % whatever the length scale, which the amplitude compensates; at boundary 2
-it is up to 34 %. For an irrelevant variable the length scale has no upper end, but the cost of features grows."""
-
-LARGEST_BASIS = 400
-"""Most features of automatic refits."""
+There, images behind the walls multiply the prior variance of f by nearly the same factor everywhere on the data, to
+within 9 % whatever the length scale, which the amplitude compensates; at boundary 2 it is up to 34 %."""
 
 SHORT_VERDICT = "Converged, but more draws would make the ends of intervals more precise:"
 """Verdict on chains that agree and have somewhat too few effective draws."""
+
+_log_density = compiled(log_spectral_density, static_argnums=0)
+"""Compiled, since operation by operation all draws take half a second."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +68,7 @@ class Verdict:
         if self.ok:
             return "Converged: every check passed."
         verdict = SHORT_VERDICT if self.short else "Not converged; do not rely on this fit:"
-        return "\n".join([verdict, *(f"- {reason}" for reason in self.reasons)])
+        return "\n- ".join([verdict, *self.reasons])
 
 
 @remembered
@@ -98,14 +83,10 @@ def convergence(posterior: Posterior) -> Verdict:
 
     The weights or values of f are not judged: given the hyperparameters they are drawn exactly and independently, and
     the largest of hundreds of R̂ would exceed 1.01 by chance. A quantity that never varies, such as the coefficient of
-    a term that no draw includes, has no R̂ and is left out.
+    a term that no draw includes, has no R̂ and is left out. See `judged.judged` for the quantities.
 
-    R̂ and divergences show whether the chains found the posterior at all; effective sample sizes show how precise means
-    (bulk) and ends of intervals (tail) are, and 400 is a rule of thumb. Chains that fail only this, and have three
-    quarters of it, are `short`.
-
-    See `judged.judged` for the quantities. If the noise hides f in every chain, its amplitude and length scales are not
-    identifiable and not judged; f at two rows takes their place. A single chain with a visible f brings them back.
+    Effective sample sizes show how precise means (bulk) and ends of intervals (tail) are, and 400 is a rule of thumb:
+    chains that fail only this, and have three quarters of it, are `short`.
     """
     table = convergence_table(posterior)
     table.index = pd.Index([in_words(posterior, str(name)) for name in table.index], name="variable")
@@ -123,10 +104,8 @@ def convergence(posterior: Posterior) -> Verdict:
 def convergence_table(posterior: Posterior) -> pd.DataFrame:
     """Return R̂, effective sample sizes and Monte Carlo error of every quantity that `convergence` judges.
 
-    Returns:
-        A table indexed by variable, such as "ydot_theta[y**3]", with columns r_hat, ess_bulk, ess_tail, mcse
-        (of the mean, in the unit of the variable) and varies. A quantity that takes one value in all draws
-        has NaN for all.
+    The table is indexed by variable, such as "ydot_theta[y**3]", with columns r_hat, ess_bulk, ess_tail, mcse (of the
+    mean, in the unit of the variable) and varies. A quantity that takes one value in all draws has NaN.
     """
     rows = {name: (*precision_of(draws), bool(np.ptp(draws) > 0)) for name, draws in judged(posterior)}
     columns = ["r_hat", "ess_bulk", "ess_tail", "mcse", "varies"]
@@ -163,12 +142,9 @@ def features_needed(posterior: Posterior, boundary: tuple[float, ...] | None = N
         per_variable = np.array(basis.per_variable)
         present = HilbertBasis(boundary or basis.boundary, basis.per_variable)
         required = np.ceil(kernel.features_per_unit * present.half_widths / shortest).astype(int)
-        if not np.any(required > per_variable):
-            continue
-        most = FINER_FACTOR * per_variable
-        finer = HilbertBasis(present.boundary, tuple(np.clip(required, per_variable, most).tolist()))
-        if _added_square(posterior, name, present, finer) > UNSEEN_SQUARE:
-            needed[name] = tuple(int(m) for m in np.maximum(required, per_variable))
+        finer = np.clip(required, per_variable, FINER_FACTOR * per_variable)
+        if np.any(required > per_variable) and _added_square(posterior, name, present, finer) > UNSEEN_SQUARE:
+            needed[name] = tuple(np.maximum(required, per_variable).tolist())
     return needed
 
 
@@ -199,11 +175,12 @@ def array_stats() -> Any:
 def _agreement(table: pd.DataFrame, n_chain: int) -> Iterator[str]:
     if n_chain < 2:
         yield "There is one chain, and R̂ compares chains: run chains=4."
-    high = {name: r_hat for name, r_hat in _values(table, "r_hat") if r_hat > MAX_R_HAT}
-    if high:
-        worst = max(high, key=lambda name: high[name])
+    r_hat = table["r_hat"].to_numpy(float)
+    high = np.flatnonzero(r_hat > MAX_R_HAT)
+    if high.size:
+        worst = int(high[r_hat[high].argmax()])
         yield (
-            f"R̂ is {_beyond(high[worst], MAX_R_HAT)} for {worst}, above {MAX_R_HAT}{_others(high)}: "
+            f"R̂ is {_beyond(r_hat[worst], MAX_R_HAT)} for {table.index[worst]}, above {MAX_R_HAT}{_others(high)}: "
             "the chains disagree; raise tune and draws, and if it stays, look at the chains for several modes (a "
             "kernel that is not orthogonal to the dictionary makes them)."
         )
@@ -217,24 +194,20 @@ def _sample_sizes(table: pd.DataFrame, n_chain: int, n_draw: int) -> Iterator[st
         )
         return
     for part in ("bulk", "tail"):
-        low = {name: ess for name, ess in _values(table, f"ess_{part}") if ess < MIN_ESS}
-        if low:
-            worst = min(low, key=lambda name: low[name])
+        ess = table[f"ess_{part}"].to_numpy(float)
+        low = np.flatnonzero(ess < MIN_ESS)
+        if low.size:
+            worst = low[ess[low].argmin()]
             # Draws that would bring the worst one to the threshold, with a quarter to spare.
-            needed = math.ceil(1.25 * n_draw * MIN_ESS / max(low[worst], 1.0) / 100) * 100
+            needed = math.ceil(1.25 * n_draw * MIN_ESS / max(ess[worst], 1.0) / 100) * 100
             yield (
-                f"The {part} effective sample size is {low[worst]:.0f} for {worst}, below {MIN_ESS}{_others(low)}: "
-                f"raise draws to about {needed}."
+                f"The {part} effective sample size is {ess[worst]:.0f} for {table.index[worst]}, below {MIN_ESS}"
+                f"{_others(low)}: raise draws to about {needed}."
             )
 
 
-def _values(table: pd.DataFrame, column: str) -> Iterator[tuple[str, float]]:
-    return zip(map(str, table.index), table[column].to_numpy(float).tolist(), strict=True)
-
-
-def _others(failed: dict) -> str:
-    count = len(failed) - 1
-    return f", as it is for {count} more" if count else ""
+def _others(failed: np.ndarray) -> str:
+    return f", as it is for {len(failed) - 1} more" if len(failed) > 1 else ""
 
 
 def _beyond(value: float, limit: float) -> str:
@@ -290,8 +263,8 @@ def _bases(posterior: Posterior) -> Iterator[tuple[str, Kernel, HilbertBasis, Fl
             yield name, KERNELS[gp.kernel], basis, hyper.length_scale
 
 
-def _added_square(posterior: Posterior, equation: str, present: HilbertBasis, finer: HilbertBasis) -> float:
-    """Return the expected square that finer features add to f, over σ² and summed over the rows.
+def _added_square(posterior: Posterior, equation: str, present: HilbertBasis, per_variable: np.ndarray) -> float:
+    """Return the expected square that more features add to f, over σ² and summed over the rows.
 
     The variance of a feature is the spectral density at its frequency: averaged over the box, f has Σ_j S(√λ_j) ⟨ψ_j²⟩.
     """
@@ -300,11 +273,12 @@ def _added_square(posterior: Posterior, equation: str, present: HilbertBasis, fi
     pick = np.linspace(0, len(hyper.sigma) - 1, min(THINNED, len(hyper.sigma))).astype(int)
 
     def variance(basis: HilbertBasis) -> np.ndarray:
-        frequency, square = basis.frequency, basis.mean_square
+        frequency = basis.frequency
         log_density = [
             _log_density(KERNELS[gp.kernel], frequency, hyper.amplitude[i] / hyper.sigma[i], length)
             for i, length in zip(pick, hyper.length_scale[pick], strict=True)
         ]
-        return np.exp(np.asarray(log_density)) @ square
+        return np.exp(np.asarray(log_density)) @ basis.mean_square
 
-    return posterior.n_obs * float(np.mean(np.maximum(0.0, variance(finer) - variance(present))))
+    added = variance(HilbertBasis(present.boundary, tuple(per_variable.tolist()))) - variance(present)
+    return posterior.n_obs * float(np.mean(np.maximum(0.0, added)))

@@ -16,11 +16,9 @@ from .bands import Band
 from .prediction import PREDICTION_DRAWS
 from .trade_off import known_equation, plain_trade_offs, trade_offs
 
-SHARE_ROWS = 5000
-"""Rows, evenly spaced, that variance shares are computed on."""
-
-SUPPORT = 0.2
-"""Distance to a measured row, in half-widths of the box, up to which a grid point lies inside the data."""
+SHARE_ROWS, SUPPORT = 5000, 0.2
+"""Rows, evenly spaced, that variance shares are computed on; distance to a measured row, in half-widths of the box, up
+to which a grid point lies inside the data."""
 
 
 @dataclass(frozen=True)
@@ -31,19 +29,19 @@ class DiscrepancyGrid:
     `mean[i, j]` belongs to `axes[0][i]`, `axes[1][j]`.
 
     Attributes:
-        equation: name of the state whose derivative the equation gives.
-        variables: names of the one or two variables that span the grid.
-        axes: grid positions of each variable, increasing, in the units of `units`.
-        mean: posterior mean of f, in `unit`.
-        sd: posterior standard deviation of f, in `unit`.
-        lower: lower end of the pointwise credible interval, in `unit`.
-        upper: upper end of the pointwise credible interval, in `unit`.
+        equation: Name of the state whose derivative the equation gives.
+        variables: Names of the one or two variables that span the grid.
+        axes: Grid positions of each variable, increasing, in `units`.
+        mean: Posterior mean of f, in `unit`.
+        sd: Posterior standard deviation of f, in `unit`.
+        lower: Lower end of the pointwise credible interval, in `unit`.
+        upper: Upper end of the pointwise credible interval, in `unit`.
         inside: True where the grid point lies inside the support of the data.
-        points: positions of the data rows, one column a variable.
-        units: unit of each variable; an empty string where none was given.
-        unit: unit of f; an empty string where none was given.
-        fixed: the other variables of the equation and the values they are held at.
-        level: probability that the credible interval holds.
+        points: Positions of the data rows, one column a variable.
+        units: Unit of each variable; empty if none was given.
+        unit: Unit of f; empty if none was given.
+        fixed: The other variables of the equation and the values they are held at.
+        level: Probability of the interval.
     """
 
     equation: str
@@ -88,27 +86,21 @@ def discrepancy_table(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         g = equation.rows.simulated[index] + Phi @ mean
         f = frame.target_scale * equation.discrepancy(draws, index)
         centred = y - y.mean()
-
-        def share(part: np.ndarray, centred: np.ndarray = centred) -> np.ndarray:
-            return np.asarray(part @ centred / (centred @ centred))
-
-        of_f = share(f)
-        parts = {"simulation": share(g), "dictionary": share((theta - mean) @ Phi.T).mean(), "discrepancy": of_f.mean()}
-        parts["noise"] = 1.0 - sum(parts.values())
-        tail = (1 - level) / 2
-        trade = trade_offs(equation, draws)
-        worst = int(np.argmax(np.abs(trade.correlation)))
+        pieces = (g, (theta - mean) @ Phi.T, f)
+        of_g, of_terms, of_f = (np.asarray(part @ centred / (centred @ centred)) for part in pieces)
+        parts = {"simulation": float(of_g), "dictionary": float(of_terms.mean()), "discrepancy": float(of_f.mean())}
+        tail, trade = (1 - level) / 2, trade_offs(equation, draws)
         rows[name] = {
-            **{key: float(value) for key, value in parts.items()},
+            **parts,
+            "noise": 1.0 - sum(parts.values()),
             "discrepancy_lower": float(np.quantile(of_f, tail)),
             "discrepancy_upper": float(np.quantile(of_f, 1 - tail)),
             "rms": float(np.sqrt(np.mean(f**2))),
             "sigma": float(np.mean(np.asarray(draws.hyper.sigma)) * frame.target_scale),
             "overlap": float(trade.overlap.max()),
             "correlation": float(np.abs(trade.correlation).max()),
-            "term": frame.dictionary.names[worst],
-            "overlap_none": plain[name]["overlap"],
-            "correlation_none": plain[name]["correlation"],
+            "term": frame.dictionary.names[int(np.argmax(np.abs(trade.correlation)))],
+            **{f"{key}_none": value for key, value in plain[name].items()},
         }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("equation")
 
@@ -121,7 +113,7 @@ def discrepancy_grid(
     There are `size` grid points in each direction, five times as many for one variable. InputError is raised for an
     unknown equation or variable, and for a model without discrepancy.
     """
-    entry = posterior.equations[known_equation(posterior, equation)]
+    entry = known_equation(posterior, equation)
     frame, data = entry.frame, posterior.data
     if not frame.variables:
         raise InputError("The model has no discrepancy to show: fit with bg.OrthogonalGP().")
@@ -138,12 +130,11 @@ def discrepancy_grid(
     draws = posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS))
     band = Band.of(frame.target_scale * entry.design.at(frame, columns, draws), level)
     points = data.matrix(variables)
-    on_grid = {name: values.reshape(mesh[0].shape) for name, values in vars(band).items()}
     return DiscrepancyGrid(
         equation=equation,
         variables=variables,
         axes=axes,
-        **on_grid,
+        **{name: values.reshape(mesh[0].shape) for name, values in vars(band).items()},
         inside=support(points, axes),
         points=points,
         units=tuple(data.units.get(name, "") for name in variables),

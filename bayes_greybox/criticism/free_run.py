@@ -32,14 +32,11 @@ from bayes_greybox.running.traces import kept
 from .bands import Band, band_holds
 from .prediction import require_columns
 
-FREE_RUN_DRAWS = 50
-"""Posterior draws that a free run integrates."""
-
 ROOMS = ("inference.whole_rate", "model", "physics.formula", "physics.integration.adaptive_steps", "physics.simulation")
 """Modules that a trace of a free run depends on."""
 
-MOST_STIFF = 100_000
-"""Most steps of an implicit method over a piece on which an explicit one exceeds its own."""
+FREE_RUN_DRAWS, MOST_STIFF = 50, 100_000
+"""Posterior draws that are integrated; most steps of an implicit method where an explicit one exceeds its own."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +98,8 @@ def free_run(
             f"State {idle[0]!r} has no equation to integrate: add it to the simulation, for example "
             f"simulation={{{idle[0]!r}: '...'}}."
         )
-    n_draw = posterior.idata["posterior"].sizes["chain"] * posterior.idata["posterior"].sizes["draw"]
-    rng = np.random.default_rng(0)
-    pick = rng.permutation(n_draw)[: min(at_most, n_draw)]
+    group, rng = posterior.idata["posterior"], np.random.default_rng(0)
+    pick = rng.permutation(group.sizes["chain"] * group.sizes["draw"])[:at_most]
     starts = estimate_starts(data)
     parameters = {}
     for name, each in learned.items():
@@ -128,13 +124,10 @@ def free_run(
 class FreeRunner:
     """Integrates runs of any length, for several parameters at once; compiled once.
 
-    Args:
-        right_hand_side: (t, x, u, one draw of the parameters) -> dx/dt.
-        interpolation: Interpolation of the inputs between samples: "linear", "zoh" (zero-order hold) or "cubic", one
-            for all or one for each. By default `physics.integration.adaptive_steps.between_samples` chooses linear or
-            cubic for each.
-        identity: Key of the right-hand side for `traces.kept`; None: no trace is kept.
-        **options: Tolerances, as of `physics.integration.adaptive_steps.StepSettings`.
+    The right-hand side is (t, x, u, one draw of the parameters) -> dx/dt. Inputs are interpolated between samples by
+    "linear", "zoh" (zero-order hold) or "cubic", one for all or one for each; by default
+    `physics.integration.adaptive_steps.between_samples` chooses linear or cubic for each. `identity` is a key of the
+    right-hand side for `traces.kept`; options are tolerances, as of `StepSettings`.
     """
 
     def __init__(
@@ -168,11 +161,8 @@ class FreeRunner:
     ) -> tuple[Float[np.ndarray, "n_draw n_obs n_state"], Float[np.ndarray, "n_run n_draw"]]:
         """Integrate every run of the data from its start with its measured inputs.
 
-        Parameters are a pytree of arrays whose first axis counts draws. Starts are the states of each run at its first
-        row, for each draw.
-
-        Returns:
-            States at the rows of the data, NaN after a failure; and the time of each failure, NaN without one.
+        Parameters are a pytree of arrays whose first axis counts draws. Returned are states at the rows of the data,
+        NaN after a failure; and the time of each failure, NaN without one.
         """
         # The noise belongs to rows, and runs consist of samples.
         data = replace(data, noise={})
@@ -182,11 +172,11 @@ class FreeRunner:
         kinds = self.interpolation
         if kinds is None:
             kinds = between_samples_of_runs([(run.time, run.matrix(data.input_names)) for run in runs])
-        states, failed_at = [], []
-        for i, run in enumerate(runs):
-            path, failed = self._run(run.time, run.matrix(data.input_names), kinds, starts[:, i], size, parameters)
-            states.append(path)
-            failed_at.append(failed)
+        results = [
+            self._run(run.time, run.matrix(data.input_names), kinds, starts[:, i], size, parameters)
+            for i, run in enumerate(runs)
+        ]
+        states, failed_at = zip(*results, strict=True)
         return np.concatenate(states, axis=1), np.array(failed_at)
 
     def _run(

@@ -52,22 +52,17 @@ def inclusion(posterior: Posterior, level: float = 0.9, rope: float = ROPE) -> p
         }
         if own.inclusion in group:
             columns["inclusion"] = group[own.inclusion].mean(("chain", "draw")).to_numpy()[learned.columns]
-        columns |= {
-            "outside_rope": np.mean(np.abs(draws.theta) > rope, axis=0),
-            "shrinkage": np.mean(
-                1 / (1 + square * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2), axis=0
-            ),
-        }
+        columns["outside_rope"] = np.mean(np.abs(draws.theta) > rope, axis=0)
+        information = square * draws.prior_sd**2 / np.asarray(draws.hyper.sigma)[:, None] ** 2
+        columns["shrinkage"] = np.mean(1 / (1 + information), axis=0)
         stated = posterior.model.stated(name, posterior.data)
         table = pd.DataFrame(columns, index=list(frame.dictionary.names))
         for term, value in stated.fixed:
             size = np.sqrt(np.mean(np.asarray(term.evaluate(learned.equation.rows.columns)) ** 2))
             moves = float(abs(value) * size > rope * frame.target_scale)
-            row = {"mean": value, "sd": 0.0, "lower": value, "upper": value, "inclusion": 1.0}
-            row |= {"outside_rope": moves, "shrinkage": 1.0}
-            table.loc[term.name] = [row[column] for column in table]
-        units = dict(posterior.data.units)
-        target = target_unit(name, posterior.data)
+            row = {"sd": 0.0, "inclusion": 1.0, "outside_rope": moves, "shrinkage": 1.0}
+            table.loc[term.name] = [row.get(column, value) for column in table]
+        units, target = dict(posterior.data.units), target_unit(name, posterior.data)
         terms = (*frame.dictionary.terms, *(term for term, _ in stated.fixed))
         table["unit"] = [coefficient_unit(target, term, units) for term in terms]
         if posterior.model.stating:

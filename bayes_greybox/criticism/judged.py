@@ -16,10 +16,8 @@ If f is zero its posterior mean is less than its standard deviation, whatever it
 variance n² of the data's estimate of a direction, E[mean²] = s⁴n²/(s²+n²)² < s²n²/(s²+n²) = sd².
 """
 
-JUDGED_ROWS = 200
-"""Rows, evenly spaced, at which f is judged."""
-
-_NOT_JUDGED = ("weight", "f", "prior_sd", "inclusion")
+JUDGED_ROWS, _NOT_JUDGED = 200, ("weight", "f", "prior_sd", "inclusion")
+"""Rows, evenly spaced, at which f is judged, and quantities that are not."""
 
 _QUANTITY_NAMES = {
     "theta": "the coefficient of {}",
@@ -48,14 +46,13 @@ def judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_cha
     least certain.
     """
     group = posterior.drawn()
-    # On exact paths the weights of f are sampled like everything else.
-    not_judged = _NOT_JUDGED[1:] if posterior.sampling.exact else _NOT_JUDGED
-    # A refit has only one of the model's equations.
-    sites = {name: posterior.sites[name] for name in posterior.equations}
-    left_out = {own[name] for own in sites.values() for name in not_judged}
+    left_out: set[str] = set()
     shape = (group.sizes["chain"], group.sizes["draw"])
-    for name, own in sites.items():
-        f = _at_rows(posterior, name)
+    # A refit has only one of the model's equations.
+    for name in posterior.equations:
+        own, f = posterior.sites[name], _at_rows(posterior, name)
+        # On exact paths the weights of f are sampled like everything else.
+        left_out |= {own[each] for each in _NOT_JUDGED if each != "weight" or not posterior.sampling.exact}
         if f is not None and lost(f.reshape(*shape, -1), np.asarray(posterior.draws(name).hyper.sigma).reshape(shape)):
             left_out |= {own.amplitude, own.length_scale}
             mean, sd = np.abs(f.mean(axis=0)), f.std(axis=0)
@@ -66,12 +63,9 @@ def judged(posterior: Posterior) -> Iterator[tuple[str, Float[np.ndarray, "n_cha
         if name in left_out:
             continue
         values = variable.to_numpy().astype(float)
-        if values.ndim == 2:
-            yield str(name), values
-            continue
         labels = group[variable.dims[2]].to_numpy() if values.ndim == 3 else np.arange(values[0, 0].size)
-        for label, column in zip(labels, np.moveaxis(values.reshape(*values.shape[:2], -1), -1, 0), strict=True):
-            yield f"{name}[{label}]", column
+        for label, column in zip(labels, np.moveaxis(values.reshape(*shape, -1), -1, 0), strict=True):
+            yield str(name) if values.ndim == 2 else f"{name}[{label}]", column
 
 
 def lost(f: Float[np.ndarray, "n_chain n_draw n_row"], sigma: Float[np.ndarray, "n_chain n_draw"]) -> bool:

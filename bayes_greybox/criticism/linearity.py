@@ -12,27 +12,19 @@ from bayes_greybox.model.rows.equation_rows import Columns, EquationRows
 
 from .cross_validation.psis import MIN_DRAWS, khat_threshold, smoothed_weights
 
-MOST_FOLLOWED = 200
-"""Most posterior draws whose exact paths are followed."""
-
-MOST_PATH_POINTS = 2_000_000
-"""Most points of all paths together: for long records fewer draws are followed, down to `MIN_DRAWS`."""
+MOST_FOLLOWED, MOST_PATH_POINTS = 200, 2_000_000
+"""Most posterior draws whose exact paths are followed, and most points of all paths together."""
 
 ELSEWHERE = 0.2
 """Largest share of the exact posterior that may lie elsewhere if k̂ is large."""
-
-LOG_WEIGHT_RANGE = 700.0
-"""Largest difference of log weights, for which exp does not underflow."""
 
 
 class Linearity(NamedTuple):
     """Distance of a posterior on linear rows from the exact one.
 
-    Attributes:
-        khat: k̂ of the weights, exact over linear density; zero for linear rows, NaN if unknown.
-        limit: k̂ up to which weighted draws can represent the exact posterior.
-        elsewhere: ½ E|w/E w − 1|, the total variation distance, which bounds the error of any probability. The estimate
-            is too small if hardly any draw lies where the exact posterior is.
+    k̂ is that of the weights, exact over linear density: zero for linear rows, NaN if unknown. Up to its limit weighted
+    draws can represent the exact posterior. `elsewhere` is ½ E|w/E w − 1|, the total variation distance, which bounds
+    the error of any probability; the estimate is too small if hardly any draw lies where the exact posterior is.
     """
 
     khat: float
@@ -41,10 +33,8 @@ class Linearity(NamedTuple):
 
     @property
     def ok(self) -> bool:
-        """True if the draws, weighted or as they are, represent the exact posterior.
-
-        k̂ describes only the tail of the weights, and is rough for few draws; the distance complements it.
-        """
+        """True if the draws, weighted or as they are, represent the exact posterior."""
+        # k̂ describes only the tail of the weights, and is rough for few draws; the distance complements it.
         return not (self.khat > self.limit and self.elsewhere > ELSEWHERE)
 
 
@@ -94,7 +84,12 @@ def linearity_of_paths(
     if rows.noise.moved:
         return Linearity(math.nan, limit)
     white = np.random.default_rng(0).standard_normal((rows.noise.n_start, len(sigma)))
-    residual = rows.target - _linear_response(rows, added, len(sigma)) - beside
+    response = np.zeros((rows.n_row, len(sigma)))
+    for k, acting in enumerate(rows.learned.values()):
+        response += acting.operator.of(
+            lambda columns, k=k: np.column_stack([added(columns, s)[:, k] for s in range(len(sigma))]), rows.columns
+        )
+    residual = rows.target - response.T - beside
     starts, linear = rows.noise.starts_given((residual / sigma[:, None]).T, white)
     exact = (rows.measured - rows.exact(added, (starts * sigma).T) - beside) / sigma[:, None]
     error = rows.noise.error
@@ -104,7 +99,8 @@ def linearity_of_paths(
     log_weight = np.where(np.isfinite(square), -square / 2, -np.inf)
     if not np.any(np.isfinite(log_weight)):
         return Linearity(math.inf, limit, 1.0)
-    log_weight = np.maximum(log_weight - np.max(log_weight), -LOG_WEIGHT_RANGE)
+    # exp underflows beyond this range.
+    log_weight = np.maximum(log_weight - np.max(log_weight), -700.0)
     if np.ptp(log_weight) == 0:
         return Linearity(0.0, limit)
     # A single weight may have all of the sum.
@@ -112,15 +108,3 @@ def linearity_of_paths(
         khat = float(smoothed_weights(log_weight[None])[1][0])
     weight = np.exp(log_weight)
     return Linearity(khat, limit, float(np.mean(np.abs(weight / np.mean(weight) - 1)) / 2))
-
-
-def _linear_response(
-    rows: EquationRows, added: Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], n_draw: int
-) -> Float[np.ndarray, "n_draw n_row"]:
-    """Return the response of linear rows to the forces of each draw."""
-    response = np.zeros((rows.n_row, n_draw))
-    for k, acting in enumerate(rows.learned.values()):
-        response += acting.operator.of(
-            lambda columns, k=k: np.column_stack([added(columns, draw)[:, k] for draw in range(n_draw)]), rows.columns
-        )
-    return response.T

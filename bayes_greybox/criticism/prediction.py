@@ -15,14 +15,11 @@ from bayes_greybox.running.errors import InputError
 
 from .bands import Band
 
-PREDICTION_DRAWS = 500
-"""Most posterior draws behind a prediction; further ones change bands by less than their Monte Carlo error."""
+PREDICTION_DRAWS, PREDICTED_AT_ONCE = 500, 4096
+"""Most posterior draws behind a prediction, beyond which bands change by less than their Monte Carlo error; block."""
 
 PREDICTIVE_ROWS, PREDICTIVE_DRAWS = 2000, 1000
 """Most rows for which the posterior predictive group is stored, and most draws of it after thinning."""
-
-PREDICTED_AT_ONCE = 4096
-"""Rows that are predicted at once."""
 
 
 @dataclass(frozen=True)
@@ -64,15 +61,12 @@ class Prediction(Mapping[str, EquationPrediction]):
     def nmse(self) -> pd.Series:
         """Return the normalised mean square error of the rates or outputs, mean((ẏ − ŷ)²)/var(ẏ), by equation.
 
-        Raises:
-            InputError: The data have no derivative, or no output, to compare with.
+        InputError is raised if the data have no derivative, or no output, to compare with.
         """
-        errors = {}
-        for name, predicted in self.equations.items():
-            if name not in self.data.derivatives:
-                what = f"derivative of {name!r}" if name in self.data.states else repr(name)
-                raise InputError(f"The data have no {what} to compare the prediction with.")
-            errors[name] = float(nmse(self.data.derivatives[name], predicted.rate.mean))
+        if missing := [name for name in self if name not in self.data.derivatives]:
+            what = f"derivative of {missing[0]!r}" if missing[0] in self.data.states else repr(missing[0])
+            raise InputError(f"The data have no {what} to compare the prediction with.")
+        errors = {name: nmse(self.data.derivatives[name], each.rate.mean) for name, each in self.equations.items()}
         return pd.Series(errors, name="nmse")
 
     def to_frame(self) -> pd.DataFrame:
@@ -93,30 +87,24 @@ def nmse(
     return np.mean((measured - predicted) ** 2, axis=-1) / np.var(measured)
 
 
-def predict(
-    posterior: Posterior, data: Trajectories, level: float = 0.9, at_most: int = PREDICTION_DRAWS
-) -> Prediction:
+def predict(posterior: Posterior, data: Trajectories, level: float = 0.9) -> Prediction:
     """Return the posterior of the rates at the states and inputs of any data; raise InputError if one is missing."""
     require_columns(posterior, data)
     simulation = posterior.model.simulator(data, lacking=True)
     predictions = {}
     for name, learned in posterior.learned().items():
         g, frame, design = simulation.on(data, name), learned.frame, learned.equation.design
-        draws = learned.of(posterior.draws(learned.block, design.worthwhile(at_most)))
-        rng = np.random.default_rng(posterior.sampling.seed)
-        parts: dict[str, list[Band]] = {"rate": [], "measurement": [], "discrepancy": []}
+        draws = learned.of(posterior.draws(learned.block, design.worthwhile(PREDICTION_DRAWS)))
+        rng, scale, parts = np.random.default_rng(posterior.sampling.seed), frame.target_scale, []
         for start in range(0, data.n_obs, PREDICTED_AT_ONCE):
             columns = {key: column[start : start + PREDICTED_AT_ONCE] for key, column in data.columns.items()}
             explained = draws.theta @ np.asarray(frame.dictionary_rows(columns)).T
             f = design.at(frame, columns, draws)
-            scale = frame.target_scale
             rate = g[start : start + PREDICTED_AT_ONCE] + scale * (explained + f)
             noise = scale * np.asarray(draws.hyper.sigma)[:, None] * rng.standard_normal(rate.shape)
-            parts["rate"].append(Band.of(rate, level))
-            parts["measurement"].append(Band.of(rate + noise, level))
-            parts["discrepancy"].append(Band.of(scale * f, level))
-        joined = {key: Band.join(bands) for key, bands in parts.items()}
-        predictions[name] = EquationPrediction(**joined, simulation=g, inside=frame.inside(data.columns))
+            parts.append([Band.of(each, level) for each in (rate, rate + noise, scale * f)])
+        bands = (Band.join(list(each)) for each in zip(*parts, strict=True))
+        predictions[name] = EquationPrediction(*bands, simulation=g, inside=frame.inside(data.columns))
     return Prediction(data, level, predictions)
 
 
@@ -125,10 +113,9 @@ def predictive_group(
 ) -> tuple[dict[str, np.ndarray], np.ndarray] | None:
     """Draw the measured rates, or samples, at the training rows from the posterior or prior predictive distribution.
 
-    Returns:
-        `e_rate` by equation [n_chain, n_kept, n_obs], and the numbers of the draws. These are all up to the size of the
-        `log_likelihood` group, as ArviZ's `loo_pit` needs both at every draw, and beyond at most PREDICTIVE_DRAWS over
-        all chains. None above PREDICTIVE_ROWS rows, as the group would dwarf everything else in the file.
+    They are `e_rate` by equation [n_chain, n_kept, n_obs], with the numbers of the draws. These are all up to the size
+    of the `log_likelihood` group, as ArviZ's `loo_pit` needs both at every draw, and beyond at most PREDICTIVE_DRAWS
+    over all chains. There are none above PREDICTIVE_ROWS rows, as the group would dwarf everything else in the file.
     """
     data, equations = posterior.data, posterior.equations
     if data.n_obs > PREDICTIVE_ROWS:

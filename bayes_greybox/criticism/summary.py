@@ -22,7 +22,7 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
     group = posterior.idata["posterior"].dataset
     tail = (1 - level) / 2
     terms = inclusion(posterior, level)
-    rows: dict[tuple[str, str], dict] = {}
+    rows: dict[tuple[str, str], tuple] = {}
     for name, equation in posterior.equations.items():
         frame, own = equation.frame, posterior.sites[name]
         quantities = {
@@ -43,16 +43,10 @@ def summary(posterior: Posterior, level: float = 0.9) -> pd.DataFrame:
         for quantity, (draws, unit) in quantities.items():
             moving = np.ptp(draws) > 0
             r_hat, bulk, tail_size, _ = precision_of(draws)
-            rows[quantity] = {
-                # The mean of many equal numbers is not exactly that number.
-                "mean": draws.mean() if moving else float(draws.flat[0]),
-                "sd": draws.std() if moving else 0.0,
-                "lower": np.quantile(draws, tail),
-                "upper": np.quantile(draws, 1 - tail),
-                "unit": unit,
-                "r_hat": r_hat,
-                "ess_bulk": bulk,
-                "ess_tail": tail_size,
-            }
+            # The mean of many equal numbers is not exactly that number.
+            mean, sd = (draws.mean(), draws.std()) if moving else (float(draws.flat[0]), 0.0)
+            lower, upper = np.quantile(draws, tail), np.quantile(draws, 1 - tail)
+            rows[quantity] = (mean, sd, lower, upper, unit, r_hat, bulk, tail_size)
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
-    return pd.DataFrame(list(rows.values()), index=index)
+    columns = ["mean", "sd", "lower", "upper", "unit", "r_hat", "ess_bulk", "ess_tail"]
+    return pd.DataFrame(list(rows.values()), index=index, columns=columns)

@@ -1,6 +1,7 @@
 """Trade-offs of f with the coefficients, under the orthogonal kernel and the plain one."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -44,8 +45,7 @@ class TradeOff:
     unit: str
 
 
-@dataclass(frozen=True)
-class TradeOffs:
+class TradeOffs(NamedTuple):
     """Draws of θ and of the projection of f on the dictionary, with their correlation and overlap by term."""
 
     theta: Float[np.ndarray, "n_draw n_term"]
@@ -82,8 +82,7 @@ def trade_offs(equation: Equation, draws: EquationDraws, *, plain: bool = False)
 def plain_trade_offs(posterior: Posterior) -> pd.DataFrame:
     """Return the trade-offs that the plain kernel `none` would have, for which θ and f are drawn anew.
 
-    Returns:
-        Table indexed by equation: overlap and correlation, each the largest among the terms (see `discrepancy_table`).
+    The table is indexed by equation: overlap and correlation, each the largest among the terms.
     """
     rows = {}
     for name, equation in posterior.equations.items():
@@ -96,26 +95,20 @@ def plain_trade_offs(posterior: Posterior) -> pd.DataFrame:
 def strongest_trade_off(posterior: Posterior, equation: str) -> TradeOff:
     """Return the term whose coefficient trades off most with f, for a pair plot."""
     posterior.require_rows("Trade-offs are found")
-    entry = posterior.equations[known_equation(posterior, equation)]
+    entry = known_equation(posterior, equation)
     both = trade_offs(entry, posterior.draws(equation, entry.design.worthwhile(PREDICTION_DRAWS)))
     j = int(np.argmax(np.abs(both.correlation)))
-    scale = entry.frame.coefficient_scale[j]
-    units = dict(posterior.data.units)
-    return TradeOff(
-        equation=equation,
-        term=entry.frame.dictionary.names[j],
-        theta=both.theta[:, j] * scale,
-        projection=both.projection[:, j] * scale,
-        correlation=float(both.correlation[j]),
-        unit=coefficient_unit(target_unit(equation, posterior.data), entry.frame.dictionary.terms[j], units),
-    )
+    scale, term = entry.frame.coefficient_scale[j], entry.frame.dictionary.terms[j]
+    unit = coefficient_unit(target_unit(equation, posterior.data), term, dict(posterior.data.units))
+    draws = both.theta[:, j] * scale, both.projection[:, j] * scale
+    return TradeOff(equation, entry.frame.dictionary.names[j], *draws, float(both.correlation[j]), unit)
 
 
-def known_equation(posterior: Posterior, equation: str) -> str:
-    """Return the name of an equation if the model has it, else raise InputError."""
+def known_equation(posterior: Posterior, equation: str) -> Equation:
+    """Return an equation by its name; raise InputError if the model has none of it."""
     if equation not in posterior.equations:
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(posterior.equations)}.")
-    return equation
+    return posterior.equations[equation]
 
 
 def redrawn(design: Design, draws: EquationDraws) -> EquationDraws:

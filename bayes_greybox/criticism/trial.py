@@ -17,15 +17,10 @@ FREE_RUN_ROWS = 20_000
 
 @dataclass(frozen=True)
 class Trial:
-    """Predictions of a fit on data.
+    """Predictions of a fit on data, held out or not, of a number of rows and runs.
 
-    Attributes:
-        held_out: True if the fit did not learn from the data.
-        n_obs: Number of rows.
-        n_run: Number of runs.
-        nmse: Normalised mean square error of the predicted rate or output on held-out data, by equation.
-        run: Free run over the data, if there is one.
-        why: Reason why there is none; empty if only outputs were learned.
+    There are the normalised mean square error of the predicted rate or output on held-out data, by equation, and the
+    free run over the data, or the reason why there is none, empty if only outputs were learned.
     """
 
     held_out: bool

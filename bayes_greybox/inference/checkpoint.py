@@ -32,9 +32,6 @@ CHECKPOINT_EVERY = 10.0
 FILES = re.compile(r"(of-[a-z]+\.json|chain-\d+-\d+\.npz)")
 """Names of the files in the folder."""
 
-MOST_DIFFERENCES_NAMED = 3
-"""Differences between two runs that an error message names."""
-
 
 class Checkpoint:
     """The folder of one run, which may sample more than once; made by `checkpoint_in`.
@@ -46,16 +43,15 @@ class Checkpoint:
     def __init__(self, folder: Path, resume: bool, every: float) -> None:
         """Touch no file yet; see `checkpoint_in` for the arguments."""
         self.folder, self.resume, self.every = folder, resume, every
-        self._runs, self._begun, self._complete = 0, False, False
-        self.accepted = False
+        self._runs, self._begun, self._complete, self.accepted = 0, False, False, False
 
     def require(self, what: str, record: Mapping[str, Any]) -> None:
-        """Require that this run, described by a record of plain values, is the one whose chains the folder keeps.
+        """Require that this run, described by a record in the file `what`, is the one whose chains the folder keeps.
 
-        The file of the record has `what` in its name. InputError is raised if the folder keeps the chains of another
-        run, or cannot be written to.
+        InputError is raised if it keeps the chains of another run, or cannot be written to.
         """
-        self._begin()
+        if not self._begun:
+            self._begin()
         self.accepted = False
         file, now = self.folder / f"of-{what}.json", json.loads(json.dumps(record, default=str))
         try:
@@ -66,8 +62,7 @@ class Checkpoint:
             raise _unusable(self.folder, error) from error
         differences = [] if before is None else list(_differences(now, before))
         if differences:
-            more = ["…"] if len(differences) > MOST_DIFFERENCES_NAMED else []
-            named = "; ".join(differences[:MOST_DIFFERENCES_NAMED] + more)
+            named = "; ".join(differences[:3] + (["…"] if len(differences) > 3 else []))
             raise InputError(
                 f'The draws in "{self.folder}" are of another run: {named}. Go on with what it was, or start anew '
                 "without resuming."
@@ -95,15 +90,14 @@ class Checkpoint:
             self._remove()
 
     def _begin(self) -> None:
-        if self._begun:
-            return
         self._begun = True
-        if self.resume and not self.holds_draws:
+        if self.resume and self.holds_draws:
+            return
+        if self.resume:
             announce(f'There are no draws in "{self.folder}": sampling starts at the beginning.')
-        elif not self.resume and self.holds_draws:
+        elif self.holds_draws:
             announce(f'The draws of a stopped run in "{self.folder}" are removed: sampling starts anew.')
-        if not (self.resume and self.holds_draws):
-            self._remove()
+        self._remove()
 
     def _files(self) -> list[Path]:
         return [file for file in self.folder.glob("*") if FILES.fullmatch(file.name)]
@@ -119,15 +113,11 @@ class Checkpoint:
 def checkpoint_in(
     folder: str | os.PathLike[str], *, resume: bool = False, every: float = CHECKPOINT_EVERY
 ) -> Iterator[Checkpoint]:
-    """Lock the folder of a checkpoint for the duration of a run.
+    """Lock the folder of a checkpoint for the duration of a run; `every` are seconds between two of a chain.
 
-    Args:
-        folder: The folder; made if missing, removed at the end if nothing in it is needed any more.
-        resume: If true, chains in the folder are resumed, else they are removed before sampling.
-        every: Seconds between two checkpoints of a chain.
-
-    Raises:
-        InputError: The folder cannot be written to, another process uses it, or `every` is negative.
+    The folder is made if missing, and removed at the end if nothing in it is needed any more. Without `resume`, chains
+    in it are removed before sampling. InputError is raised if it cannot be written to, another process uses it, or
+    `every` is negative.
     """
     if not every >= 0:
         raise InputError(f"checkpoint_every={every:g} must be a number of seconds, 0 or more.")
@@ -153,10 +143,7 @@ def checkpoint_in(
 def given_checkpoint(
     place: "str | os.PathLike[str] | Checkpoint | None", resume: bool, every: float
 ) -> Iterator[Checkpoint | None]:
-    """Yield the checkpoint of a call: an open one as it is, that of a folder opened and completed with the call.
-
-    InputError is raised as by `checkpoint_in`, and for `resume` without a checkpoint.
-    """
+    """Yield the checkpoint of a call: an open one as it is, that of a folder opened and completed with the call."""
     if place is None and resume:
         raise InputError("resume=True needs checkpoint=, the folder that the run was kept in.")
     if place is None or isinstance(place, Checkpoint):

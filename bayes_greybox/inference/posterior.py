@@ -96,42 +96,28 @@ class Posterior:
 
     def draws(self, equation: str, at_most: int | None = None, group_name: str = "posterior") -> EquationDraws:
         """Return draws of one equation in scaled units, chains flattened, evenly thinned to `at_most`."""
-        frame = self.equations[equation].frame
+        frame, design = self.equations[equation].frame, self.equations[equation].design
         values = self.values(equation, at_most, group_name)
-        n_draw = len(next(iter(values.values())))
-
-        def flat(quantity: str, n_column: int | None = None) -> np.ndarray:
-            if quantity in values:
-                return values[quantity]
-            return np.ones(n_draw) if n_column is None else np.zeros((n_draw, n_column))
-
-        coefficients, theta = self.equations[equation].design.coefficients, values["theta"] / frame.coefficient_scale
+        n_draw = len(values["theta"])
         # Without a discrepancy there is neither amplitude nor length scale; the placeholders multiply no features.
-        return EquationDraws(
-            Hyperparameters(
-                on_device(flat("sigma") / frame.target_scale),
-                on_device(flat("amplitude") / frame.target_scale),
-                on_device(flat("length_scale", len(frame.variables)) / frame.half_width),
-            ),
-            theta,
-            values["prior_sd"],
-            flat("weight", 0) / frame.target_scale,
-            flat("f", 0) / frame.target_scale,
-            *coefficients.given(theta, values["prior_sd"]),
+        absent = {"amplitude": np.ones(n_draw), "length_scale": np.zeros((n_draw, len(frame.variables)))}
+        values = {**absent, "weight": np.zeros((n_draw, 0)), "f": np.zeros((n_draw, 0)), **values}
+        sigma, amplitude, weight, f = (
+            values[quantity] / frame.target_scale for quantity in ("sigma", "amplitude", "weight", "f")
         )
+        theta, length_scale = values["theta"] / frame.coefficient_scale, values["length_scale"] / frame.half_width
+        hyper = Hyperparameters(*on_device((sigma, amplitude, length_scale)))
+        given = design.coefficients.given(theta, values["prior_sd"])
+        return EquationDraws(hyper, theta, values["prior_sd"], weight, f, *given)
 
     def summed(self, equation: str, at_most: int | None = None) -> Scales | None:
-        """Return the slab of each draw if criticism can sum over the inclusion patterns in closed form.
-
-        It cannot if Gibbs moves drew the patterns or coefficients have bounds; then drawn patterns are conditioned on.
-        """
+        """Return the `slab` of each draw, None if coefficients have bounds: then drawn patterns are conditioned on."""
         return None if self.equations[equation].design.coefficients.bounded else self.slab(equation, at_most)
 
     def slab(self, equation: str, at_most: int | None = None) -> Scales | None:
         """Return slab standard deviations and log prior odds [n_draw, n_term] if the sampler summed over the patterns.
 
-        Raises:
-            InputError: The odds of inclusion do not follow from the draws.
+        InputError is raised if the odds of inclusion do not follow from the draws.
         """
         values, entry = self.values(equation, at_most, "posterior"), self.equations[equation]
         if "gamma" not in values:
@@ -208,11 +194,7 @@ class Posterior:
 
 
 class Learned(NamedTuple):
-    """A learned state and the place of its coefficients.
-
-    Its equation, or the block of equations that share its rows, has a name and the columns of Φ that belong to the
-    state; `frame` is that of the state alone.
-    """
+    """A learned state: the block of equations that share its rows, its own frame, and its columns of Φ in the block."""
 
     block: str
     equation: Equation

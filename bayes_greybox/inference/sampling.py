@@ -26,13 +26,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Choices that change no draw.
-
-    Attributes:
-        label: Text of the progress bar.
-        files: Files that keep the chains, which are resumed from there.
-        programs: Compiled programs of another fit of this model with the same settings.
-    """
+    """Choices that change no draw: text of the progress bar, files that keep the chains, programs of a like fit."""
 
     label: str = SAMPLING_LABEL
     files: Files | None = None
@@ -47,10 +41,8 @@ def sample_posterior(
     """Assemble the designs, run NUTS on the hyperparameters, and draw the rest exactly; the same seed, the same draws.
 
     Refits that leave rows out give `equations` in place of those assembled from the data; of a stream, of which the
-    data are a sample, `whole` has the statistics of all rows.
-
-    Raises:
-        InputError: The model cannot be assembled from the data, or the files keep other chains.
+    data are a sample, `whole` has the statistics of all rows. InputError is raised if the model cannot be assembled
+    from the data, or the files keep other chains.
     """
     options = options or RunOptions()
     with stages(progress):
@@ -63,8 +55,7 @@ def sample_posterior(
         log.info(
             "sampling %s: %d chains of %d + %d", ", ".join(equations), sampling.chains, sampling.tune, sampling.draws
         )
-        start = time.perf_counter()
-        designs = {name: equation.design for name, equation in equations.items()}
+        start, designs = time.perf_counter(), {name: equation.design for name, equation in equations.items()}
         programs = options.programs or programs_for(model, designs, sampling)
         run_key, draw_key, prior_key = jax.random.split(jax.random.PRNGKey(sampling.seed), 3)
         # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.

@@ -8,16 +8,7 @@ from bayes_greybox.running.errors import InputError
 
 @dataclass(frozen=True)
 class Sampling:
-    """Settings of a run.
-
-    Attributes:
-        draws: Draws kept in each chain.
-        tune: Warm-up iterations of each chain.
-        chains: Number of chains.
-        seed: Seed of everything random in the run.
-        target_accept: Target acceptance probability of NUTS.
-        exact: True if the draws are of the exact trajectory posterior (`Fit.refine`).
-    """
+    """Settings of a run, those of `GreyBox.fit`; `exact` draws are of the exact trajectory posterior (`Fit.refine`)."""
 
     draws: int = 1000
     tune: int = 1000

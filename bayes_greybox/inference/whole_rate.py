@@ -20,7 +20,7 @@ from .posterior import Learned
 
 
 class Numbers(NamedTuple):
-    """Numbers in the frame of a learned state that depend on the data: scales of target and terms, box of f.
+    """Numbers in the frame of a learned state that depend on the data.
 
     The projection is that of the features on the terms, zero if none is subtracted; `within` are numbers within the
     formulas, such as the width of a dead zone or of a smoothed jump.
@@ -37,15 +37,11 @@ class Numbers(NamedTuple):
 class WholeRate:
     """dx/dt = g(x, u, p) + e_k (Φ(x, u) θ_k + Ψ̃(x, u) w_k), summed over the learned states k, with smoothed jumps.
 
-    Parameters p that are learned stand in g itself, and not in its tangent.
+    Parameters p that are learned stand in g itself, and not in its tangent. The columns of states and inputs set the
+    width of smoothed jumps.
 
     Two rates with the same formulas are equal, whatever the data of their frames: `numbers` are an argument of the
     rate, so that a program compiled for one serves the other.
-
-    Args:
-        simulation: g.
-        frames: Frames by learned state.
-        columns: Values of states and inputs, which set the width of smoothed jumps.
     """
 
     def __init__(
@@ -54,6 +50,7 @@ class WholeRate:
         self._simulation = simulation.rounded(columns)
         self._frames, self._formulas, self._named = dict(frames), {}, {}
         self.numbers: dict[str, Numbers] = {}
+        formulas = []
         for name, frame in frames.items():
             terms = frame.dictionary.rounded(columns).terms
             if named := {k: term.parameter for k, term in enumerate(terms) if term.parameter}:
@@ -63,10 +60,7 @@ class WholeRate:
             projection = frame.orthonormal @ frame.moments if frame.projected else np.zeros((len(terms), n_basis))
             scales = (frame.target_scale, frame.term_scale, frame.centre, frame.half_width, projection)
             self.numbers[name] = Numbers(*on_device(scales), within=on_device(tuple(within)))
-        formulas = [
-            (name, tuple(map(sympy.srepr, self._formulas[name])), frame.variables, frame.basis)
-            for name, frame in self._frames.items()
-        ]
+            formulas.append((name, tuple(map(sympy.srepr, self._formulas[name])), frame.variables, frame.basis))
         named = tuple((name, tuple(each.items()), sympy.srepr(g)) for name, (each, g) in self._named.items())
         self.key = (self._simulation.key, tuple(formulas), named)
 

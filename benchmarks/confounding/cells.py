@@ -86,7 +86,7 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
     )
     equation, targets = _compressed(model, data)
     ends: list[float] = []
-    sampled = sample_replicates(
+    samples, divergences = sample_replicates(
         model,
         {"v": equation.design},
         {"v": np.repeat(targets, CELL_CHAINS, axis=0)},
@@ -96,10 +96,7 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
     )
     # From the first chain that ended to the last: compilation is left out.
     seconds = CELL_CHAINS * (ends[-1] - ends[0]) / max(len(ends) - 1, 1)
-    rows = [
-        _judged(equation, sampled.samples, range(CELL_CHAINS * i, CELL_CHAINS * (i + 1)))
-        for i in range(cell.replicates)
-    ]
+    rows = [_judged(equation, samples, range(CELL_CHAINS * i, CELL_CHAINS * (i + 1))) for i in range(cell.replicates)]
     added = data.projected("empirical" if cell.variant == "none" else cell.measure)
     return {
         **asdict(cell),
@@ -107,7 +104,7 @@ def measure_cell(cell: Cell) -> dict[str, Any]:
         "projected": added.tolist(),
         "overlap": data.overlap(),
         "seconds": seconds,
-        "divergences": sampled.divergences.reshape(-1, CELL_CHAINS).sum(axis=1).tolist(),
+        "divergences": divergences.reshape(-1, CELL_CHAINS).sum(axis=1).tolist(),
         **{name: [row[name] for row in rows] for name in rows[0]},
     }
 

@@ -103,9 +103,7 @@ def singular(posterior):
 
 
 def values_of(posterior, folds):
-    parts = list(fold_densities(posterior, "v", fold_parameters(posterior, "v"), folds))
-    assert np.array_equal(np.concatenate([index for index, _ in parts]), np.arange(len(folds)))
-    return np.concatenate([values for _, values in parts], axis=1)
+    return np.concatenate(list(fold_densities(posterior, "v", fold_parameters(posterior, "v"), folds)), axis=1)
 
 
 def expected_of(posterior, s, folds, givens):

@@ -1,7 +1,5 @@
 """Checks in a saved fit: read back whole, made again where the file has none."""
 
-import json
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +9,7 @@ from fabricated import fabricate
 import bayes_greybox as bg
 from bayes_greybox.criticism.checks.checks import checks
 from bayes_greybox.criticism.discrepancy import discrepancy_table
-from bayes_greybox.criticism.kept import checks as kept
+from bayes_greybox.criticism.kept import file as kept
 from bayes_greybox.criticism.kept.file import save_found
 from bayes_greybox.criticism.trial import trial
 from bayes_greybox.inference.kept import netcdf
@@ -49,7 +47,6 @@ def test_what_is_found_later_is_added_to_a_saved_fit_as_if_all_were_saved_anew(f
     fit.save(tmp_path / "anew.nc")
     added, anew = (netcdf.read(tmp_path / name) for name in ("added.nc", "anew.nc"))
     xr.testing.assert_identical(added, anew)
-    assert netcdf.TRIED in added.children and kept.CHECKS_ATTRIBUTE in added.attrs
     assert all(v.encoding["zlib"] for v in added[netcdf.TRIED].data_vars.values())
     # What was there is as it was, and nothing that was sealed can be changed.
     assert netcdf.TRIED not in netcdf.read(tmp_path / "before.nc").children
@@ -76,16 +73,31 @@ def test_without_checks_in_the_file_they_are_made(fit, tmp_path):
 
 def test_checks_of_another_format_are_not_read(fit, tmp_path, monkeypatch):
     fit.checks()
-    monkeypatch.setattr(kept, "CHECKS_FORMAT", kept.CHECKS_FORMAT + 1)
-    text = kept.kept_checks(fit)[kept.CHECKS_ATTRIBUTE]
+    monkeypatch.setattr(kept, "RESULTS_FORMAT", kept.RESULTS_FORMAT + 1)
+    fit.save(tmp_path / "run.nc")
     monkeypatch.undo()
-    assert json.loads(text)["format"] != kept.CHECKS_FORMAT
-    fit.idata.attrs[kept.CHECKS_ATTRIBUTE] = text
-    before = dict(fit.memory)
+    assert netcdf.TRIED in netcdf.read(tmp_path / "run.nc").children
+    assert bg.load(tmp_path / "run.nc").memory == {}
+
+
+def test_checks_of_another_version_are_made_again_but_its_trial_stays(fit, tmp_path, monkeypatch):
+    fit.checks()
+    trial(fit)
+    monkeypatch.setattr(kept, "version", lambda name: "0.0.1")
+    fit.save(tmp_path / "run.nc")
+    monkeypatch.undo()
+    assert [name.split(".")[-1] for name in bg.load(tmp_path / "run.nc").memory] == ["trial"]
+
+
+def test_results_replace_those_that_a_saved_fit_had(fit, tmp_path):
     fit.memory.clear()
-    kept.restore_checks(fit)
-    assert fit.memory == {} and kept.CHECKS_ATTRIBUTE not in fit.idata.attrs
-    fit.memory.update(before)
+    discrepancy_table(fit)
+    fit.save(tmp_path / "before.nc")
+    fit.checks()
+    save_found(fit, tmp_path / "before.nc", tmp_path / "added.nc")
+    read = bg.load(tmp_path / "added.nc")
+    assert str(read.checks()) == str(fit.checks())
+    assert {name.split(".")[-1] for name in read.memory} == {"checks", "plain_trade_offs"}
 
 
 def test_checks_are_not_those_of_other_draws(fit, tmp_path):

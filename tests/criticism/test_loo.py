@@ -14,8 +14,7 @@ from scipy.special import betaln, logsumexp
 
 from bayes_greybox.criticism.convergence import array_stats, convergence, convergence_table
 from bayes_greybox.criticism.cross_validation import row_densities as pointwise
-from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate
-from bayes_greybox.criticism.cross_validation.loo import refit_without
+from bayes_greybox.criticism.cross_validation.cross_validate import cross_validate, refit_without
 from bayes_greybox.criticism.cross_validation.row_densities import log_likelihood_group, pointwise_loo
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampling import sample_posterior

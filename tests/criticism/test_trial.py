@@ -7,7 +7,7 @@ import pytest
 
 import bayes_greybox as bg
 from bayes_greybox.criticism import trial as module
-from bayes_greybox.criticism.kept.file import kept_trial, restore_trial
+from bayes_greybox.criticism.kept.file import kept_results, restore_results
 from bayes_greybox.criticism.trial import trial, try_on
 from bayes_greybox.greybox import Fit
 from bayes_greybox.running.errors import InputError
@@ -90,11 +90,11 @@ def test_it_is_not_that_of_other_draws(held_out):
     thinned = fit.idata.copy()
     thinned["posterior"] = thinned["posterior"].isel(draw=slice(0, 20))
     other = Fit(fit.model, fit.data, fit.sampling, thinned)
-    text = kept_trial(fit)["trial"]
-    restore_trial(other, text)
+    text = kept_results(fit)["trial"]
+    restore_results(other, text)
     assert other.memory == {}
     fit.memory.clear()
-    restore_trial(fit, text)
+    restore_results(fit, text)
     assert trial(fit).held_out
 
 

@@ -196,7 +196,7 @@ def test_patterns_of_the_other_terms_are_summed_in_folds(data):
     Phi, _, y = entry.parts()
     scale, folds = entry.frame.coefficient_scale, [np.arange(0, 3), np.arange(20, 23)]
     parameters = fold_parameters(fit, "ydot", 5)
-    values = np.hstack([block for _, block in fold_densities(fit, "ydot", parameters, folds)])
+    values = np.hstack(list(fold_densities(fit, "ydot", parameters, folds)))
     e, odds = y - Phi[:, 1] * (-0.2 / scale[1]), np.asarray(summed.log_odds)
     for s in range(5):
 

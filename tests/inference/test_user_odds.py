@@ -107,9 +107,7 @@ def test_blocks_are_left_out_with_the_patterns_summed(fit, read_again):
         draws, summed = posterior.draws("y"), posterior.summed("y")
         Phi, _, y = posterior.equations["y"].parts()
         unit = np.log(posterior.equations["y"].frame.target_scale)
-        values = np.hstack(
-            [values for _, values in fold_densities(posterior, "y", fold_parameters(posterior, "y"), folds)]
-        )
+        values = np.hstack(list(fold_densities(posterior, "y", fold_parameters(posterior, "y"), folds)))
         for i, (f, fold) in itertools.product((0, 33, 79), enumerate(folds)):
             tau, sigma = float(summed.sd[i, 0]), float(draws.hyper.sigma[i])
             rest = np.delete(np.arange(24), fold)

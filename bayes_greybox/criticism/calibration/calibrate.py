@@ -38,9 +38,7 @@ class CalibrationVerdict(Verdict):
     """A verdict on the tests of a calibration."""
 
     def __str__(self) -> str:
-        if self.ok:
-            return "Calibrated: no test failed."
-        return "\n".join(["Not calibrated:", *(f"- {reason}" for reason in self.reasons)])
+        return "Calibrated: no test failed." if self.ok else "\n- ".join(["Not calibrated:", *self.reasons])
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,11 +100,10 @@ class Calibration:
             "reliability": "inclusion probabilities of {} are off by more than chance",
         }
         failed = self.tests.loc[~self.tests["passed"].to_numpy(bool)].sort_values("adjusted")
-        reasons = (
-            f"{words[row.kind].format(row.quantity)} (adjusted p = {row.adjusted:.2g})."
-            for row in failed.reset_index().itertuples()
+        reasons = tuple(
+            f"{words[row.kind].format(row.Index)} (adjusted p = {row.adjusted:.2g})." for row in failed.itertuples()
         )
-        return CalibrationVerdict(failed.empty, tuple(reasons))
+        return CalibrationVerdict(failed.empty, reasons)
 
     def __repr__(self) -> str:
         """Show replicates, verdict and the smallest p-values."""
@@ -120,24 +117,15 @@ class Calibration:
             f"Expected calibration error of P(included), {name}: {each.ece:.3f} ({each.expected_ece:.3f} if calibrated)"
             for name, each in self.inclusion.items()
         ]
-        diverged = int(np.sum(self.divergences > 0))
-        if diverged:
+        if diverged := int(np.sum(self.divergences > 0)):
             lines.append(f"{diverged} replicates had divergences.")
         return "\n".join(lines)
 
 
 def calibrate(
-    model: Program,
-    data: Trajectories,
-    *,
-    replicates: int = 500,
-    draws: int = 300,
-    tune: int = 300,
-    seed: int = 0,
-    target_accept: float = 0.9,
-    level: float = 0.01,
-    progress: bool = True,
-) -> Calibration:
+    model: Program, data: Trajectories, *, replicates: int = 500, draws: int = 300, tune: int = 300, seed: int = 0,
+    target_accept: float = 0.9, level: float = 0.01, progress: bool = True,
+) -> Calibration:  # fmt: skip
     """Calibrate a model by simulation at the rows of some data, whose measured rates are not used.
 
     For each replicate η and the prior scales are drawn from the prior, then γ, θ, f and y = Φθ + f + σε on the rows
@@ -174,32 +162,27 @@ def calibrate(
     keys = jax.random.split(chain_key, replicates)
     # Threads inside BLAS fight those of the chains over the cores, for matrices too small to share.
     with threadpool_limits(1), stages(progress), stage("Calibrating", replicates) as line:
-        sampled = sample_replicates(model, designs, targets, keys, sampling, line.advance)
+        samples, divergences = sample_replicates(model, designs, targets, keys, sampling, line.advance)
     seconds = time.perf_counter() - start
 
-    samples = sampled.samples
     where = {name: places(part.equation.frame, data) for name, part in opened.items()}
     ranks = {
         name: rank_truths(truth, drawn, generator)
         for name, truth, drawn in quantities(opened, targets, truths, samples, where)
     }
-    inclusion = {
-        name: reliability(
-            truths[model.sites[name].gamma].astype(float),
-            samples[model.sites[name].inclusion].mean(axis=1),
-            samples[model.sites[name].gamma].astype(float),
-            part.equation.frame.dictionary.names,
-            generator,
-        )
-        for name, part in opened.items()
-        if model.sites[name].inclusion in samples
-    }
+    inclusion = {}
+    for name, part in opened.items():
+        own = model.sites[name]
+        if own.inclusion in samples:
+            gamma, drawn = (values[own.gamma].astype(float) for values in (truths, samples))
+            terms, probability = part.equation.frame.dictionary.names, samples[own.inclusion].mean(axis=1)
+            inclusion[name] = reliability(gamma, probability, drawn, terms, generator)
     rank, kept, pit, ess = (
         pd.DataFrame({name: getattr(each, field) for name, each in ranks.items()}) for field in Ranks._fields
     )
     coverage = coverage_table(opened, where, truths, samples, generator)
     tests = _tests(pit, inclusion, level)
-    return Calibration(level, tests, rank, kept, pit, ess.median(), inclusion, coverage, sampled.divergences, seconds)
+    return Calibration(level, tests, rank, kept, pit, ess.median(), inclusion, coverage, divergences, seconds)
 
 
 def _tests(pit: pd.DataFrame, inclusion: Mapping[str, Reliability], level: float) -> pd.DataFrame:

@@ -1,6 +1,7 @@
 """Coverage of the true f by its posterior band: at the data, elsewhere in their box, and beyond it."""
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,16 +17,12 @@ from bayes_greybox.model.sites import EquationSites, Sites
 
 from .ranks import rank_truths
 
-REGIONS = ("data", "box", "beyond")
-COVERAGE_LEVELS = (0.5, 0.9)
-PLACES_PER_REGION = 12
-CANDIDATES = 512
+REGIONS, COVERAGE_LEVELS = ("data", "box", "beyond"), (0.5, 0.9)
+PLACES_PER_REGION, CANDIDATES = 12, 512
 
-BEYOND_REACH = 1.3
-"""Outer limit of the region "beyond", in half-widths of the box."""
-
-LEAST_DISTANCE = 0.1
-"""Distance to every row, in half-widths of the box, from which on a place is away from the data."""
+BEYOND_REACH, LEAST_DISTANCE = 1.3, 0.1
+"""Outer limit of the region "beyond", and distance to every row from which on a place is away from the data, both in
+half-widths of the box."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +35,6 @@ class Places:
     region: Int[np.ndarray, " n_place"]
     Psi: Float[np.ndarray, "n_place n_basis"]
     row: Int[np.ndarray, " n_place"]
-
-    def first(self) -> Iterator[tuple[str, int]]:
-        """Yield the name of each region that has places, and its first place."""
-        for number, name in enumerate(REGIONS):
-            if number in self.region:
-                yield name, int(np.argmax(self.region == number))
 
 
 def places(frame: Frame, data: Trajectories) -> Places:
@@ -65,11 +56,10 @@ def places(frame: Frame, data: Trajectories) -> Places:
         with np.errstate(all="ignore"):
             finite = np.all(np.isfinite(np.asarray(frame.dictionary_rows(candidates))), axis=1)
         outside = ~np.asarray(frame.inside(candidates))
-        for number, suitable in ((1, ~beyond & away), (2, beyond & outside)):
-            index = np.flatnonzero(suitable & finite)[:PLACES_PER_REGION]
-            region = np.concatenate([region, np.full(len(index), number)])
-            chosen = {name: np.concatenate([column, candidates[name][index]]) for name, column in chosen.items()}
-            row = np.concatenate([row, np.full(len(index), -1)])
+        index = [np.flatnonzero(each & finite)[:PLACES_PER_REGION] for each in (~beyond & away, beyond & outside)]
+        region, off = np.repeat([0, 1, 2], [len(row), *map(len, index)]), np.concatenate(index)
+        chosen = {name: np.concatenate([column, candidates[name][off]]) for name, column in chosen.items()}
+        row = np.concatenate([row, np.full(len(off), -1)])
     return Places(region, np.asarray(frame.rows(chosen)[1]), row)
 
 
@@ -100,14 +90,11 @@ def coverage_table(
             for i in range(len(place.region))
         ]
         distance = np.abs(2 * np.column_stack(pit) - 1)
-        for number, region in enumerate(REGIONS):
+        for number, level in itertools.product(np.unique(place.region), COVERAGE_LEVELS):
             chosen = place.region == number
-            if not chosen.any():
-                continue
-            for level in COVERAGE_LEVELS:
-                # Replicates are independent, places are not.
-                share = np.mean(distance[:, chosen] <= level, axis=1)
-                error = share.std(ddof=1) / np.sqrt(len(share))
-                rows[name, region, level] = (share.mean(), error, int(chosen.sum()))
+            # Replicates are independent, places are not.
+            share = np.mean(distance[:, chosen] <= level, axis=1)
+            error = share.std(ddof=1) / np.sqrt(len(share))
+            rows[name, REGIONS[number], level] = (share.mean(), error, int(chosen.sum()))
     index = pd.MultiIndex.from_tuples(rows, names=["equation", "region", "level"]) if rows else None
     return pd.DataFrame(list(rows.values()), columns=["coverage", "se", "places"], index=index)

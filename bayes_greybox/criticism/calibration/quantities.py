@@ -8,7 +8,7 @@ from jaxtyping import Float
 from bayes_greybox.inference.sampler.prior_data import OpenEquation
 from bayes_greybox.model.sites import EquationSites, Sites
 
-from .coverage import Places, f_at
+from .coverage import REGIONS, Places, f_at
 
 
 def quantities(
@@ -24,8 +24,8 @@ def quantities(
         frame, own = part.equation.frame, sites[name]
         for j, term in enumerate(frame.dictionary.names):
             yield f"{own.theta}[{term}]", truths[own.theta][:, j], samples[own.theta][..., j]
+        key = own.length_scale
         for j, variable in enumerate(frame.variables):
-            key = own.length_scale
             yield f"{key}[{variable}]", truths[key][:, j], samples[key][..., j]
         for key in sites.owned(name, truths).values():
             if truths[key].ndim == 1 and key not in own.raw:
@@ -38,9 +38,9 @@ def quantities(
         )
         yield own["log_likelihood"], truth, drawn
         if frame.variables:
-            for region, index in where[name].first():
+            for region, index in zip(*np.unique(where[name].region, return_index=True), strict=True):
                 truth, drawn = (f_at(where[name], values, own, index) for values in (truths, samples))
-                yield f"{own.f}[{region}]", truth, drawn
+                yield f"{own.f}[{REGIONS[region]}]", truth, drawn
             truth, drawn = (np.sqrt(np.mean(_f(part, values, own) ** 2, axis=-1)) for values in (truths, samples))
             yield own["f_rms"], truth, drawn
 

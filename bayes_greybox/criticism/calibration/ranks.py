@@ -8,13 +8,10 @@ from numpyro.diagnostics import effective_sample_size
 
 
 class Ranks(NamedTuple):
-    """Ranks of true values, one for each replicate.
+    """Ranks of true values, one for each replicate, and the effective sample size of all its draws.
 
-    Attributes:
-        rank: Number of thinned draws below the truth, and a random share of those equal to it.
-        kept: Number of thinned draws.
-        pit: (rank + U)/(kept + 1), U ~ Uniform(0, 1): uniform if the sampler is right, whatever the thinning.
-        ess: Effective sample size of all draws.
+    A rank is the number of `kept` thinned draws below the truth, and a random share of those equal to it. `pit` is
+    (rank + U)/(kept + 1), U ~ Uniform(0, 1): uniform if the sampler is right, whatever the thinning.
     """
 
     rank: Int[np.ndarray, " n_replicate"]

@@ -7,9 +7,6 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import binom
 
-EVALUATION_POINTS = 100
-"""Most points at which the ECDF is evaluated."""
-
 
 class Band(NamedTuple):
     """Simultaneous band of F̂(z) − z, the ECDF of uniform values less their distribution, at points z in (0, 1)."""
@@ -20,8 +17,8 @@ class Band(NamedTuple):
 
 
 def evaluation_points(n_value: int) -> Float[np.ndarray, " n_point"]:
-    """Return 1/K, …, (K − 1)/K with K the smaller of the number of values and `EVALUATION_POINTS`."""
-    n_point = max(min(n_value, EVALUATION_POINTS), 2)
+    """Return 1/K, …, (K − 1)/K with K the number of values, but 100 at most."""
+    n_point = max(min(n_value, 100), 2)
     return np.arange(1, n_point) / n_point
 
 

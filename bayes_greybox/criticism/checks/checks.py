@@ -42,17 +42,10 @@ class Checks:
     whiteness: Mapping[str, Whiteness]
     sensitivity: pd.DataFrame
 
-    @property
-    def pit(self) -> Mapping[str, LooPit]:
-        """`loo_pit` under its former name."""
-        return self.loo_pit
-
     def __str__(self) -> str:
         if self.ok:
             return "Every check of the model passed."
-        return "\n".join(
-            ["The data speak against the model, or too softly:", *(f"- {reason}" for reason in self.reasons)]
-        )
+        return "\n- ".join(["The data speak against the model, or too softly:", *self.reasons])
 
 
 @remembered
@@ -65,23 +58,20 @@ def checks(posterior: Posterior) -> Checks:
     that have not converged make all of them unreliable, and `reasons` says so first.
     """
     posterior.require_rows("Checks are made")
-    names = tuple(posterior.equations)
-    pits = {name: loo_pit(posterior, name) for name in names}
-    white = {name: whiteness(posterior, name) for name in names}
+    pits = {name: loo_pit(posterior, name) for name in posterior.equations}
+    white = {name: whiteness(posterior, name) for name in posterior.equations}
     scaled = sensitivity(posterior)
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for name in names:
-        for check, p, reason in (
-            ("LOO-PIT", pits[name].p, _pit_reason(pits[name])),
-            ("whiteness", white[name].p, _white_reason(white[name])),
-        ):
-            rows[(name, check)] = _row(p > TEST_LEVEL, p, TEST_LEVEL, reason)
+    for name, equation in posterior.equations.items():
+        pit, spectrum = pits[name], white[name]
+        rows[(name, "LOO-PIT")] = _row(pit.p > TEST_LEVEL, pit.p, TEST_LEVEL, _pit_reason(pit))
+        rows[(name, "whiteness")] = _row(spectrum.p > TEST_LEVEL, spectrum.p, TEST_LEVEL, _white_reason(spectrum))
         # Sensitivities are by learned state, of which several may share the rows of one block.
-        states = {state for state, _ in posterior.equations[name].frame.labels}
+        states = {state for state, _ in equation.frame.labels}
         sensitivities = scaled.loc[[key for key in scaled.index if key[0] in states]]
         worst = float(sensitivities["prior"].max()) if len(sensitivities) else 0.0
         reason = " ".join(_prior_reasons(name, sensitivities))
-        if posterior.equations[name].rows.exact is not None:
+        if equation.rows.exact is not None:
             with stage("Following exact paths"):
                 paths = linearity(posterior, name)
             rows[(name, "linearity")] = _row(paths.ok, paths.khat, paths.limit, _linearity_reason(name, paths))
@@ -89,7 +79,7 @@ def checks(posterior: Posterior) -> Checks:
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "check"])
     table = pd.DataFrame(list(rows.values()), index=index)
     reasons = [reason for reason in table["reason"] if reason]
-    failed = [name for name in names if not all(rows[(name, check)]["ok"] for check in ("LOO-PIT", "whiteness"))]
+    failed = [name for name in pits if not all(rows[(name, check)]["ok"] for check in ("LOO-PIT", "whiteness"))]
     reasons += [words for name in failed if (words := suggestion(posterior, name))]
     if not convergence(posterior).mixed:
         reasons.insert(0, "The sampler has not converged, so the other checks say little: see fit.verdict.")
@@ -144,14 +134,10 @@ def _linearity_reason(equation: str, paths: Linearity) -> str:
 
 
 def _prior_reasons(equation: str, table: pd.DataFrame) -> Iterator[str]:
-    for diagnosis, words, hint in (
-        (CONFLICT, "the prior and the data pull apart", "widen the prior's scale, or ask why the data contradict it"),
-        (
-            DOMINANT,
-            "the prior decides, not the data",
-            "report the dependence on the prior, or collect data that move it",
-        ),
-    ):
+    for diagnosis, words in {
+        CONFLICT: "the prior and the data pull apart: widen the prior's scale, or ask why the data contradict it",
+        DOMINANT: "the prior decides, not the data: report the dependence on the prior, or collect data that move it",
+    }.items():
         diagnosed = table.index[table["diagnosis"].to_numpy(str) == diagnosis]
         if len(diagnosed):
-            yield f"In {equation!r}, for {', '.join(formula(str(key[1])) for key in diagnosed)} {words}: {hint}."
+            yield f"In {equation!r}, for {', '.join(formula(str(key[1])) for key in diagnosed)} {words}."

@@ -19,11 +19,9 @@ from bayes_greybox.running.compiling import compiled
 TEST_LEVEL = 0.01
 """Level of each test: it rejects at most one in a hundred well-specified models."""
 
-OBSERVATIONS = 400
-"""Most observations, evenly spaced, that are tested: the test needs the correlation of every pair."""
-
-TEST_DRAWS, TEST_REPLICATES = 12, 999
-"""Posterior draws that the test uses, and replicated data sets for each of them."""
+OBSERVATIONS, TEST_DRAWS, TEST_REPLICATES = 400, 12, 999
+"""Most observations, evenly spaced, that are tested, as the test needs the correlation of every pair; posterior draws
+that it uses, and replicated data sets for each of them."""
 
 
 @dataclass(frozen=True)

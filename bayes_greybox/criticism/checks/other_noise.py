@@ -10,14 +10,11 @@ from bayes_greybox.model.noise.asked import FIT, Noise, varies_with
 from bayes_greybox.model.noise.noise_model import CORRELATED, HEAVY, PROCESS, VARYING, NoiseModel
 from bayes_greybox.model.noise.suspicions import suspicions
 
-CLEAR_LOG_BAYES_FACTOR = 3.0
-"""Log Bayes factor from which on a noise is suggested."""
+CLEAR_LOG_BAYES_FACTOR, MEAN_RESIDUAL_DRAWS = 3.0, 100
+"""Log Bayes factor from which on a noise is suggested; posterior draws over which the residual is averaged."""
 
 NOISE_ARGUMENTS = {CORRELATED: "correlation", VARYING: "depends_on", HEAVY: "tails", PROCESS: "force"}
 """Arguments of `Noise` by the kind of noise that they allow."""
-
-MEAN_RESIDUAL_DRAWS = 100
-"""Posterior draws over which the residual is averaged."""
 
 
 def suggestion(posterior: Posterior, equation: str) -> str:
@@ -42,9 +39,8 @@ def suggestion(posterior: Posterior, equation: str) -> str:
     present = NoiseModel(rows.noise, tuple(modelled))
     quantities = varies_with(rows)
     prior = NoisePrior(float(entry.design.noise_floor), noise.scale)
-    factors = {
-        s.name: s.log_bayes_factor for s in suspicions(residual, present, rows.time, rows.run, quantities, prior)
-    }
+    suspected = suspicions(residual, present, rows.time, rows.run, quantities, prior)
+    factors = {each.name: each.log_bayes_factor for each in suspected}
     best = max(factors, key=factors.__getitem__, default=PROCESS)
     if factors.get(best, 0.0) < CLEAR_LOG_BAYES_FACTOR or (best == PROCESS and not len(rows.noise.intensities)):
         return ""

@@ -1,7 +1,6 @@
 """Power-scaling sensitivity: the change of θ and P(γ) when prior or likelihood get a little more or less weight."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import jax
@@ -24,26 +23,11 @@ ALPHAS = (0.99, 1.01)
 SENSITIVITY_THRESHOLD = 0.05
 """Sensitivity from which on there is a diagnosis (Kallioinen et al. 2024): five points of an inclusion probability."""
 
-LEAST_INCLUDED = 100
-"""Fewest draws that include a term for which the sensitivity of its coefficient is computed."""
-
-SENSITIVITY_DRAWS = 2000
-"""Most posterior draws used."""
+LEAST_INCLUDED, SENSITIVITY_DRAWS = 100, 2000
+"""Fewest draws with a term for which the sensitivity of its coefficient is computed, and most draws used."""
 
 CONFLICT, DOMINANT, NOT_SENSITIVE = "prior and data pull apart", "the prior decides", "fine"
 """Diagnoses: both sensitivities high; that of the prior only; neither, or that of the likelihood only."""
-
-
-@dataclass(frozen=True)
-class _Powers:
-    """Log weights of each draw under the four scalings, and P(γ | hyperparameters) under each.
-
-    Scalings in the order prior 0.99, prior 1.01, likelihood 0.99, likelihood 1.01; `inclusion` has the unscaled first.
-    """
-
-    joint: Float[np.ndarray, "four n_draw"]
-    collapsed: Float[np.ndarray, "four n_draw"] | None
-    inclusion: Float[np.ndarray, "five n_draw n_term"] | None
 
 
 def sensitivity(posterior: Posterior) -> pd.DataFrame:
@@ -57,8 +41,8 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
     The prior of a hierarchy is scaled level by level, each normalised again given the level above: every site of the
     model to the power α, N(θ_j; 0, sd_j²) to N(θ_j; 0, sd_j²/α), and π to π^α/(π^α + (1 − π)^α). Without normalising,
     a power of a density over k coefficients would multiply a pattern's weight by a factor that depends on k and on the
-    units. The likelihood is p(y | θ, η) with f integrated out. The `log_likelihood` group has leave-one-out densities
-    instead, so `arviz_stats.psense(fit.idata, group="likelihood")` answers another question.
+    units. The likelihood is p(y | θ, η) with f integrated out; `arviz_stats.psense(fit.idata, group="likelihood")`
+    answers another question, as the `log_likelihood` group has leave-one-out densities.
 
     P(γ_j = 1) is recomputed exactly for each draw of the hyperparameters, over all patterns, under every scaling, and
     averaged with importance weights in which θ and γ are summed out; draws of γ by Gibbs moves are reweighted with
@@ -74,8 +58,8 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
     for name, equation in posterior.equations.items():
         most = equation.design.worthwhile(SENSITIVITY_DRAWS)
         draws = jax.tree.map(np.asarray, posterior.draws(name, most))
-        powers = _powers(posterior, name, draws, most)
-        weights = _normalised(powers.joint)
+        joint, *summed = _powers(posterior, name, draws, most)
+        weights = _normalised(joint)
         labels = equation.frame.labels
         gamma = posterior.drawn().get(posterior.sites[name].gamma)
         included = np.ones(draws.theta.shape, bool) if gamma is None else draws.theta != 0.0
@@ -85,12 +69,15 @@ def sensitivity(posterior: Posterior) -> pd.DataFrame:
                 rows[label] = _row(*(_of_draws(stats, theta[inside], weights[i : i + 2, inside]) for i in (0, 2)))
         if gamma is None:
             continue
-        if powers.inclusion is not None and powers.collapsed is not None:
-            scaled = np.einsum("ws,wsk->wk", _normalised(powers.collapsed), powers.inclusion[1:])
+        if summed:
+            collapsed, inclusion = summed
+            scaled = np.einsum("ws,wsk->wk", _normalised(collapsed), inclusion[1:])
         else:
             scaled = weights @ included
+        # The change of the probability for each doubling of α, from the two sides of 1
+        moved = np.abs(scaled[1::2] - scaled[::2]) / np.log2(ALPHAS[1] / ALPHAS[0])
         for j, (state, term) in enumerate(labels):
-            rows[(state, f"P({term})")] = _row(*(_of_probability(scaled[i : i + 2, j]) for i in (0, 2)))
+            rows[(state, f"P({term})")] = _row(*moved[:, j].tolist())
     index = pd.MultiIndex.from_tuples(list(rows), names=["equation", "quantity"])
     return pd.DataFrame(list(rows.values()), index=index, columns=["prior", "likelihood", "diagnosis"])
 
@@ -108,19 +95,18 @@ def _of_draws(stats: Any, values: Float[np.ndarray, " n_draw"], weights: Float[n
     return float(stats.power_scale_sense(*arrays, lower_alpha=low, upper_alpha=high, chain_axis=0, draw_axis=1))
 
 
-def _of_probability(scaled: Float[np.ndarray, " two"]) -> float:
-    """Return the change of the probability for each doubling of α, from the two sides of 1."""
-    return float(abs(scaled[1] - scaled[0]) / np.log2(ALPHAS[1] / ALPHAS[0]))
-
-
 def _normalised(log_ratio: Float[np.ndarray, "four n_draw"]) -> Float[np.ndarray, "four n_draw"]:
     """Return importance weights that sum to one; α is so close to 1 that they have no tail to smooth."""
     weights = np.exp(log_ratio - log_ratio.max(axis=1, keepdims=True))
     return weights / weights.sum(axis=1, keepdims=True)
 
 
-def _powers(posterior: Posterior, equation: str, draws: EquationDraws, most: int) -> _Powers:
-    """Return the log ratios of scaled to unscaled densities, draw by draw."""
+def _powers(posterior: Posterior, equation: str, draws: EquationDraws, most: int) -> tuple[np.ndarray, ...]:
+    """Return log weights [four, n_draw] of each draw under the scalings; if patterns were summed, two arrays more.
+
+    These are the log weights with θ and γ summed out, and P(γ | hyperparameters) [five, n_draw, n_term]. Scalings are
+    in the order prior 0.99, prior 1.01, likelihood 0.99, likelihood 1.01; probabilities have the unscaled first.
+    """
     design, values = posterior.equations[equation].design, posterior.values(equation, most)
     scales = posterior.slab(equation, most)
     summed = not design.coefficients.bounded and scales is not None
@@ -141,15 +127,13 @@ def _powers(posterior: Posterior, equation: str, draws: EquationDraws, most: int
         if has_gamma:
             odds = np.broadcast_to((np.log(values["pi"]) - np.log1p(-values["pi"]))[:, None], shape)
     items = (draws.hyper, draws.theta, draws.prior_sd, top, slab, odds)
-    joint, collapsed, inclusion = _evaluated(summed, has_gamma)(design, on_device(items))
-    joint = np.asarray(joint).T
-    if not summed:
-        return _Powers(joint, None, None)
-    return _Powers(joint, np.asarray(collapsed).T, np.moveaxis(np.asarray(inclusion), 1, 0))
+    return tuple(
+        np.moveaxis(np.asarray(each), 1, 0) for each in _evaluated(summed, has_gamma)(design, on_device(items))
+    )
 
 
 def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
-    def one(design: Design, item: tuple) -> tuple[Array, Array, Array]:
+    def one(design: Design, item: tuple) -> tuple[Array, ...]:
         hyper, theta, sd, top, slab, log_odds = item
         coefficients = design.coefficients
         regression = design.remove_discrepancy(design.y, hyper)[0].beside(coefficients.mean)
@@ -171,21 +155,18 @@ def _evaluated(enumerated: bool, has_gamma: bool) -> Callable[..., Any]:
             joint.append((alpha - 1) * top + level + (pattern(alpha) - pattern(1.0) if has_gamma else 0.0))
         joint += [(alpha - 1) * misfit for alpha in ALPHAS]
         if not enumerated:
-            return jnp.stack(joint), jnp.zeros(0), jnp.zeros((0, 0))
-        summed = (_summed(regression, slab, log_odds, coefficients.certain, *powers) for powers in _SCALINGS)
+            return (jnp.stack(joint),)
+        powers = [(1.0, 1.0), *((alpha, 1.0) for alpha in ALPHAS), *((1.0, alpha) for alpha in ALPHAS)]
+        summed = (_summed(regression, slab, log_odds, coefficients.certain, *each) for each in powers)
         total, probability = zip(*summed, strict=True)
         shift = [(alpha - 1) * top for alpha in ALPHAS] + [0.0, 0.0]
         collapsed = [value - total[0] + extra for value, extra in zip(total[1:], shift, strict=True)]
         return jnp.stack(joint), jnp.stack(collapsed), jnp.stack(probability)
 
-    def every(design: Design, items: tuple) -> tuple[Array, Array, Array]:
+    def every(design: Design, items: tuple) -> tuple[Array, ...]:
         return jax.lax.map(lambda item: one(design, item), items)
 
     return kept(every, (enumerated, has_gamma), "sensitivity", once=True)
-
-
-_SCALINGS = ((1.0, 1.0), (ALPHAS[0], 1.0), (ALPHAS[1], 1.0), (1.0, ALPHAS[0]), (1.0, ALPHAS[1]))
-"""Powers of prior and likelihood."""
 
 
 def _summed(

@@ -8,18 +8,12 @@ from scipy.stats import chi2, norm
 
 from bayes_greybox.criticism.cross_validation.folds import lagged_products
 from bayes_greybox.inference.posterior import Posterior
-from bayes_greybox.model.design import EquationDraws
 
 from .loo_pit import TEST_LEVEL, combined_p
 
-RESIDUAL_DRAWS = 100
-"""Posterior draws whose residuals are tested."""
-
-WHITENESS_ROWS = 20_000
-"""Most whitened rows that are tested, the first ones, as lags need neighbours."""
-
-MOST_LAGS = 20
-"""Most lags; there are at most a fifth of the rows."""
+RESIDUAL_DRAWS, WHITENESS_ROWS, MOST_LAGS = 100, 20_000, 20
+"""Posterior draws whose residuals are tested; most whitened rows, the first ones, as lags need neighbours; most lags,
+which are at most a fifth of the rows."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,7 @@ def whiteness(posterior: Posterior, equation: str) -> Whiteness:
     Then the power of neighbouring frequencies is tested, which a wrong spectrum of R would correlate.
     """
     posterior.require_rows("Whiteness is found")
-    residuals, lengths, by_frequency = _whitened(posterior, equation, posterior.draws(equation, RESIDUAL_DRAWS))
+    residuals, lengths, by_frequency = _whitened(posterior, equation)
     n = residuals.shape[1]
     lags = np.arange(1, max(2, min(MOST_LAGS, n // 5, max(lengths) - 1) + 1))
     z, r, bound = _autocorrelation(residuals, lengths, lags)
@@ -90,11 +84,9 @@ def _autocorrelation(
     return r / sd, r, norm.isf(TEST_LEVEL / 2 / len(lags)) * sd
 
 
-def _whitened(
-    posterior: Posterior, equation: str, draws: EquationDraws
-) -> tuple[Float[np.ndarray, "n_draw n_row"], list[int], bool]:
+def _whitened(posterior: Posterior, equation: str) -> tuple[Float[np.ndarray, "n_draw n_row"], list[int], bool]:
     """Return whitened residuals in units of σ, the length of each stretch, and True if they go along frequency."""
-    entry = posterior.equations[equation]
+    entry, draws = posterior.equations[equation], posterior.draws(equation, RESIDUAL_DRAWS)
     noise = entry.rows.noise
     # If rows are whitened one by one, only those that are tested are evaluated.
     index = slice(WHITENESS_ROWS) if noise.local else slice(None)

@@ -22,27 +22,20 @@ TIE_NATS = 4.0
 
 
 def compare(
-    fits: Mapping[str, Posterior],
-    scheme: str = "loo",
-    *,
-    block: int | None = None,
-    start: float = FUTURE_START,
-    at_most: int | None = None,
-    max_refits: int = 10,
-    progress: bool = True,
-) -> pd.DataFrame:
+    fits: Mapping[str, Posterior], scheme: str = "loo", *, block: int | None = None, start: float = FUTURE_START,
+    at_most: int | None = None, max_refits: int = 10, progress: bool = True,
+) -> pd.DataFrame:  # fmt: skip
     """Compare models by cross-validation, from one run each.
 
     Args:
         fits: Fits by name, all to the same data.
         scheme: "loo": leave out one observation at a time; "block": contiguous rows; "trajectory": whole runs;
-            "future": predict each step of time from all before it (see `cross_validate`).
+            "future": predict each step of time from all before it.
         block: Rows of a block, or time stamps of a step into the future, the same for all models. None: the longest
             that any of them needs, by the autocorrelation of the residual of its dictionary.
         start: Share of the time stamps before the first prediction, for "future".
         at_most: Thin each model's draws evenly to this many; None: all.
-        max_refits: Most exact refits of flagged folds for each model; a model that needs more gets none ("future": gets
-            this many).
+        max_refits: Most exact refits of flagged folds for each model, as for `cross_validate`.
         progress: If true, refits of flagged folds show their progress.
 
     Returns:
@@ -64,14 +57,17 @@ def compare(
     if scheme in ("block", "future") and block is None:
         longest = max((make_folds(fit, scheme, None, start) for fit in fits.values()), key=lambda each: each.block or 0)
         block, chosen = longest.block, longest.notes
-    order = tuple(next(iter(fits.values())).equations)
-    results = {}
+    order, results = tuple(next(iter(fits.values())).equations), {}
+    options = {"block": block, "start": start, "at_most": at_most, "max_refits": max_refits, "progress": progress}
     for name, fit in fits.items():
-        result = cross_validate(
-            fit, scheme, block=block, start=start, at_most=at_most, max_refits=max_refits, progress=progress
-        )
-        results[name] = _in_order(result, tuple(fit.equations), order)
-    return comparison_table(results, (*chosen, *_verdict_notes(fits)))
+        results[name] = _in_order(cross_validate(fit, scheme, **options), tuple(fit.equations), order)
+    verdicts = {name: convergence(fit) for name, fit in fits.items()}
+    unmixed = [
+        f"{name} has not converged, so its elpd is not reliable: {verdict.reasons[0]}"
+        for name, verdict in verdicts.items()
+        if not verdict.mixed
+    ]
+    return comparison_table(results, (*chosen, *unmixed))
 
 
 def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) -> pd.DataFrame:
@@ -96,9 +92,8 @@ def comparison_table(results: Mapping[str, Loo], notes: tuple[str, ...] = ()) ->
     )
     table = table.sort_values("elpd", ascending=False, kind="stable")
     table.attrs["notes"] = [*notes, *_model_notes(results), *_tie_notes(table)]
-    first = next(iter(results.values()))
-    table.attrs |= {"scheme": first.scheme, "block": first.block, "folds": first.words}
-    table.attrs["threshold"] = min(result.threshold for result in results.values())
+    first, threshold = next(iter(results.values())), min(result.threshold for result in results.values())
+    table.attrs |= {"scheme": first.scheme, "block": first.block, "folds": first.words, "threshold": threshold}
     return table
 
 
@@ -144,21 +139,22 @@ def stacking_weights(pointwise: Float[np.ndarray, "n_obs n_model"]) -> Float[np.
 
 
 def _require_weighted_alike(fits: Mapping[str, Posterior]) -> None:
-    kinds = {name: weighted(fit) for name, fit in fits.items()}
-    if any(kinds.values()) and not all(kinds.values()):
-        (heavy, *_), (plain, *_) = ([n for n, w in kinds.items() if w is which] for which in (True, False))
+    names: dict[bool, str] = {}
+    for name, fit in fits.items():
+        names.setdefault(weighted(fit), name)
+    if len(names) > 1:
         raise InputError(
-            f"compare: {heavy!r} has Noise(tails=...), which weighs each row by its own residual and so predicts what "
-            f"it has seen, and {plain!r} has not: fit all with the same Noise(tails=4.0), say, or all without, and ask "
-            "fit.checks() which noise the data want."
+            f"compare: {names[True]!r} has Noise(tails=...), which weighs each row by its own residual and so predicts "
+            f"what it has seen, and {names[False]!r} has not: fit all with the same Noise(tails=4.0), say, or all "
+            "without, and ask fit.checks() which noise the data want."
         )
 
 
 def _require_same_data(fits: Mapping[str, Posterior]) -> None:
     (first, reference), *others = fits.items()
+    remedy = "fit all models to the same data."
     for name, fit in others:
         pair = f"compare: {first!r} and {name!r} were fitted to different data"
-        remedy = "fit all models to the same data."
         if set(fit.model.equations) != set(reference.model.equations):
             raise InputError(
                 f"compare: {first!r} learns {', '.join(reference.model.equations)} but {name!r} learns "
@@ -173,17 +169,16 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
             )
         if fit.data.run_lengths != reference.data.run_lengths:
             raise InputError(f"{pair}: the rows are divided into trajectories differently; {remedy}")
-        for equation in reference.equations:
-            one, other = (each.equations[equation].rows.n_row for each in (reference, fit))
-            if one != other:
-                raise InputError(f"{pair}: {one} rows of {equation!r} against {other}; {remedy}")
         columns = {"time": (reference.data.time, fit.data.time)}
         for equation, entry in reference.equations.items():
-            kind = "the output" if entry.rows.output else "the derivative of"
-            columns[f"{kind} {equation!r}"] = (entry.rows.shown, fit.equations[equation].rows.shown)
+            one, other = entry.rows, fit.equations[equation].rows
+            if one.n_row != other.n_row:
+                raise InputError(f"{pair}: {one.n_row} rows of {equation!r} against {other.n_row}; {remedy}")
+            kind = "the output" if one.output else "the derivative of"
+            columns[f"{kind} {equation!r}"] = (one.shown, other.shown)
         for what, (one, other) in columns.items():
             if not np.allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(one).max()):
-                if what != "time" and _same_samples(reference.data, fit.data):
+                if what != "time" and _same_samples(reference.data.samples, fit.data.samples):
                     raise InputError(
                         f"compare: the rows of {first!r} and {name!r} mix the same samples in different ways, each as "
                         "the model does that they are near, so that their densities are not of the same numbers: fit "
@@ -191,23 +186,22 @@ def _require_same_data(fits: Mapping[str, Posterior]) -> None:
                     )
                 worst = float(np.abs(one - other).max())
                 raise InputError(f"{pair}: {what} differs by up to {worst:.3g}; {remedy}")
-        for equation in reference.equations:
-            if fit.equations[equation].rows.n_white != reference.equations[equation].rows.n_white:
+        for equation, entry in reference.equations.items():
+            if fit.equations[equation].rows.n_white != entry.rows.n_white:
                 raise InputError(
                     f"{pair}: the derivatives of {equation!r} come from different differentiators; {remedy}"
                 )
 
 
-def _same_samples(one: Trajectories, other: Trajectories) -> bool:
-    """Return True if both data sets come from samples, and from the same."""
-    if one.samples is None or other.samples is None:
+def _same_samples(one: Trajectories | None, other: Trajectories | None) -> bool:
+    """Return True if both rows come from samples, and from the same."""
+    if one is None or other is None or one.state_names != other.state_names:
         return False
-    pairs = [(each.matrix(each.state_names), each.state_names) for each in (one.samples, other.samples)]
-    return pairs[0][1] == pairs[1][1] and np.array_equal(pairs[0][0], pairs[1][0])
+    return np.array_equal(one.matrix(one.state_names), other.matrix(other.state_names))
 
 
 def _in_order(result: Loo, equations: Sequence[str], order: Sequence[str]) -> Loo:
-    """Order the folds by equation, so that each fold has the same place for all models."""
+    """Return a result with its equations in another order."""
     places = [equations.index(name) for name in order]
     index = np.concatenate([np.flatnonzero(result.equation == place) for place in places])
     folds = {name: getattr(result, name)[index] for name in ("pointwise", "khat", "refitted", "row")}
@@ -220,15 +214,6 @@ def _model_notes(results: Mapping[str, Loo]) -> list[str]:
     shared = [note for note in next(iter(results.values())).notes if all(note in r.notes for r in results.values())]
     further = [f"{name}: {note}" for name, r in results.items() for note in r.notes if note not in shared]
     return [*(f"all models: {note}" for note in shared), *further] if len(results) > 1 else further
-
-
-def _verdict_notes(fits: Mapping[str, Posterior]) -> tuple[str, ...]:
-    verdicts = {name: convergence(fit) for name, fit in fits.items()}
-    return tuple(
-        f"{name} has not converged, so its elpd is not reliable: {verdict.reasons[0]}"
-        for name, verdict in verdicts.items()
-        if not verdict.mixed
-    )
 
 
 def _tie_notes(table: pd.DataFrame) -> list[str]:

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,24 +18,16 @@ from bayes_greybox.model.likelihood import log_density
 from bayes_greybox.model.priors import Scales
 from bayes_greybox.running.compiling import compiled
 
-from .row_densities import ROW_BLOCK
+from .row_densities import ROW_BLOCK, in_blocks
 
 Members = Sequence[Int[np.ndarray, " _"]]
-
-
-class _Fold(NamedTuple):
-    """Folds padded to one size: rows, which of them count, and (R⁻¹)_FF."""
-
-    number: Int[Array, "n_fold size"]
-    counts: Bool[Array, "n_fold size"]
-    precision: Float[Array, "n_fold size size"]
 
 
 def fold_densities(
     posterior: Posterior, equation: str, parameters: tuple[Hyperparameters, Scales], folds: Members,
     index: np.ndarray | None = None,
-) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:  # fmt: skip
-    """Yield numbers of folds, and log p(y_F | y₋F, η) of these and every draw, θ and f integrated out; user's units.
+) -> Iterator[Float[np.ndarray, "n_draw n_block"]]:  # fmt: skip
+    """Yield log p(y_F | y₋F, η) of consecutive folds and every draw, θ and f integrated out; user's units.
 
     With g = C⁻¹y and P = (C⁻¹)_FF,
 
@@ -65,18 +56,15 @@ def fold_densities(
         whole = subset_density(entry.design, parameters)
         for i in index:
             rest = subset_density(entry.without(folds[i].tolist()).design, parameters)
-            yield np.array([i]), (whole - rest - len(folds[i]) * unit)[:, None]
+            yield (whole - rest - len(folds[i]) * unit)[:, None]
         return
     weighted, blocks = entry.weighted(), entry.rows.precision_blocks(folds)
-    together = min(max(1, ROW_BLOCK // size), len(index))
-    for start in range(0, len(index), together):
-        part = index[start : start + together]
-        # A short last block is padded, so that it needs no compilation.
-        padded = np.concatenate([part, np.full(together - len(part), part[-1])])
-        numbers, counts = _stack([folds[i] for i in padded], size)
-        stacked = _Fold(jnp.asarray(numbers), jnp.asarray(counts), jnp.asarray(blocks(numbers)))
-        values = np.asarray(_mapped(entry.design, weighted(numbers.ravel()), stacked, parameters))[:, : len(part)]
-        yield part, values - unit * np.array([len(folds[i]) for i in part])
+    for part, padded in in_blocks(index, max(1, ROW_BLOCK // size)):
+        numbers = np.stack([np.concatenate([folds[i], np.full(size - len(folds[i]), folds[i][-1])]) for i in padded])
+        counts = np.arange(size) < np.array([[len(folds[i])] for i in padded])
+        stacked = jnp.asarray(counts), jnp.asarray(blocks(numbers))
+        values = np.asarray(_mapped(entry.design, weighted(numbers.ravel()), *stacked, parameters))[:, : len(part)]
+        yield values - unit * np.array([len(folds[i]) for i in part])
 
 
 def past_densities(
@@ -113,18 +101,18 @@ def subset_density(design: Design, parameters: tuple[Hyperparameters, Scales]) -
     return np.asarray(_subset(design.padded(), parameters))
 
 
-def _stack(
-    folds: list[Int[np.ndarray, " _"]], size: int
-) -> tuple[Int[np.ndarray, "n_fold size"], Bool[np.ndarray, "n_fold size"]]:
-    """Pad the folds to one size; return their rows and which of them count."""
-    index = np.stack([np.concatenate([fold, np.full(size - len(fold), fold[-1])]) for fold in folds])
-    return index, np.arange(size) < np.array([[len(fold)] for fold in folds])
+@compiled
+def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
+    return jax.lax.map(lambda item: log_density(design, *item, design.y), parameters)
 
 
 @compiled
-def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[Hyperparameters, Scales]) -> Array:
-    n_fold, size = folds.number.shape
-    n_term = design.Phi.shape[1]
+def _mapped(
+    design: Design, rows: WeightedRows, counts: Bool[Array, "n_fold size"], precision: Float[Array, "n_fold size size"],
+    parameters: tuple[Hyperparameters, Scales],
+) -> Array:  # fmt: skip
+    """Return the densities of folds padded to one size, given which rows count and (R⁻¹)_FF."""
+    (n_fold, size), n_term = counts.shape, design.Phi.shape[1]
 
     def one(item: tuple[Hyperparameters, Scales]) -> Array:
         hyper, (sd, log_odds, mean, _) = item
@@ -150,11 +138,6 @@ def _mapped(design: Design, rows: WeightedRows, folds: _Fold, parameters: tuple[
             return value + logsumexp(log_pattern_weights(m, V, log_odds, certain)) - logsumexp(without)
 
         # Fold by fold, since batched factorisations inside a loop can deadlock (see row_densities).
-        return jax.lax.map(fold, (H, g, J, folds.counts, folds.precision))
+        return jax.lax.map(fold, (H, g, J, counts, precision))
 
     return jax.lax.map(one, parameters)
-
-
-@compiled
-def _subset(design: Design, parameters: tuple[Hyperparameters, Scales]) -> Array:
-    return jax.lax.map(lambda item: log_density(design, *item, design.y), parameters)

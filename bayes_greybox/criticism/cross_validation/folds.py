@@ -15,11 +15,8 @@ from bayes_greybox.running.errors import InputError
 SCHEMES = ("loo", "block", "trajectory", "future")
 """Cross-validation schemes: single rows, contiguous blocks, whole trajectories, leave-future-out."""
 
-LEAST_BLOCKS = 10
-"""Fewest blocks of a length that the package chooses."""
-
-MOST_FUTURES = 20
-"""Most steps into the future of a length that the package chooses."""
+LEAST_BLOCKS, MOST_FUTURES = 10, 20
+"""Fewest blocks, and most steps into the future, of a length that the package chooses."""
 
 WHITE_BOUND = 1.96
 """Standard deviations within which an autocorrelation passes for that of white noise."""
@@ -32,14 +29,9 @@ FUTURE_START = 0.5
 class Folds:
     """Observations left out together, for each equation.
 
-    Attributes:
-        scheme: "block", "trajectory" or "future".
-        members: Observations of each fold, by equation (rows of the data; whitened coefficients if the rows' noise is
-            singular).
-        past: Observations before the first fold, for "future"; the past of a later fold has those in between too.
-        block: Rows of a block (block), or time stamps of a step (future).
-        words: The folds in words, such as "7 blocks of 20 rows".
-        notes: Sentences on the choice of the folds.
+    `members` are the observations of each fold (rows of the data; whitened coefficients if the rows' noise is
+    singular). `past` are those before the first fold, for "future"; the past of a later fold has those in between too.
+    `words` describe the folds, such as "7 blocks of 20 rows"; notes are sentences on their choice.
     """
 
     scheme: str
@@ -57,14 +49,7 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
     fold is every row, of whichever run, with an earlier stamp. Runs that share a clock thus advance together, and
     runs that followed each other are predicted one after the other. A fold covers all sensors.
 
-    Args:
-        posterior: Fitted model.
-        scheme: "block", "trajectory" or "future".
-        block: Rows of a block, or time stamps of a step; None: from `correlation_length`.
-        start: Share of the time stamps before the first fold, for "future".
-
-    Raises:
-        InputError: The data cannot be divided so; the message has the remedy.
+    Arguments are those of `cross_validate`. InputError is raised if the data cannot be divided so.
     """
     data = posterior.data
     require_divisible(data, tuple(posterior.equations), scheme)
@@ -94,11 +79,12 @@ def make_folds(posterior: Posterior, scheme: str, block: int | None = None, star
             block, reason = chosen_block(posterior)
             notes = (f"Blocks of {_count(block, 'row')} were chosen, {reason}.",)
         stretches, runs = _stretches(first_rows, data)
+        cut = [np.array_split(stretch, math.ceil(len(stretch) / block)) for stretch in stretches]
         # All sensors, as one that stays would give the others away.
         rows = tuple(
             np.concatenate(parts)
             for run in np.unique(runs)
-            for parts in zip(*(_cut(stretches[k], block) for k in np.flatnonzero(runs == run)), strict=True)
+            for parts in zip(*(cut[k] for k in np.flatnonzero(runs == run)), strict=True)
         )
         past = np.zeros(0, int)
         each = " of each sensor" if len(stretches) > len(np.unique(runs)) else ""
@@ -197,10 +183,6 @@ def _stretches(
     ends = np.cumsum(rows.noise.run_lengths)
     stretches = [np.arange(end - n, end) for end, n in zip(ends, rows.noise.run_lengths, strict=True) if n]
     return stretches, data.run[rows.sample[[stretch[0] for stretch in stretches]]]
-
-
-def _cut(rows: Int[np.ndarray, " n"], block: int) -> list[Int[np.ndarray, " _"]]:
-    return np.array_split(rows, math.ceil(len(rows) / block))
 
 
 def lagged_products(

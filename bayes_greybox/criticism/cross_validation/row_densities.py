@@ -35,7 +35,7 @@ def pointwise_loo(posterior: Posterior, equation: str, at_most: int | None = Non
         If it is singular (spectral derivatives) the observations are the whitened Fourier coefficients instead.
     """
     draws = posterior.draws(equation, at_most)
-    return np.concatenate([block for _, block in row_densities(posterior, equation, draws)], axis=1)
+    return np.concatenate(list(row_densities(posterior, equation, draws)), axis=1)
 
 
 def log_likelihood_group(posterior: Posterior) -> dict[str, np.ndarray] | None:
@@ -73,8 +73,8 @@ def kept_densities(posterior: Posterior, equation: str) -> Float[np.ndarray, "n_
 
 def row_densities(
     posterior: Posterior, equation: str, draws: EquationDraws, index: Int[np.ndarray, " n_row"] | None = None
-) -> Iterator[tuple[Int[np.ndarray, " n_block"], Float[np.ndarray, "n_draw n_block"]]]:
-    """Yield `pointwise_loo` block by block, with numbers of the observations, for some draws and observations.
+) -> Iterator[Float[np.ndarray, "n_draw n_block"]]:
+    """Yield `pointwise_loo` block by block, for some draws and observations.
 
     The posterior supplies data, frame and design; the scaled draws may be those of another run.
     """
@@ -82,14 +82,18 @@ def row_densities(
     log_unit = math.log(entry.frame.target_scale * entry.rows.gain)
     index = np.arange(entry.rows.n_white) if index is None else index
     weighted = entry.weighted()
-    block = min(ROW_BLOCK, len(index))
-    for start in range(0, len(index), block):
-        part = index[start : start + block]
-        # A short last block is padded, so that it needs no compilation.
-        padded = np.concatenate([part, np.full(block - len(part), part[-1])])
+    for part, padded in in_blocks(index, ROW_BLOCK):
         values = precision_terms(entry.design, weighted(padded), parameters_of(draws))
         precision, g = (np.asarray(each)[:, : len(part)] for each in values)
-        yield part, 0.5 * (np.log(precision) - math.log(2 * math.pi) - g**2 / precision) - log_unit
+        yield 0.5 * (np.log(precision) - math.log(2 * math.pi) - g**2 / precision) - log_unit
+
+
+def in_blocks(index: np.ndarray, size: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yield numbers in blocks, and the same padded to one length, so that a short last one needs no compilation."""
+    size = min(size, len(index))
+    for start in range(0, len(index), size):
+        part = index[start : start + size]
+        yield part, np.concatenate([part, np.full(size - len(part), part[-1])])
 
 
 def parameters_of(draws: EquationDraws) -> tuple[Hyperparameters, Array, Array]:

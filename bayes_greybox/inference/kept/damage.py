@@ -7,7 +7,7 @@ checked part by part (see `kinds` and `draws`), and any further failure is blame
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,6 @@ HDF5 itself may hang on an attribute of a damaged file. A program that changes a
 """
 
 SUM_BYTES = len(SUM_MARK) + 8
-"""Length of the mark and the sum."""
-
 FILE_REMEDY = "take another copy of the file, or fit and save again"
 
 FAULTS = (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError)
@@ -47,20 +45,17 @@ def made_of(path: str | os.PathLike[str]) -> Iterator[None]:
         yield
     except InputError as error:
         raise InputError(f"{str(path)!r}: {error}") from error
+    except KeyError as error:
+        raise damaged(path, f"it lacks {error}") from error
     except FAULTS as error:
-        what = (
-            f"it lacks {error}"
-            if isinstance(error, KeyError)
-            else "what it says of its model or data makes no sense here, unless another version of the package wrote it"
-        )
+        what = "what it says of its model or data makes no sense here, unless another version of the package wrote it"
         raise damaged(path, what) from error
 
 
 def put_end(path: str | os.PathLike[str]) -> None:
     """Append the check sum of a complete file."""
     with open(path, "r+b") as file:
-        total = _sum_of_bytes(file.read())
-        file.write(SUM_MARK + total)
+        file.write(SUM_MARK + _sum_of_bytes(file.read()))
 
 
 def take_end(path: str | os.PathLike[str], copy: str | os.PathLike[str]) -> None:
@@ -85,12 +80,7 @@ def _sum_of_bytes(content: bytes) -> bytes:
 
 def seal(tree: xr.DataTree, names: dict[str, list[str]]) -> str:
     """Return the check sums of some attributes, given by path of their group, as JSON."""
-    return json.dumps({path: sums({name: tree[path].attrs[name] for name in group}) for path, group in names.items()})
-
-
-def sums(texts: Mapping[str, Any]) -> dict[str, int]:
-    """Return the check sum of each text."""
-    return {name: _sum(text) for name, text in texts.items()}
+    return json.dumps({path: {name: sum_of(tree[path].attrs[name]) for name in group} for path, group in names.items()})
 
 
 def require_sealed(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
@@ -103,9 +93,10 @@ def require_sealed(tree: xr.DataTree, path: str | os.PathLike[str]) -> None:
             # A group may have been left out on purpose, with its text.
             attributes = tree[place].attrs if place == "/" or place.strip("/") in tree.children else {}
             for name, known in sums.items():
-                if name in attributes and _sum(attributes[name]) != known:
+                if name in attributes and sum_of(attributes[name]) != known:
                     raise damaged(path, f"its text {name!r} is not what was written")
 
 
-def _sum(text: Any) -> int:
+def sum_of(text: Any) -> int:
+    """Return the check sum of a text."""
     return crc32(str(text).encode("utf-8", "surrogatepass"))

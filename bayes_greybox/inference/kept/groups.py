@@ -27,17 +27,10 @@ def user_units(samples: Mapping[str, np.ndarray], equations: Mapping[str, Equati
         frame = equations[name].frame
         for raw in own.raw:
             named.pop(raw, None)
-        units = {
-            own.sigma: frame.target_scale,
-            own.amplitude: frame.target_scale,
-            own.weight: frame.target_scale,
-            own.f: frame.target_scale,
-            own.length_scale: frame.half_width,
-            own.theta: frame.coefficient_scale,
-        }
-        for variable, unit in units.items():
-            if variable in named:
-                named[variable] = named[variable] * unit
+        units: dict[str, Any] = dict.fromkeys((own.sigma, own.amplitude, own.weight, own.f), frame.target_scale)
+        units |= {own.length_scale: frame.half_width, own.theta: frame.coefficient_scale}
+        for variable in units.keys() & named.keys():
+            named[variable] = named[variable] * units[variable]
         if own.theta_sd in named:
             named[own.prior_sd] = named.pop(own.theta_sd)
         if own.gamma in named:

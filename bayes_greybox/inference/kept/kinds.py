@@ -30,7 +30,10 @@ def fits(value: Any, hint: Any) -> bool:
     if hint is Any or hint is None:
         return hint is Any or value is None
     if origin in (tuple, list, frozenset, Sequence, Set):
-        return _all_fit(value, origin, args)
+        if isinstance(value, str) or not isinstance(value, (tuple, list) if origin is Sequence else origin):
+            return False
+        hints = args if origin is tuple and args[-1:] != (...,) else args[:1] * len(value)
+        return len(value) == len(hints) and all(map(fits, value, hints))
     if origin in (Mapping, dict):
         return isinstance(value, Mapping) and all(fits(k, args[0]) and fits(v, args[1]) for k, v in value.items())
     if hint in (Callable, callable) or origin is Callable:
@@ -41,11 +44,3 @@ def fits(value: Any, hint: Any) -> bool:
     if getattr(hint, "_is_protocol", False):
         return dataclasses.is_dataclass(value)
     return not isinstance(hint, type) or isinstance(value, hint)
-
-
-def _all_fit(value: Any, origin: Any, args: tuple[Any, ...]) -> bool:
-    if isinstance(value, str) or not isinstance(value, (tuple, list) if origin is Sequence else origin):
-        return False
-    if origin is tuple and args[-1:] != (...,):
-        return len(value) == len(args) and all(map(fits, value, args))
-    return all(fits(each, args[0]) for each in value)

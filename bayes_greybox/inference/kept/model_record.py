@@ -45,11 +45,7 @@ def describe(model: Program, data: Trajectories) -> dict[str, Any]:
     # A study may learn an equation that it was given no terms for.
     stated = {equation: model.stated(equation, data) for equation, terms in model.dictionary.items() if terms}
     terms = {
-        equation: [
-            {"expression": to_text(t.expr), "name": t.name, "unit": t.unit, **_stated(t)}
-            for t in part.all.terms
-            if not t.parameter
-        ]
+        equation: [_term_record(term) for term in part.all.terms if not term.parameter]
         for equation, part in stated.items()
     }
     priors = {
@@ -92,10 +88,11 @@ def rebuild(record: Mapping[str, Any], simulation: RightHandSide | FMU | None = 
     )
 
 
-def _stated(term: Term) -> dict[str, Any]:
-    """Return the settings of the coefficient that a term carries itself."""
+def _term_record(term: Term) -> dict[str, Any]:
+    """Return a term with the settings of the coefficient that it carries itself."""
     settings = {key: getattr(term, key) for key in ("sign", "prior", "fixed", "bounds")}
-    return {key: value for key, value in settings.items() if value is not None}
+    stated = {key: value for key, value in settings.items() if value is not None}
+    return {"expression": to_text(term.expr), "name": term.name, "unit": term.unit, **stated}
 
 
 def _class_names(registry: Mapping[str, type]) -> dict[str, type]:

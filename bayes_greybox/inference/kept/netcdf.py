@@ -28,7 +28,7 @@ from bayes_greybox.running.compiling import keep_programs
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.whole_files import whole_file
 
-from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sums, take_end
+from .damage import FILE_REMEDY, SEALS, damaged, made_of, put_end, require_end, require_sealed, seal, sum_of, take_end
 from .draws import require_draws
 from .groups import data_table, part_details, rate_name
 from .model_record import describe, rebuild
@@ -46,25 +46,19 @@ STUDIED = "missing_effects"
 """Group of a file with the results of a study, and root attribute that holds the study's record."""
 
 TRIED = "trial"
-"""Group of a file with a `Trial`."""
-
-GROUPS_BESIDE = (STUDIED, TRIED)
-"""Groups that do not belong to the posterior."""
+"""Group of a file with results of model criticism."""
 
 RECORD_ATTRIBUTE = "bayes_greybox"
 """Root attribute that holds everything but arrays, as JSON text (netCDF attributes have no bool, None or dict)."""
 
-FILE_FORMAT = 5
-"""Version of the file's layout.
+FILE_FORMAT, ALL_ROWS_FORMAT = 5, 4
+"""Version of the file's layout, and that of files with all their rows.
 
-Version 5 holds some of many rows and the statistics of all, which an older reader would ignore; files with all their
-rows still have version 4. Version 4 has the details of the draws in groups of their own, where an older reader would
-not find them. Version 3 may have outputs, draws of exact paths, and samples that a sensor clipped. In version 1
-`measure="empirical"` means what is now called "unweighted", also on rows with correlated noise.
+Version 5 holds some of many rows and the statistics of all, which an older reader would ignore. Version 4 has the
+details of the draws in groups of their own, where an older reader would not find them. Version 3 may have outputs,
+draws of exact paths, and samples that a sensor clipped. In version 1 `measure="empirical"` means what is now called
+"unweighted", also on rows with correlated noise.
 """
-
-ALL_ROWS_FORMAT = 4
-"""Version of files that hold all rows."""
 
 
 def versions() -> dict[str, str]:
@@ -79,7 +73,7 @@ def save(
 ) -> None:  # fmt: skip
     """Write a posterior to a netCDF file that `load_checked` and `arviz.from_netcdf` open.
 
-    Further root attributes and groups, of `GROUPS_BESIDE`, come from the caller. InputError is raised if the
+    Further root attributes and groups, `STUDIED` and `TRIED`, come from the caller. InputError is raised if the
     destination cannot be written.
     """
     record = {
@@ -121,35 +115,31 @@ def write(tree: xr.DataTree, path: str | os.PathLike, texts: Sequence[str] = (RE
 
     `texts` are the root attributes that get a check sum. InputError is raised if the destination cannot be written.
     """
-    path = Path(path)
     packed = {f"/{name}": [TEXT] for name, group in tree.children.items() if TEXT in group.attrs}
     tree = tree.copy()
     tree.attrs = {**tree.attrs, SEALS: seal(tree, {"/": list(texts), **packed})}
     encoding = {node.path: _compressed(node.data_vars) for node in tree.subtree if node.data_vars}
-    with _writing(path), whole_file(path) as part:
+    with _written(path) as part:
         tree.to_netcdf(part, engine="h5netcdf", encoding=encoding)
-        put_end(part)
 
 
-def add(
-    saved: str | os.PathLike, path: str | os.PathLike, attributes: Mapping[str, str], groups: Mapping[str, xr.Dataset]
-) -> None:
-    """Write the file that `save` would, copying the arrays of a file of the same posterior without these groups.
+def add(saved: str | os.PathLike, path: str | os.PathLike, groups: Mapping[str, xr.Dataset]) -> None:
+    """Write the file that `save` would with other groups of `as_group`, copying the rest of a file of the posterior.
 
-    Root attributes of the same names are replaced. InputError is raised if the destination cannot be written.
+    InputError is raised if the destination cannot be written.
     """
-    path = Path(path)
-    with _writing(path), whole_file(path) as part:
+    with _written(path) as part:
         take_end(saved, part)
         for name, group in groups.items():
+            with h5py.File(part, "a") as file:
+                file.pop(name, None)
             group.to_netcdf(part, mode="a", group=name, engine="h5netcdf", encoding=_compressed(group.data_vars))
         with h5netcdf.File(part, "a") as file:
             seals = json.loads(str(file.attrs[SEALS]))
-            seals["/"] |= sums(attributes)
-            seals |= {f"/{name}": sums({TEXT: each.attrs[TEXT]}) for name, each in groups.items() if TEXT in each.attrs}
-            for name, text in {**attributes, SEALS: json.dumps(seals)}.items():
-                file.attrs[name] = text
-        put_end(part)
+            seals |= {
+                f"/{name}": {TEXT: sum_of(each.attrs[TEXT])} for name, each in groups.items() if TEXT in each.attrs
+            }
+            file.attrs[SEALS] = json.dumps(seals)
 
 
 def read(path: str | os.PathLike) -> xr.DataTree:
@@ -186,21 +176,17 @@ def read(path: str | os.PathLike) -> xr.DataTree:
         raise InputError(
             f"{str(path)!r} is a netCDF file, but not a fit saved by bayes_greybox; use arviz.from_netcdf."
         )
-    if _format(tree, path) > FILE_FORMAT:
+    with made_of(path):
+        version = json.loads(tree.attrs[RECORD_ATTRIBUTE])["format"]
+    if type(version) is not int:
+        raise damaged(path, f"{version!r} is no version of a layout")
+    if version > FILE_FORMAT:
         raise InputError(
             f"{str(path)!r} was saved by a bayes_greybox that is newer than this one: upgrade with pip install "
             "--upgrade bayes-greybox."
         )
     require_sealed(tree, path)
     return tree
-
-
-def _format(tree: xr.DataTree, path: Path) -> int:
-    with made_of(path):
-        version = json.loads(tree.attrs[RECORD_ATTRIBUTE])["format"]
-        if type(version) is not int:
-            raise damaged(path, f"{version!r} is no version of a layout")
-        return version
 
 
 def sampled(tree: xr.DataTree) -> bool:
@@ -223,14 +209,16 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     `simulation` is the function of the simulation, if the model had one; InputError is raised if it is missing.
     """
     record = json.loads(tree.attrs.pop(RECORD_ATTRIBUTE))
-    for name in GROUPS_BESIDE:
+    for name in (STUDIED, TRIED):
         if name in tree.children:
             del tree[name]
-    data = _read_data(tree["constant_data"].dataset, record["data"])
+    data, earlier = _read_data(tree["constant_data"].dataset, record["data"]), None
     if SAMPLES_GROUP in tree.children:
-        data = dataclasses.replace(data, samples=_read_data(tree[SAMPLES_GROUP].dataset, record["samples"]))
-        del tree[SAMPLES_GROUP]
-    data = dataclasses.replace(data, before=_before(tree, record.get("before", ())))
+        data = dataclasses.replace(data, samples=_read_data(_taken(tree, SAMPLES_GROUP), record["samples"]))
+    for number, metadata in reversed(list(enumerate(record.get("before", ()), 1))):
+        read = _read_data(_taken(tree, f"{BEFORE_GROUP}_{number}"), metadata)
+        earlier = dataclasses.replace(read, before=earlier)
+    data = dataclasses.replace(data, before=earlier)
     gp = record["model"]["discrepancy"]
     correlated = any(not data.row_noise(name).local for name in record["model"]["dictionary"])
     if record["format"] < 2 and correlated and gp is not None and gp["measure"] == "empirical":
@@ -242,10 +230,9 @@ def posterior_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = Non
     require_draws(tree, model, data)
     if "all_rows" not in record:
         return Posterior(model, data, sampling, tree)
-    whole = whole_from(record["all_rows"], tree[STATISTICS_GROUP].dataset)
+    whole = whole_from(record["all_rows"], _taken(tree, STATISTICS_GROUP))
     # Raised here, so that statistics of another model are reported with the file's name.
     equations_of(model, data, whole)
-    del tree[STATISTICS_GROUP]
     return Posterior(model, data, sampling, tree, whole=whole)
 
 
@@ -253,15 +240,11 @@ def _data_group(data: Trajectories, dimension: str) -> xr.DataTree:
     return xr.DataTree(xr.Dataset({name: (dimension, values) for name, values in data_table(data).items()}))
 
 
-def _before(tree: xr.DataTree, records: Sequence[Mapping[str, Any]]) -> Trajectories | None:
-    """Take earlier rows of the same runs out of the groups of a file."""
-    earlier: Trajectories | None = None
-    for number in range(len(records), 0, -1):
-        group = f"{BEFORE_GROUP}_{number}"
-        read = _read_data(tree[group].dataset, records[number - 1])
-        earlier = dataclasses.replace(read, before=earlier)
-        del tree[group]
-    return earlier
+def _taken(tree: xr.DataTree, name: str) -> xr.Dataset:
+    """Take a group out of a file."""
+    group = tree[name].to_dataset()
+    del tree[name]
+    return group
 
 
 def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
@@ -269,13 +252,12 @@ def _read_data(table: xr.Dataset, metadata: Mapping[str, Any]) -> Trajectories:
     for name, values in table.variables.items():
         if values.dtype.kind not in "biuf" or values.ndim != 1 or not np.all(np.isfinite(values.to_numpy())):
             raise InputError(f"the file is damaged: its column {str(name)!r} is not one of finite numbers.")
-    columns = {time_name: table["t"].to_numpy(), "run": table["run"].to_numpy()}
     # Older files have no outputs.
     measured = (*metadata["states"], *metadata["inputs"], *metadata.get("outputs", ()))
-    columns |= {name: table[name].to_numpy() for name in measured}
-    names = {s: rate_name(s, measured) for s in metadata["derivatives"]}
-    rates = {derivative_label(s, time_name): table[names[s]].to_numpy() for s in names}
-    return Trajectories.from_frame(pd.DataFrame({**columns, **rates}), **metadata)
+    names = {time_name: "t", "run": "run", **{name: name for name in measured}}
+    names |= {derivative_label(s, time_name): rate_name(s, measured) for s in metadata["derivatives"]}
+    frame = pd.DataFrame({column: table[name].to_numpy() for column, name in names.items()})
+    return Trajectories.from_frame(frame, **metadata)
 
 
 def _slab_group(posterior: Posterior) -> xr.Dataset:
@@ -293,11 +275,13 @@ def _compressed(variables: Iterable[Any]) -> dict[str, dict[str, Any]]:
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Turn errors of writing to a path into an `InputError`."""
+def _written(path: str | os.PathLike) -> Iterator[Path]:
+    """Yield a path to write a file to, which then gets its check sum and its name; turn errors into an `InputError`."""
     try:
-        yield
+        with whole_file(path) as part:
+            yield part
+            put_end(part)
     except (OSError, RuntimeError) as error:
         # HDF5 reports a full disk in either class.
         reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-        raise InputError(f"Cannot write {str(path)!r}: {reason}. Choose a writable folder with room.") from error
+        raise InputError(f"Cannot write {str(Path(path))!r}: {reason}. Choose a writable folder with room.") from error

@@ -7,7 +7,7 @@ classes that the caller lists are created again, so that a file can do nothing b
 import dataclasses
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
-from itertools import count
+from itertools import chain, count
 from typing import Any
 
 import numpy as np
@@ -88,9 +88,8 @@ class Packer:
         if isinstance(value, Mapping):
             if all(isinstance(key, str) for key in value):
                 return {key: self.pack(each, f"{place}.{key}") for key, each in value.items()}
-            pairs = [
-                [self.pack(key, place), self.pack(each, f"{place}.{k}")] for k, (key, each) in enumerate(value.items())
-            ]
+            items = enumerate(value.items())
+            pairs = [[self.pack(key, place), self.pack(each, f"{place}.{k}")] for k, (key, each) in items]
             return {KIND: "pairs", "of": pairs}
         if isinstance(value, tuple | list):
             of = [self.pack(each, f"{place}.{k}") for k, each in enumerate(value)]
@@ -98,23 +97,18 @@ class Packer:
         raise TypeError(f"{type(value).__name__} at {place} is no kind of value that a file can hold.")
 
     def _fields(self, value: Any, place: str) -> dict[str, Any]:
-        if isinstance(value, tuple):
-            named = value._asdict()  # type: ignore[attr-defined]
-        else:
-            named = {each.name: getattr(value, each.name) for each in dataclasses.fields(value) if each.init}
-        kept = {name: each for name, each in named.items() if name not in self._leave_out}
-        return {name: self.pack(each, f"{place}.{name}") for name, each in kept.items()}
+        fields = getattr(value, "_fields", None) or [each.name for each in dataclasses.fields(value) if each.init]
+        kept = [name for name in fields if name not in self._leave_out]
+        return {name: self.pack(getattr(value, name), f"{place}.{name}") for name in kept}
 
     def _array(self, value: np.ndarray, place: str) -> dict[str, Any]:
         about = {"dtype": value.dtype.str, "shape": list(value.shape)}
         if value.size <= MOST_INLINE_NUMBERS:
             return {KIND: "numbers", "of": value.ravel().tolist(), **about}
         # netCDF is sure to allow letters, digits and underscores; a derivative is called d(y)/dt.
-        name = stem = re.sub(r"\W+", "_", place).strip("_")
-        for further in count(1):
-            if name not in self.arrays:
-                break
-            name = f"{stem}_{further}"
+        stem = re.sub(r"\W+", "_", place).strip("_")
+        names = chain([stem], (f"{stem}_{further}" for further in count(1)))
+        name = next(each for each in names if each not in self.arrays)
         # It has no booleans.
         self.arrays[name] = value.astype(np.int8) if value.dtype == bool else value
         return {KIND: "array", "name": name, **about}
@@ -147,11 +141,10 @@ class Unpacker:
     """Turns JSON and named arrays back into values; the arguments are those of `Packer`."""
 
     def __init__(self, classes: Iterable[type], arrays: Mapping[str, np.ndarray]) -> None:
-        self._arrays = arrays
         self._data: list[Trajectories] = []
         self._readers: dict[str, Callable[[dict[str, Any]], Any]] = {
-            "numbers": self._numbers,
-            "array": self._array,
+            "numbers": lambda value: np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"]),
+            "array": lambda value: np.asarray(arrays[value["name"]]).astype(np.dtype(value["dtype"])),
             "tuple": lambda value: tuple(self.unpack(each) for each in value["of"]),
             "pairs": lambda value: {self.unpack(key): self.unpack(each) for key, each in value["of"]},
             "term": self._term,
@@ -173,18 +166,11 @@ class Unpacker:
 
     def _made(self, kind: type) -> Callable[[dict[str, Any]], Any]:
         def read(value: dict[str, Any]) -> Any:
-            fields = {key: self.unpack(each) for key, each in value.items() if key != KIND}
-            made = kind(**fields)
+            made = kind(**{key: self.unpack(each) for key, each in value.items() if key != KIND})
             require_kinds(made)
             return made
 
         return read
-
-    def _numbers(self, value: dict[str, Any]) -> np.ndarray:
-        return np.array(value["of"], np.dtype(value["dtype"])).reshape(value["shape"])
-
-    def _array(self, value: dict[str, Any]) -> np.ndarray:
-        return np.asarray(self._arrays[value["name"]]).astype(np.dtype(value["dtype"]))
 
     def _term(self, value: dict[str, Any]) -> Term:
         # Files of earlier versions have no settings of coefficients.

@@ -14,11 +14,8 @@ import numpy as np
 
 from .damage import damaged
 
-PATIENCE = 30.0
-"""Seconds that reading may take, in addition to those for the size of the file."""
-
-SLOWEST_DISK = 2e6
-"""Bytes a second that the slowest disk reads."""
+PATIENCE, SLOWEST_DISK = 30.0, 2e6
+"""Seconds that reading may take, in addition to those for the size of the file; bytes a second of the slowest disk."""
 
 READER = """
 import sys

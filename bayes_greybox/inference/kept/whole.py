@@ -17,11 +17,7 @@ def whole_record(whole: Mapping[str, RowStatistics]) -> dict[str, dict[str, Any]
     """Return the plain values of statistics by equation."""
     return {
         name: {
-            "n_row": each.n_row,
-            "n_white": each.n_white,
-            "log_det": each.log_det,
-            "target_scale": each.target_scale,
-            "noise_floor": each.noise_floor,
+            **{field: getattr(each, field) for field in ("n_row", "n_white", "log_det", "target_scale", "noise_floor")},
             "ends": {column: ends.tolist() for column, ends in each.ends.items()},
         }
         for name, each in whole.items()
@@ -32,9 +28,9 @@ def whole_group(whole: Mapping[str, RowStatistics]) -> xr.Dataset:
     """Return the arrays of statistics by equation."""
     arrays = {}
     for name, each in whole.items():
-        arrays[f"{name}_factor"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.factor))
-        if each.plain is not None:
-            arrays[f"{name}_plain"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(each.plain))
+        for kind, factor in {"factor": each.factor, "plain": each.plain}.items():
+            if factor is not None:
+                arrays[f"{name}_{kind}"] = ((f"{name}_row", f"{name}_column"), np.ascontiguousarray(factor))
         arrays[f"{name}_term_scale"] = ((f"{name}_term",), each.term_scale)
     return xr.Dataset(arrays)
 

@@ -30,17 +30,13 @@ direction by more than ‖A^-½Sᵀe‖ ≤ ‖e‖ of its standard deviations; 
 ‖e‖ is the standard deviation over the noise z. States that no sensor shows count by their effect on samples.
 """
 
-ERROR_MARGIN = 0.1
-"""Share of these limits that errors may reach at the draws of the linear rows, before the exact ones are known."""
+ERROR_MARGIN, USUAL_SHARE = 0.1, 0.9
+"""Share of these limits that errors may reach at draws of the linear rows, and share of these draws that must keep it:
+some have no path at all."""
 
-USUAL_SHARE = 0.9
-"""Share of the draws of the linear rows that must keep the limit; some draws have no path at all."""
-
-CORRELATION_RIDGE = 1e-6
-"""Least share of the variance of a coordinate that the others do not explain."""
-
-DRAWS_PER_COORDINATE = 3
-"""Draws per coordinate below which only the diagonal of their covariance is used."""
+CORRELATION_RIDGE, DRAWS_PER_COORDINATE = 1e-6, 3
+"""Least share of the variance of a coordinate that the others do not explain; draws per coordinate below which only
+the diagonal of their covariance is used."""
 
 PATH_ERROR = "path_error"
 """Further statistic of the sampler: the error of each draw's path, in the units of `MOVED`."""
@@ -76,11 +72,7 @@ class Paths(NamedTuple):
         self, coarsest: Argument, first: FirstDraws, sampling: Sampling, progress: bool,
         checkpoint: Checkpoint | None = None,
     ) -> Sampled:  # fmt: skip
-        """Sample on steps that are fine enough.
-
-        `coarsest` is the model's argument on the coarsest grid, `first` are draws of the linear rows. The checkpoint
-        keeps the chains of every run.
-        """
+        """Sample on steps that are fine enough, from the model's argument on the coarsest grid and first draws."""
         points = self.programs.place(first.sites, coarsest)
         points = points[np.all(np.isfinite(points), axis=1)]
         mean, root = _coordinates(points, first.distinct)
@@ -105,9 +97,8 @@ class Paths(NamedTuple):
 
     def _fine(self, coarsest: Argument, points: Float[np.ndarray, "n u"]) -> tuple[Argument | None, float, str]:
         """Return the coarsest grid that is fine enough at the mean, the first point, and usually; and its error."""
-        fine: Argument | None = coarsest
-        error, where = math.inf, AT_ESTIMATE
-        while fine is not None:
+        fine: Argument = coarsest
+        while True:
             share, _ = self._errors(self.programs.evaluate(points, fine), points, fine)
             error, where = _worst(share[:1]), AT_ESTIMATE
             if math.isfinite(error):
@@ -117,8 +108,9 @@ class Paths(NamedTuple):
             following = self._finer(fine)
             if error <= (1.0 if following is None else ERROR_MARGIN):
                 return fine, error, where
+            if following is None:
+                return None, error, where
             fine = following
-        return None, error, where
 
     def _errors(
         self, values: Mapping[str, np.ndarray], points: Float[np.ndarray, "n u"], argument: Argument

@@ -19,9 +19,9 @@ from .methods import AdaptiveSteps, FixedSteps, Method, Segment
 
 
 class Along(NamedTuple):
-    """Arrays that paths are followed along; a program compiled for some serves others of the same shapes.
+    """Arrays that paths are followed along: numbers of the rate, grid of the method, segment, sample and state of rows.
 
-    These are the numbers of the rate, the grid of the method, and segment, sample within it, and state of each row.
+    A program compiled for some serves others of the same shapes.
     """
 
     numbers: Any
@@ -33,10 +33,7 @@ class Along(NamedTuple):
 class ExactPaths:
     """Samples on the paths that solve the equations from given starts. Two with the same formulas are equal.
 
-    Attributes:
-        rate: Rate of all states.
-        method: Integration method.
-        columns: Indices of the coefficients in the rate of each learned state.
+    `columns` are the indices of the coefficients in the rate of each learned state.
     """
 
     rate: WholeRate
@@ -84,10 +81,7 @@ class Course(NamedTuple):
 
     @classmethod
     def of(cls, path: ReferencePath, samples: Trajectories, interpolation: str | tuple[str, ...] | None) -> "Course":
-        """Return the course of a reference path through samples.
-
-        `interpolation` is that of the inputs between samples; by default each input has its own.
-        """
+        """Return the course of a path through samples; by default each input has its own interpolation between them."""
         every, end = path.ends, path.segments.end
         inputs = samples.matrix(samples.input_names)
         curvature = np.zeros_like(inputs)
@@ -120,8 +114,7 @@ class Course(NamedTuple):
     ) -> Float[np.ndarray, " n_draw"]:
         """Return the largest error of each draw's path at the samples, over the size of the state and of the sample.
 
-        Samples on `finer` paths, with much smaller errors, stand for the exact ones. The error is infinite if a path
-        exists on finer steps only, and NaN if none exists.
+        It is infinite if a path exists on finer steps only, and NaN if none exists.
         """
         size = self.sizes[self.at[:, 2]] + np.abs(finer)
         with np.errstate(invalid="ignore", over="ignore"):

@@ -38,11 +38,9 @@ def likelihood_of(
     posterior: Posterior, equation: Equation, path: ReferencePath, starts: Stated, noise: Stated, paths: ExactPaths,
     along: Along,
 ) -> ExactLikelihood:  # fmt: skip
-    """Return the likelihood of the samples on exact paths.
+    """Return the likelihood of the samples on exact paths; see `Fit.refine` for starts and noise.
 
-    Starts of runs have a mean and standard deviation, by state; the noise of each sensor has a median and a logarithmic
-    standard deviation. InputError is raised for an unknown state or sensor, noise of some sensors only, and too many
-    correlated rows.
+    InputError is raised for an unknown state or sensor, noise of some sensors only, and too many correlated rows.
     """
     rows, outputs = equation.rows, path.segments.outputs
     samples, simulation = posterior.data.samples or posterior.data, posterior.model.simulator(posterior.data)

@@ -20,11 +20,8 @@ from bayes_greybox.physics.integration.solvers import diffrax
 MOST_STEPS_PER_INTERVAL = 64
 """Steps in an interval of typical length beyond which adaptive steps are fewer."""
 
-FIRST_TOLERANCE, FINEST_TOLERANCE = 1e-6, 1e-10
-"""Local tolerances of adaptive steps, relative and over the states' sizes."""
-
-TIGHTER = 0.01
-"""Ratio of a tolerance to the one before."""
+FIRST_TOLERANCE, FINEST_TOLERANCE, TIGHTER = 1e-6, 1e-10, 0.01
+"""Local tolerances of adaptive steps, relative and over the states' sizes; ratio of one to the one before."""
 
 
 class Segment(NamedTuple):
@@ -70,17 +67,15 @@ class FixedSteps:
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Steps
     ) -> Float[Array, "n_segment n_sample d"]:
         """Return paths at the samples."""
-        return jax.vmap(lambda x0, intervals: follow(rate, x0, parameters, intervals, grid.number))(
-            start, grid.intervals
-        )
+        every = jax.vmap(lambda x0, intervals: follow(rate, x0, parameters, intervals, grid.number))
+        return every(start, grid.intervals)
 
     def with_slopes(
         self, rate: Rate, start: Float[Array, "n_segment d"], parameters: Float[Array, " q"], grid: Steps
     ) -> tuple[Float[Array, "n_segment n_sample d"], Float[Array, "n_segment n_sample q_and_d d"]]:
         """Return paths at the samples, and their derivatives by the parameters and then by the start of the segment."""
-        return jax.vmap(lambda x0, intervals: follow_with_slopes(rate, x0, parameters, intervals, grid.number))(
-            start, grid.intervals
-        )
+        every = jax.vmap(lambda x0, intervals: follow_with_slopes(rate, x0, parameters, intervals, grid.number))
+        return every(start, grid.intervals)
 
 
 class Pieces(NamedTuple):
@@ -96,8 +91,7 @@ class Pieces(NamedTuple):
 class AdaptiveSteps:
     """Steps as long as the local error allows, for rates that change abruptly, as friction does.
 
-    Attributes:
-        held: True for inputs with a zero-order hold between samples.
+    Inputs have a zero-order hold between samples where `held`.
     """
 
     held: tuple[bool, ...]
@@ -155,7 +149,7 @@ class AdaptiveSteps:
 
 
 Method = FixedSteps | AdaptiveSteps
-"""An integration method. Equal methods compile to the same program; a grid is a pytree of arrays."""
+"""Integration method. Equal methods compile to the same program; a grid is a pytree of arrays."""
 
 
 def _filled(segment: Segment, n: int) -> Segment:

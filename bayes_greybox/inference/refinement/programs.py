@@ -67,8 +67,7 @@ class ExactPrograms:
     def __init__(self, key: ProgramKey, argument: Argument) -> None:
         self._key = key
         shapes = jax.eval_shape(lambda each: {n: jnp.zeros(s) for n, (_, s) in self._sites(each).items()}, argument)
-        zeros = {name: np.zeros(each.shape) for name, each in shapes.items()}
-        flat, self._unravel = ravel_pytree(zeros)
+        flat, self._unravel = ravel_pytree({name: np.zeros(each.shape) for name, each in shapes.items()})
         self.size = len(flat)
 
         # Compiled, so that paths are traced once however often the sampler traces their density.
@@ -107,11 +106,10 @@ class ExactPrograms:
 
     def _place(self, first: dict[str, Array], argument: Argument) -> Array:
         n_draw = len(next(iter(first.values())))
-        real = {}
-        for name, (fn, shape) in self._sites(argument).items():
-            real[name] = jnp.zeros((n_draw, *shape))
-            if name in first:
-                real[name] = biject_to(fn.support).inv(jnp.asarray(first[name]))
+        real = {
+            name: biject_to(fn.support).inv(first[name]) if name in first else jnp.zeros((n_draw, *shape))
+            for name, (fn, shape) in self._sites(argument).items()
+        }
         return jax.vmap(lambda each: ravel_pytree(each)[0])(real)
 
     def _sites(self, argument: Argument) -> dict[str, tuple[Any, tuple[int, ...]]]:

@@ -19,7 +19,6 @@ from bayes_greybox.inference.path_starts import path_of
 from bayes_greybox.inference.posterior import MOST_NUMBERS, Posterior
 from bayes_greybox.inference.settings import Sampling
 from bayes_greybox.inference.whole_rate import WholeRate
-from bayes_greybox.model.equation import Equation
 from bayes_greybox.model.exact_program import PREDICTED_SITE, SENSOR_SITE, START_SITE, ExactLikelihood, GivenTerms
 from bayes_greybox.physics.simulation.code import require_traceable
 from bayes_greybox.running.errors import InputError
@@ -57,7 +56,12 @@ def refine(
         of = {"starts": starts, "noise": noise, "fit": asdict(posterior.sampling)}
         checkpoint.require("refined", run_facts(posterior.model, posterior.data, sampling, **of))
     path = path_of(posterior)
-    name, equation = _only(posterior)
+    ((name, equation),) = posterior.equations.items()
+    if equation.rows.noise.moved:
+        raise InputError(
+            "An unknown force moves the path of this fit, and refine() knows no paths that a random force moves: leave "
+            "out GreyBox(noise=bg.Noise(force=...))."
+        )
     own, active = posterior.sites[name], posterior.likeliest_pattern(name)
     rate, columns = _rate(posterior, active)
     course = Course.of(path, posterior.data.samples or posterior.data, posterior.model.rows.interpolation)
@@ -96,16 +100,6 @@ def _refusal(best: Sampled) -> str:
     return f"{lost}: state what is known of coefficients (coefficients=...) or of starts, or take a part of the record."
 
 
-def _only(posterior: Posterior) -> tuple[str, Equation]:
-    ((name, equation),) = posterior.equations.items()
-    if equation.rows.noise.moved:
-        raise InputError(
-            "An unknown force moves the path of this fit, and refine() knows no paths that a random force moves: leave "
-            "out GreyBox(noise=bg.Noise(force=...))."
-        )
-    return name, equation
-
-
 def _rate(
     posterior: Posterior, active: Bool[np.ndarray, " n_term"]
 ) -> tuple[WholeRate, tuple[tuple[str, tuple[int, ...]], ...]]:
@@ -123,8 +117,7 @@ def _rate(
             "differentiated so: the posterior on linear rows, which is this fit, is what there is."
         )
     require_traceable(simulation)
-    rate = WholeRate(posterior.model.simulator(posterior.data), frames, posterior.data.columns)
-    return rate, tuple(columns.items())
+    return WholeRate(simulation, frames, posterior.data.columns), tuple(columns.items())
 
 
 def _posterior(
@@ -132,7 +125,7 @@ def _posterior(
     sampled: Sampled,
 ) -> Posterior:  # fmt: skip
     """Return the exact draws in the tree of a fit."""
-    name, equation = _only(posterior)
+    ((name, equation),) = posterior.equations.items()
     own, drawn, stats = posterior.sites[name], sampled.drawn, sampled.stats
     before, data = posterior.drawn(), posterior.data
     n_chain, n_draw = stats["lp"].shape
@@ -146,8 +139,7 @@ def _posterior(
     drawn.setdefault(own.noise, np.sqrt(np.maximum(drawn[own.sigma] ** 2 - floor**2, 0.0)))
     placed = (n_chain, n_draw, len(equation.design.coefficients.bounded))
     drawn.setdefault(own.placement, np.full(placed, 0.5))
-    designs = {own.equation: equation.design}
-    densities = posterior.programs.log_prior(designs, drawn) | likelihood.log_prior(drawn, own)
+    densities = posterior.programs.log_prior({name: equation.design}, drawn) | likelihood.log_prior(drawn, own)
     kept = {*map(str, before), own.theta_sd, own[START_SITE], own[SENSOR_SITE]}
     groups = {
         "posterior": user_units({name: value for name, value in drawn.items() if name in kept}, posterior.equations),

@@ -20,10 +20,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class SoFar:
-    """A chain between two iterations: leaves of the sampler's state, iterations done, records after the warm-up.
-
-    Further draws depend on the state and the model's argument only; the records are consecutive parts.
-    """
+    """A chain between two iterations: leaves of the sampler's state, iterations done, records after the warm-up."""
 
     state: list[Any]
     done: int
@@ -31,7 +28,8 @@ class SoFar:
 
     def record(self) -> dict[str, np.ndarray]:
         """Return the records as one."""
-        return {name: np.concatenate([part[name] for part in self.records]) for name in self.records[0]}
+        names = self.records[0] if self.records else {}
+        return {name: np.concatenate([part[name] for part in self.records]) for name in names}
 
     @property
     def divergences(self) -> int:
@@ -45,8 +43,7 @@ class ChainFile:
     def __init__(self, path: Path, every: float, name: str) -> None:
         """Write nothing yet; `every` are seconds between two writes, `name` is from `name_of`."""
         self.path, self._every, self._name = path, every, name
-        self._last = time.monotonic()
-        self._failed = False
+        self._last, self._failed = time.monotonic(), False
 
     def read(self) -> SoFar | None:
         """Return the chain in the file, None without file; raise InputError if it is damaged or of another run."""
@@ -54,9 +51,9 @@ class ChainFile:
             return None
         try:
             with self.path.open("rb") as opened, np.load(opened, allow_pickle=False) as arrays:
-                name, done, names = str(arrays["name"]), int(arrays["done"]), [str(each) for each in arrays["names"]]
-                state = [arrays[f"state_{k}"] for k in range(int(arrays["leaves"]))]
-                record = {each: arrays[f"record_{k}"] for k, each in enumerate(names)}
+                name, done = str(arrays["name"]), int(arrays["done"])
+                state = [arrays[each] for each in arrays.files if each.startswith("state_")]
+                record = {each[7:]: arrays[each] for each in arrays.files if each.startswith("record_")}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(
                 f'"{self.path}" is damaged ({error}): remove it, and its chain is sampled from the beginning.'
@@ -72,14 +69,11 @@ class ChainFile:
         """Write the chain if the last write was long enough ago, or `now`; report a failure once, and go on."""
         if not now and time.monotonic() - self._last < self._every:
             return
-        record = chain.record() if chain.records else {}
         arrays = {f"state_{k}": np.asarray(leaf) for k, leaf in enumerate(chain.state)}
-        arrays |= {f"record_{k}": each for k, each in enumerate(record.values())}
-        names = np.array(list(record), str)
-        about = {"name": self._name, "done": chain.done, "leaves": len(chain.state), "names": names}
+        arrays |= {f"record_{name}": each for name, each in chain.record().items()}
         try:
             with whole_file(self.path) as part, part.open("wb") as opened:
-                np.savez(opened, **about, **arrays)  # pyright: ignore[reportArgumentType]
+                np.savez(opened, name=self._name, done=chain.done, **arrays)  # pyright: ignore[reportArgumentType]
         except OSError as error:
             # Hours of sampling are worth more than a copy of them, and the previous copy is still there.
             if not self._failed:

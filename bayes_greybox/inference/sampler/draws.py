@@ -24,13 +24,11 @@ def conditional_sampler(model: Callable, identity: Any = None) -> Callable[..., 
     """Return a function (designs, samples, key) that draws γ, θ and f exactly, given each draw of the hyperparameters.
 
     The argument of the collapsed model is `designs`, and its sites are `samples`, each [n_chain, n_draw, ...]. With an
-    `identity` of the model, traces are kept (see `traces.kept`).
-
-    Returns:
-        The function. It returns for each equation e, in scaled units: `e_theta`, `e_theta_sd` (prior standard deviation
-        of each coefficient, zero for an excluded one) and `e_weight` (weights of the features) or `e_f` (values at the
-        rows, exact path); under a spike-and-slab prior also `e_gamma`, and `e_inclusion`, the probability of γ_j = 1
-        given the hyperparameters if the patterns are summed, else γ_j itself.
+    `identity` of the model, traces are kept (see `traces.kept`). The function returns for each equation e, in scaled
+    units: `e_theta`, `e_theta_sd` (prior standard deviation of each coefficient, zero for an excluded one) and
+    `e_weight` (weights of the features) or `e_f` (values at the rows, exact path); under a spike-and-slab prior also
+    `e_gamma`, and `e_inclusion`, the probability of γ_j = 1 given the hyperparameters if the patterns are summed, else
+    γ_j itself.
     """
 
     def draw_all(designs: Mapping[str, Design], flat: dict[str, Array], key: Array) -> dict[str, Array]:

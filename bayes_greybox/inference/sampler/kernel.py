@@ -53,24 +53,18 @@ def gamma_move(model: Callable, designs: Any, equations: tuple[str, ...]) -> Cal
             own, design = names[equation], designs[equation]
             likelihood = sites[own.y]["fn"]
             regression, _ = design.remove_discrepancy(design.y, likelihood.hyper)
-            name, pi, tau = own.gamma, values[own.pi], values[own.tau]
-            gamma = resample_pattern(
-                key, values[name], regression.T.T @ regression.T, regression.T.T @ regression.q, tau, pi
-            )
-            new[name] = gamma.astype(values[name].dtype)
+            A, b = regression.T.T @ regression.T, regression.T.T @ regression.q
+            gamma = resample_pattern(key, values[own.gamma], A, b, values[own.tau], values[own.pi])
+            new[own.gamma] = gamma.astype(values[own.gamma].dtype)
         return new
 
     return move
 
 
 def resample_pattern(
-    key: Array,
-    gamma: Int[Array, " n_term"],
-    A: Float[Array, "n_term n_term"],
-    b: Float[Array, " n_term"],
-    tau: Float[Array, ""],
-    pi: Float[Array, ""],
-) -> Int[Array, " n_term"]:
+    key: Array, gamma: Int[Array, " n_term"], A: Float[Array, "n_term n_term"], b: Float[Array, " n_term"],
+    tau: Float[Array, ""], pi: Float[Array, ""],
+) -> Int[Array, " n_term"]:  # fmt: skip
     """Sweep over all terms of the pattern γ once in random order, then propose n_term swaps.
 
     A is the information of the data about θ, scaled units, and b = A θ̂; tau and pi are the slab's standard deviation

@@ -3,7 +3,7 @@
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -20,11 +20,11 @@ from bayes_greybox.running.traces import kept
 
 from .chain_file import ChainFile, SoFar, name_of
 
-ITERATIONS_PER_CHUNK = 100
-"""Most iterations in a chunk. Between chunks the progress bar, the chain's file and a stop signal are served."""
+ITERATIONS_PER_CHUNK, SECONDS_PER_CHUNK, CHUNK_GROWTH = 100, 1.0, 4
+"""Most iterations in a chunk, duration that chunks aim at, and the most by which one is longer than the one before.
 
-SECONDS_PER_CHUNK, CHUNK_GROWTH = 1.0, 4
-"""Duration that chunks aim at, and the most by which a chunk is longer than the one before."""
+Between chunks the progress bar, the chain's file and a stop signal are served.
+"""
 
 SAMPLING_LABEL = "Sampling"
 """Default text of the progress bar."""
@@ -101,61 +101,55 @@ class Sampler:
 
         Files keep the chains, which are resumed from there; InputError is raised if they keep other chains.
         """
-        with stages(progress):
-            return self._run(argument, draws, chains, key, label, files)
-
-    def _run(self, argument: Any, draws: int, chains: int, key: Array, label: str, files: Files | None) -> Chains:
-        with stage("Compiling the sampler"):
-            states = [self._start(key, argument) for key in jax.random.split(key, chains)]
-            # A run of no iterations compiles the program once, before the threads need it.
-            self._advance(states[0], argument, 0)
-            begun = [SoFar(state, 0) for state in states]
-            chain_files: list[ChainFile | None] = [None] * chains
-            if files is not None:
-                chain_files = [files(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
-                begun = [(file and file.read()) or chain for file, chain in zip(chain_files, begun, strict=True)]
         stop, total = threading.Event(), self._tune + draws
+        with stages(progress):
+            with stage("Compiling the sampler"):
+                states = [self._start(key, argument) for key in jax.random.split(key, chains)]
+                # A run of no iterations compiles the program once, before the threads need it.
+                self._advance(states[0], argument, 0)
+                begun = [SoFar(state, 0) for state in states]
+                chain_files: list[ChainFile | None] = [None] * chains
+                if files is not None:
+                    chain_files = [files(k, name_of(argument, states[k], self._tune, draws)) for k in range(chains)]
+                    begun = [(file and file.read()) or chain for file, chain in zip(chain_files, begun, strict=True)]
 
-        with stage(label, chains * total) as line:
-            divergences = np.array([chain.divergences for chain in begun])
-            line.advance(sum(chain.done for chain in begun))
+            with stage(label, chains * total) as line:
+                divergences = np.array([chain.divergences for chain in begun])
+                line.advance(sum(chain.done for chain in begun))
 
-            def one_chain(k: int) -> dict[str, np.ndarray]:
-                chain, file, most = begun[k], chain_files[k], 1
-                while chain.done < total and not stop.is_set():
-                    start, begin = chain.done, time.perf_counter()
-                    length = min(most, (self._tune if start < self._tune else total) - start)
-                    state, record = self._advance(chain.state, argument, length)
-                    records = chain.records
-                    if start >= self._tune:
-                        # A copy, since a view would keep the whole buffer alive.
-                        record = {name: np.asarray(value)[:length].copy() for name, value in record.items()}
-                        records = (*records, record)
-                        divergences[k] += int(record["diverging"].sum())
-                    chain = SoFar(jax.block_until_ready(state), start + length, records)
-                    if file is not None:
-                        file.write(chain)
-                    count = int(divergences.sum())
-                    line.advance(length, f"{count} divergences" if count else "")
-                    most = _next_length(length, time.perf_counter() - begin)
-                if file is not None and chain.done > begun[k].done:
-                    file.write(chain, now=True)
-                return chain.record() if chain.done == total else {}
+                def one_chain(k: int) -> dict[str, np.ndarray]:
+                    chain, file, most = begun[k], chain_files[k], 1
+                    while chain.done < total and not stop.is_set():
+                        start, begin = chain.done, time.perf_counter()
+                        length = min(most, (self._tune if start < self._tune else total) - start)
+                        state, record = self._advance(chain.state, argument, length)
+                        records = chain.records
+                        if start >= self._tune:
+                            # A copy, since a view would keep the whole buffer alive.
+                            record = {name: np.asarray(value)[:length].copy() for name, value in record.items()}
+                            records = (*records, record)
+                            divergences[k] += int(record["diverging"].sum())
+                        chain = SoFar(jax.block_until_ready(state), start + length, records)
+                        if file is not None:
+                            file.write(chain)
+                        count = int(divergences.sum())
+                        line.advance(length, f"{count} divergences" if count else "")
+                        most = _next_length(length, time.perf_counter() - begin)
+                    if file is not None and chain.done > begun[k].done:
+                        file.write(chain, now=True)
+                    return chain.record() if chain.done == total else {}
 
-            stacked = in_threads(one_chain, chains, stop)
+                stacked = in_threads(one_chain, chains, stop)
 
-        unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
-        samples = {name: np.asarray(value) for name, value in self._constrain(unconstrained, argument).items()}
+            unconstrained = {name[2:]: stacked.pop(name) for name in list(stacked) if name.startswith("z:")}
+            samples = {name: np.asarray(value) for name, value in self._constrain(unconstrained, argument).items()}
         return Chains(samples, stacked)
 
 
 def in_threads(
     one: Callable[[int], dict[str, np.ndarray]], number: int, stop: threading.Event
 ) -> dict[str, np.ndarray]:
-    """Run `number` independent chains in as many threads as there are cores, and stack their records.
-
-    `stop` is set after an error or an interrupt, so that the other chains end too.
-    """
+    """Run `number` chains in threads, and stack their records; an error or interrupt sets `stop` for the others."""
     with ThreadPoolExecutor(min(number, os.cpu_count() or 1)) as pool:
         try:
             records = list(pool.map(one, range(number)))
@@ -169,9 +163,8 @@ def hmc_record(state: Any) -> dict[str, Array]:
     """Return position (sites as "z:name", unconstrained) and statistics of a sampler's state."""
     is_hmc = lambda node: isinstance(node, HMCState)  # noqa: E731
     hmc = next(leaf for leaf in jax.tree.leaves(state, is_leaf=is_hmc) if is_hmc(leaf))
-    positions: Mapping[str, Array] = state.z
     return {
-        **{f"z:{name}": value for name, value in positions.items()},
+        **{f"z:{name}": value for name, value in state.z.items()},
         "diverging": hmc.diverging,
         "acceptance_rate": hmc.accept_prob,
         "energy": hmc.energy,

@@ -10,7 +10,6 @@ from jaxtyping import Array
 from numpyro.handlers import seed, substitute, trace
 
 from bayes_greybox.model.design import Design
-from bayes_greybox.model.likelihood import CollapsedNormal
 from bayes_greybox.model.sites import Sites
 from bayes_greybox.running.traces import kept
 
@@ -30,7 +29,13 @@ def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callabl
         kinds = ("sample", "deterministic")
         drawn = {n: s["value"] for n, s in sites.items() if s["type"] in kinds and not s.get("is_observed")}
         for own, key_e in zip(Sites(designs).values(), jax.random.split(own_key, len(designs)), strict=True):
-            parts = _prior_given(key_e, sites[own.y]["fn"])
+            likelihood = sites[own.y]["fn"]
+            design, scales = likelihood.design, likelihood.scales
+            key_gamma, key_theta, key_f = jax.random.split(key_e, 3)
+            theta, sd = design.coefficients.draw(scales, key_gamma, key_theta)
+            parts = {"theta": theta, "theta_sd": sd, **design.prior_discrepancy(key_f, likelihood.hyper)}
+            if scales.log_odds is not None:
+                parts["gamma"] = (sd > 0).astype(float)
             drawn |= {own[name]: value for name, value in parts.items()}
         return drawn
 
@@ -39,24 +44,16 @@ def prior_sampler(model: Callable, n_draw: int, identity: Any = None) -> Callabl
         return jax.lax.map(lambda each: one(designs, each), jax.random.split(key, n_draw))
 
     program = kept(draw_all, None if identity is None else (identity, n_draw), "prior", once=True)
-
-    def draw(designs: Mapping[str, Design], key: Array) -> dict[str, np.ndarray]:
-        drawn = program(designs, key)
-        return {name: np.asarray(value)[None] for name, value in drawn.items()}
-
-    return draw
+    return lambda designs, key: {name: np.asarray(value)[None] for name, value in program(designs, key).items()}
 
 
 def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, np.ndarray]]:
     """Return a function (designs, draws) that gives log p of each site at each draw, and of θ given its scales.
 
     Draws are those of the sites, and `e_theta` and `e_theta_sd` of each equation in scaled units, each
-    [n_chain, n_draw, ...]. With an `identity` of the model, traces are kept (see `traces.kept`).
-
-    Returns:
-        The function. It returns one array [n_chain, n_draw] for each site (events summed); `e_theta` is
-        Σ_j log N(θ_j; m_j, sd_j²) over the included terms, each normalised between its bounds, and `e_gamma` is
-        log p(γ | π) even if the patterns are summed and γ is no site.
+    [n_chain, n_draw, ...]. Densities are [n_chain, n_draw] for each site (events summed); `e_theta` is
+    Σ_j log N(θ_j; m_j, sd_j²) over the included terms, each normalised between its bounds, and `e_gamma` is
+    log p(γ | π) even if the patterns are summed and γ is no site. The `identity` is that of `prior_sampler`.
     """
 
     def one(designs: Mapping[str, Design], values: dict[str, Array]) -> dict[str, Array]:
@@ -80,15 +77,3 @@ def log_prior(model: Callable, identity: Any = None) -> Callable[..., dict[str, 
         return out
 
     return by_chain(kept(jax.vmap(one, in_axes=(None, 0)), identity, "log_prior", once=True))
-
-
-def _prior_given(key: Array, likelihood: CollapsedNormal) -> dict[str, Array]:
-    """Draw γ, θ and the weights or values of f from their prior given the hyperparameters."""
-    design, hyper, scales = likelihood.design, likelihood.hyper, likelihood.scales
-    key_gamma, key_theta, key_f = jax.random.split(key, 3)
-    out: dict[str, Array] = {}
-    theta, sd = design.coefficients.draw(scales, key_gamma, key_theta)
-    if scales.log_odds is not None:
-        out["gamma"] = (sd > 0).astype(float)
-    out |= {"theta": theta, "theta_sd": sd}
-    return {**out, **design.prior_discrepancy(key_f, hyper)}

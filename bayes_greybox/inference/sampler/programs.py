@@ -16,11 +16,8 @@ from .kernel import posterior_kernel
 from .nuts import Sampler
 from .prior import log_prior, prior_sampler
 
-PRIOR_DRAWS = 500
-"""Draws in the `prior` group."""
-
-SHARED = 4
-"""Most kinds or shapes of fits whose compiled programs are kept at a time, some 100 MB each."""
+PRIOR_DRAWS, SHARED = 500, 4
+"""Draws in the `prior` group; most kinds or shapes of fits whose programs are kept at a time, some 100 MB each."""
 
 
 class Programs:

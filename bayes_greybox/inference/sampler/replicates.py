@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -18,44 +17,21 @@ from .kernel import posterior_kernel
 from .nuts import hmc_record, in_threads
 
 
-@dataclass(frozen=True)
-class Replicates:
-    """Scaled draws of each replicate's posterior, [n_replicate, n_draw, ...], and its divergences after warm-up."""
-
-    samples: dict[str, np.ndarray]
-    divergences: np.ndarray
-
-
 def sample_replicates(
     model: Program, designs: Mapping[str, Design], targets: Mapping[str, Float[np.ndarray, "n_replicate n_row"]],
     keys: Array, sampling: Sampling, done: Callable[[int], None] = lambda _: None,
-) -> Replicates:  # fmt: skip
+) -> tuple[dict[str, np.ndarray], np.ndarray]:  # fmt: skip
     """Sample the posterior of each compressed target with the kernel and the conditional draws of a fit.
 
     Only the target changes between replicates, and it is an argument of the compiled chain. Chains run one by one in as
     many threads as there are cores, not in a batch: a batched NUTS makes every chain wait for the longest tree of all.
     Each replicate has a random key of its own. `done` is called with the number of replicates that have just been
     finished, from any thread.
+
+    Returns:
+        Scaled draws of each replicate, [n_replicate, n_draw, ...], and the number of its divergences after warm-up.
     """
-    chain = jax.jit(_chain(model, designs, sampling))
-    rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
-    compiled = chain.lower(rows[0], keys[0]).compile()
-    stop = threading.Event()
 
-    def one(i: int) -> dict[str, np.ndarray]:
-        if stop.is_set():
-            return {}
-        out = {name: np.asarray(value) for name, value in compiled(rows[i], keys[i]).items()}
-        done(1)
-        return out
-
-    samples = in_threads(one, len(keys), stop)
-    return Replicates(samples, samples.pop("diverging").sum(axis=1))
-
-
-def _chain(
-    model: Program, designs: Mapping[str, Design], sampling: Sampling
-) -> Callable[[dict[str, Array], Array], dict[str, Array]]:
     def chain(target: dict[str, Array], key: Array) -> dict[str, Array]:
         argument = {name: design.with_target(target[name]) for name, design in designs.items()}
         kernel = posterior_kernel(model, argument, sampling.target_accept)
@@ -77,4 +53,16 @@ def _chain(
         )
         return {**values, **drawn, "diverging": record["diverging"]}
 
-    return chain
+    rows = [{name: jnp.asarray(target[i]) for name, target in targets.items()} for i in range(len(keys))]
+    compiled = jax.jit(chain).lower(rows[0], keys[0]).compile()
+    stop = threading.Event()
+
+    def one(i: int) -> dict[str, np.ndarray]:
+        if stop.is_set():
+            return {}
+        out = {name: np.asarray(value) for name, value in compiled(rows[i], keys[i]).items()}
+        done(1)
+        return out
+
+    samples = in_threads(one, len(keys), stop)
+    return samples, samples.pop("diverging").sum(axis=1)
