@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.config.section import AlsoAs, Section, Switch, Table, section_of, table_of_kinds, wrong
+from bayes_greybox.discovery import odds
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite
@@ -66,11 +67,7 @@ class FMUFile(Section):
     step: Positive | None = None
 
     def build(self, folder: Path) -> "FMU":
-        """Return the simulation; relative paths start from the folder.
-
-        Raises:
-            InputError: The file cannot be used, or lacks a name.
-        """
+        """Return the simulation; relative paths start from the folder."""
         from bayes_greybox.physics.simulation.fmu.given import FMU
 
         return FMU(folder / self.fmu, **self.given("fmu"))
@@ -87,7 +84,6 @@ Simulation = Annotated[
     Discriminator(_kind_of_simulation),
     AlsoAs((dict[str, str], FMUFile), only=True),
 ]
-"""Formulas by state, or an FMU."""
 
 
 class Parameter(Section):
@@ -115,10 +111,8 @@ class Parameter(Section):
         return Parameter(self.value, self.sd, None if ends == (None, None) else ends, self.unit)
 
 
-Parameters = dict[
-    str,
-    Annotated[Parameter, BeforeValidator(lambda v: {"value": v} if is_finite(v) else v), AlsoAs((float,))],
-]
+AnyParameter = Annotated[Parameter, BeforeValidator(lambda v: {"value": v} if is_finite(v) else v), AlsoAs((float,))]
+Parameters = dict[str, AnyParameter]
 
 
 def _start(given: Any) -> Any:
@@ -194,15 +188,7 @@ def _discrepancy(given: Any) -> type[Section]:
 Prior = Annotated[Any, table_of_kinds(_priors, "laplace")]
 Rows = Annotated[Any, table_of_kinds(_rows, "derivative")]
 Discrepancy = Annotated[Any, Table(_discrepancy)]
-
-
-def _odds(given: Any) -> type[Section]:
-    from bayes_greybox.discovery.odds import Odds
-
-    return section_of(Odds)
-
-
-Odds = Annotated[Any, Table(_odds)]
+Odds = Annotated[Any, Table(lambda _: section_of(odds.Odds))]
 
 
 class Study(Section):
@@ -229,12 +215,9 @@ class Study(Section):
 
     def arguments(self, folder: Path) -> dict[str, Any]:
         """Return the arguments of `find_missing_effects` for the keys in the file; paths start from the folder."""
-        given = self.given("odds", "catalogue")
-        if "catalogue" in self.model_fields_set:
-            names = self.catalogue
-            given["catalogue"] = (
-                _located(names, folder) if isinstance(names, str) else [_located(name, folder) for name in names]
-            )
+        given = self.given("odds")
+        if "catalogue" in given:
+            given["catalogue"] = _located(self.catalogue, folder)
         if self.odds is not None:
             given["odds"] = self.odds.build()
         return given
@@ -259,9 +242,11 @@ class Next(Section):
     outcomes: Count | None = None
 
 
-def _located(name: str, folder: Path) -> str:
-    """Return a catalogue of the package by its name, or a file by its path from the configuration's folder."""
-    return str(folder / name) if name.endswith(".toml") else name
+def _located(catalogue: str | list[str], folder: Path) -> Any:
+    """Return catalogues of the package by their names, and files by their paths from the configuration's folder."""
+    if isinstance(catalogue, list):
+        return [_located(each, folder) for each in catalogue]
+    return str(folder / catalogue) if catalogue.endswith(".toml") else catalogue
 
 
 def _words(value: Any, what: str) -> Any:

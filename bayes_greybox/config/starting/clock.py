@@ -22,8 +22,6 @@ TIME_UNITS = {
     }.items()
     for word in words.split()
 }  # fmt: skip
-"""Units of time by the words for them, which a column of stamps may be called."""
-
 MAYBE_TIME = re.compile(rf"(?i)^({'|'.join(TIME_UNITS)})([ _.(].*)?$|(^|[ _.])(time|zeit|timestamp)([ _.(].*)?$")
 """Names of stamps if they go forward: s may be a position, h a height and min a minimum as well."""
 
@@ -34,9 +32,6 @@ COUNTERS = re.compile(r"(?i)^((index|no|nr|number|sample|row|row[ _.]?names?|obs
 
 ROWS_OUT_OF_ORDER = 3
 """Median number of rows of a run up to which rows are out of order."""
-
-FEWEST_ROWS_NAMED, FEWEST_ROWS_OF_WORDS = 2, 4
-"""Mean number of rows of a label from which on a column tells runs apart: by its name, and by its words."""
 
 
 def time_column(table: Table, names: Sequence[str], layout: Layout) -> str | None:
@@ -94,19 +89,18 @@ def tells_runs(table: Table, name: str, layout: Layout) -> bool:
     column: Any = table.frame[name]
     count, total = column.nunique(), len(column)
     words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
-    several = words and 1 < count <= total / FEWEST_ROWS_OF_WORDS
-    named = RUNS.match(name) and count <= max(1, total / FEWEST_ROWS_NAMED)
+    # A label has four rows on average, or two where the name of the column says so.
+    several = words and 1 < count <= total / 4
+    named = RUNS.match(name) and count <= max(1, total / 2)
     return bool(column.notna().all() and (named or several))
 
 
 def counts_runs(table: Table, name: str, layout: Layout, clock: np.ndarray) -> bool:
     """Return True if a column numbers the runs: it goes up by 1 wherever the time goes back, and nowhere else."""
     back = np.diff(clock) < 0
-    return (
-        bool(np.any(back))
-        and _is_numbers(table, name, layout)
-        and np.array_equal(np.diff(numbers(table, name, layout)), back)
-    )
+    if not np.any(back) or not _is_numbers(table, name, layout):
+        return False
+    return np.array_equal(np.diff(numbers(table, name, layout)), back)
 
 
 def time_unit(name: str) -> str | None:
@@ -115,7 +109,7 @@ def time_unit(name: str) -> str | None:
     return next((TIME_UNITS[word] for word in (*words[-1:], *words[:1]) if word in TIME_UNITS), None)
 
 
-def run_lengths(table: Table, run: str | None, parts: Sequence[np.ndarray]) -> dict[str, int]:
+def run_sizes(table: Table, run: str | None, parts: Sequence[np.ndarray]) -> dict[str, int]:
     """Return the number of rows by the name that the reader gives each run."""
     if run is None:
         return {str(i): len(part) for i, part in enumerate(parts)}
@@ -141,8 +135,4 @@ def counts_rows(values: np.ndarray, codes: np.ndarray, named: bool) -> bool:
     if named:
         return bool(np.all(values[np.isfinite(values)] % 1 == 0)) and _forward(values, codes)
     runs = [values[codes == code] for code in np.unique(codes)]
-    return any(all(run[0] in (0, 1) and _by_one(run) for run in each) for each in ([values], runs))
-
-
-def _by_one(values: np.ndarray) -> bool:
-    return bool(np.all(np.diff(values) == 1))
+    return any(all(run[0] in (0, 1) and np.all(np.diff(run) == 1) for run in each) for each in ([values], runs))
