@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have, and their choices."""
+"""Options and arguments that several commands have, and the end of each one's help."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -30,8 +30,6 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but err
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="Say on stderr what is being done; -vv in more detail.")
 ]
-
-
 SchemeOption = Annotated[
     Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
 ]
@@ -41,3 +39,8 @@ BlockOption = Annotated[
 MaxRefits = Annotated[
     int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
 ]
+
+
+def ending(example: str, after: str) -> str:
+    """Return the last lines of a command's help: arguments of an example, and of the command that comes next."""
+    return f"Example: bayes-greybox {example}\n\nThen: bayes-greybox {after}"
