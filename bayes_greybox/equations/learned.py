@@ -85,13 +85,7 @@ class InnerValue:
 
 @dataclass(frozen=True)
 class LearnedParameter:
-    """A named parameter of the simulation, whose formulas have its mean.
-
-    Attributes:
-        value: Its value, in `unit`; exact where it was given and not learned.
-        unit: Its unit; "" if unknown.
-        learned: True if it was learned, or found off.
-    """
+    """A named parameter of the simulation, whose formulas have its mean; exact unless it was learned, or found off."""
 
     name: str
     value: Value
@@ -101,11 +95,9 @@ class LearnedParameter:
 
 @dataclass(frozen=True)
 class LearnedDiscrepancy:
-    """The f of one equation.
+    """The f of one equation, and whether it stands there (`left`).
 
     Attributes:
-        variables: Variables of f.
-        left: True if f stands in the equation.
         features: Features of f; None if f has no finite expansion.
         mean: Posterior mean of their weights given the terms of the equation, user's units of the rate.
     """
@@ -118,12 +110,12 @@ class LearnedDiscrepancy:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Posterior draws of one equation, of any pattern.
+    """Posterior draws of one equation, of any pattern, user's units.
 
     Attributes:
         terms: All terms that any draw has; slopes of parameters have a parameter's difference from its mean.
-        coefficients: Coefficients of the terms, user's units; zero if a draw excludes a term.
-        weights: Weights of the features of f, user's units of the rate; no columns without f.
+        coefficients: Coefficients of the terms; zero if a draw excludes a term.
+        weights: Weights of the features of f; no columns without f.
     """
 
     terms: tuple[Term, ...]
@@ -196,6 +188,11 @@ class LearnedSystem:
         """States that no sensor measures."""
         measured = {*(self.data.samples or self.data).state_names} - {*self.simulation.starts}
         return tuple(name for name in self.states if name not in measured)
+
+    @property
+    def with_f(self) -> tuple[str, ...]:
+        """Learned equations in which f stands."""
+        return tuple(name for name, each in self.learned.items() if each.discrepancy and each.discrepancy.left)
 
     @property
     def shown(self) -> tuple[str, ...]:

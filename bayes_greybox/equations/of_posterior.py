@@ -22,7 +22,6 @@ from bayes_greybox.physics.terms import Term
 from .learned import (
     INTERVAL_LEVEL,
     Drawn,
-    Features,
     LearnedDiscrepancy,
     LearnedEquation,
     LearnedSystem,
@@ -34,11 +33,8 @@ from .learned import (
 LIKELY_INSIDE = 0.5
 """Probability to matter from which on a term stands in the equation, under a prior without inclusion."""
 
-DISCREPANCY_ROWS = 500
-"""Most rows, evenly spaced, on which f is told from zero."""
-
-FEWEST_PATTERN_DRAWS = 10
-"""Fewest draws of the likeliest pattern by which f is told from zero; with fewer, those of all patterns are used."""
+DISCREPANCY_ROWS, FEWEST_PATTERN_DRAWS = 500, 10
+"""Most rows, evenly spaced, and fewest draws of the likeliest pattern (else those of all) that tell f from zero."""
 
 
 @remembered
@@ -60,10 +56,11 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         rows = table.loc[name].loc[list(learned.frame.dictionary.names)]
         inside = part.active if patterned else (rows["outside_rope"] > LIKELY_INSIDE).to_numpy()
         probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
-        stated = posterior.model.stated(name, posterior.data)
-        every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)
-        in_pattern = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
-        units = table.loc[name]["unit"]
+        stated, units = posterior.model.stated(name, posterior.data), table.loc[name]["unit"]
+        every, in_pattern = (
+            part.terms(draws, rows["unit"].tolist(), probability, stated.priors)
+            for draws in (np.ones(len(part.theta), bool), part.alike)
+        )
         named = {term.name: term.value for term in in_pattern if term.term.parameter}
         values |= named
         equations[name] = LearnedEquation(
@@ -77,12 +74,10 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
                 for term, value in stated.fixed
             ),
         )
-    terms = "Terms: those of the likeliest pattern (tables average over all)"
-    leaves = "over 1\u00a0% (RMS) of what the simulation leaves"
+    rule = "Terms: those of the likeliest pattern (tables average over all)"
     if not patterned:
-        terms = f"Terms: those likely to move the rate by {leaves}"
-    f = "; f where it matters as much"
-    rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
+        rule = "Terms: those likely to move the rate by over 1\u00a0% (RMS) of what the simulation leaves"
+    rule += "." if posterior.model.discrepancy is None else "; f where it matters as much."
     model = posterior.model.with_values({name: value.mean for name, value in values.items()})
     simulation, parameters = model.simulator(posterior.data, lacking=True), parameters_of(model.parameters, values)
     return LearnedSystem("fit", simulation, posterior.data, equations, rule, parameters)
@@ -90,10 +85,7 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
 
 @dataclass(frozen=True)
 class _Part:
-    """Draws of one learned state: coefficients and weights in user's units.
-
-    `active` are the terms of the likeliest pattern of its block, `alike` the draws that have it.
-    """
+    """Draws of one learned state, in user's units; terms of its block's likeliest pattern, and draws that have it."""
 
     learned: Learned
     theta: Float[np.ndarray, "n_draw n_term"]
@@ -103,10 +95,9 @@ class _Part:
 
     @classmethod
     def of(cls, posterior: Posterior, learned: Learned) -> "_Part":
-        draws, frame = posterior.draws(learned.block), learned.frame
+        draws, frame = learned.of(posterior.draws(learned.block)), learned.frame
         active = posterior.likeliest_pattern(learned.block)
         alike = np.all(posterior.patterns(learned.block) == active, axis=1)
-        draws = learned.of(draws)
         weight = np.asarray(draws.weight) * frame.target_scale
         return cls(learned, draws.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
 
@@ -138,7 +129,8 @@ class _Part:
         mean, variance = np.mean(f, axis=0), np.var(f, axis=0)
         size = np.sqrt(np.mean(mean**2))
         left = bool(size > max(ROPE, IDENTIFIABLE_RATIO * np.sqrt(np.mean(variance))))
-        return LearnedDiscrepancy(frame.variables, left, self._features(), self.weight[self.alike].mean(axis=0))
+        features = partial(_features_of, frame) if design.expands else None
+        return LearnedDiscrepancy(frame.variables, left, features, self.weight[self.alike].mean(axis=0))
 
     def _draws_of_f(self, posterior: Posterior) -> EquationDraws:
         """Return draws that tell f from zero, of the likeliest pattern if there are enough."""
@@ -150,9 +142,6 @@ class _Part:
         # NumPy, because JAX compiles a program for each shape that it indexes.
         every = jax.tree.map(np.asarray, self.learned.of(posterior.draws(self.learned.block)))
         return jax.tree.map(lambda values: values[draws], every)
-
-    def _features(self) -> Features | None:
-        return partial(_features_of, self.learned.frame) if self.learned.equation.design.expands else None
 
 
 def _features_of(frame: Frame, columns: Mapping[str, Any]) -> Array | np.ndarray:
