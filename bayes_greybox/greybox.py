@@ -28,9 +28,8 @@ from bayes_greybox.criticism.trial import try_on
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.equations.learned import LearnedSystem
-from bayes_greybox.equations.of_posterior import fitted_system
+from bayes_greybox.equations.of_posterior import estimated_starts, fitted_system
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, given_checkpoint, run_facts
 from bayes_greybox.inference.kept.groups import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior

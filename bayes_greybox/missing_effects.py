@@ -18,7 +18,7 @@ from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, StudySettings, investigate
 from bayes_greybox.discovery.study_file import holds_study, save_study, study_of
 from bayes_greybox.equations.learned import LearnedSystem
-from bayes_greybox.equations.starts import estimated_starts
+from bayes_greybox.equations.of_posterior import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of

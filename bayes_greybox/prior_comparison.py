@@ -17,10 +17,7 @@ from bayes_greybox.running.errors import InputError
 from .greybox import Fit, GreyBox
 
 FOUR_PRIORS: Mapping[str, Prior] = {
-    "SpikeAndSlab": SpikeAndSlab(),
-    "RegularisedHorseshoe": RegularisedHorseshoe(),
-    "Laplace": Laplace(),
-    "Normal": Normal(),
+    type(prior).__name__: prior for prior in (SpikeAndSlab(), RegularisedHorseshoe(), Laplace(), Normal())
 }
 """Priors that `compare_priors` fits besides those of the user."""
 

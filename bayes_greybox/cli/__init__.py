@@ -77,8 +77,7 @@ def fit(
     progress = not (no_progress or quiet)
     with _starting(progress):
         from .fitting import fit_configured
-        from .folders import Run
-    return fit_configured(settings, Run(output, progress, quiet, resume))
+    return fit_configured(settings, o.Run(output, progress, quiet, resume))
 
 
 @app.command(epilog=ending("discover configs/discover_spring.toml", "next runs/discover_spring/study.nc"))
@@ -116,21 +115,17 @@ def discover(
         if resume:
             raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
         with _starting(progress):
-            from bayes_greybox.cli.studying import study_folder
-
-            from .folders import Run
+            from .studying import study_folder
         tasks = {"workers": workers, "scheduler": scheduler}
-        return study_folder(config, fleet, sampling, tasks, Run(output, progress, quiet))
+        return study_folder(config, fleet, sampling, tasks, o.Run(output, progress, quiet))
     if config is None:
         raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)
     with _starting(progress):
-        from bayes_greybox.cli.studying import study_configured
-
-        from .folders import Run
-    return study_configured(settings, Run(output, progress, quiet, resume))
+        from .studying import study_configured
+    return study_configured(settings, o.Run(output, progress, quiet, resume))
 
 
 @app.command(epilog=ending("compare configs/compare_priors.toml", "report runs/compare_priors"))
@@ -158,8 +153,7 @@ def compare(
     progress = not (no_progress or quiet)
     with _starting(progress):
         from .comparing import compare_configured, compare_saved
-        from .folders import Run
-    run = Run(output, progress, quiet, resume)
+    run = o.Run(output, progress, quiet, resume)
     if saved:
         given = [f"--{name}" for name, value in sampling.items() if value is not None] + ["--resume"] * resume
         if given:
@@ -231,12 +225,10 @@ def next_(
     A configuration is studied first, without sampling.
     """
     log_to_stderr(verbose)
-    from bayes_greybox.cli.studying import next_configured
-
-    from .folders import Run
+    from .studying import next_configured
 
     options = {"signals": signal, "amplitudes": amplitude, "batch": batch, "threshold": threshold}
-    return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
+    return next_configured(file, options, seed, o.Run(output, not (no_progress or quiet), quiet))
 
 
 @app.command(epilog=ending("export runs/discover_spring/study.nc amended.c", "report runs/discover_spring"))

@@ -16,18 +16,19 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
-from .folders import Run, complete, place_of, resumable
+from .folders import complete, place_of, resumable
+from .options import Run
 
 
 def compare_configured(settings: Config, run: Run) -> int:
     """Fit the models of a configuration file, compare them, and fill the folder."""
     if len(settings.models) < 2:
         raise InputError(
-            f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
+            f"compare needs two or more models, and {settings.origin.name} has {len(settings.models)}: add tables "
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or FUTURE_START)
-    with output_folder(place_of(settings, "compare", run.output)) as folder:
+    with output_folder(place_of(settings.folder, "compare", run.output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import typer
@@ -16,23 +15,13 @@ CHECKPOINT = "checkpoint"
 """Folder within that of the results, while a run is not complete."""
 
 
-@dataclass(frozen=True)
-class Run:
-    """Options that every command has; `output` is None for the usual folder, `quiet` shows the results' place alone."""
-
-    output: Path | None
-    progress: bool
-    quiet: bool
-    resume: bool = False
-
-
-def place_of(settings: Config, command: str, output: Path | None) -> Path:
+def place_of(folder: Path, command: str, output: Path | None) -> Path:
     """Return the folder for the results of a command, which overwrites no results but its own.
 
-    The configuration's folder belongs to the first command that was run with it; that of another is FOLDER-COMMAND.
+    The usual folder belongs to the first command that was run with it; that of another is FOLDER-COMMAND.
     """
     if output is None:
-        return free_folder(settings.folder, command)
+        return free_folder(folder, command)
     require_own(output, command)
     return output
 

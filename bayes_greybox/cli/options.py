@@ -1,5 +1,6 @@
 """Options and arguments that several commands have, and the end of each one's help."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -39,6 +40,16 @@ BlockOption = Annotated[
 MaxRefits = Annotated[
     int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
 ]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Options that every command has; `output` is None for the usual folder, `quiet` shows the results' place alone."""
+
+    output: Path | None
+    progress: bool
+    quiet: bool
+    resume: bool = False
 
 
 def ending(example: str, after: str) -> str:

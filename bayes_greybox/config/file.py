@@ -145,8 +145,8 @@ class Config(Section):
         if self.asset is not None and self.copied_from is None:
             raise wrong("asset stands in copies beside results of a fleet (see copied_from); leave it out")
         learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
+        first = next(iter(learned), "")
         for name, states in learned.items():
-            first = next(iter(learned))
             if states != learned[first]:
                 raise wrong(
                     f"[models] {first} learns {', '.join(sorted(learned[first]))} but {name} learns "
@@ -155,8 +155,7 @@ class Config(Section):
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
-            if error := self.data.nothing_studied(self._formulas) or self.data.equation_of_input(sections):
-                raise wrong(error)
+            self.data.require_equations(self._formulas, sections)
         return self
 
     @property
@@ -169,11 +168,6 @@ class Config(Section):
         """Name for examples of equations: the first that the file has."""
         stated = [name for key in ("states", "outputs") for name in getattr(self.data, key, ())]
         return next(iter((*stated, *self._formulas)), "y")
-
-    @property
-    def file(self) -> str:
-        """Name of the file, or of the original of a copy."""
-        return self.origin.name
 
     @property
     def text(self) -> str:

@@ -132,15 +132,6 @@ def _pair(given: Any, what: str) -> Any:
     return given if given is None else tuple(given)
 
 
-def _coefficient(given: Any) -> type[Section]:
-    from bayes_greybox.physics.coefficient import Coefficient
-
-    return section_of(Coefficient)
-
-
-Coefficients = dict[str, dict[str, Annotated[Any, Table(_coefficient)]]]
-
-
 TermOrFormula = Annotated[
     Term, BeforeValidator(lambda v: {"expression": v} if isinstance(v, str) else v), AlsoAs((str,))
 ]
@@ -167,27 +158,20 @@ def _as_terms(given: Any) -> Any:
 Dictionary = dict[str, Annotated[Terms, BeforeValidator(_as_terms), AlsoAs((str, list[str | Term]))]]
 
 
-def _priors() -> Mapping[str, type]:
-    from bayes_greybox.model.priors import PRIORS
-
-    return PRIORS
-
-
-def _rows() -> Mapping[str, type]:
-    from bayes_greybox.model.rows.kinds import ROW_KINDS
-
-    return ROW_KINDS
-
-
-def _discrepancy(given: Any) -> type[Section]:
+def _part(name: str) -> Any:
+    """Return a class, or a registry of classes, of the rooms of models, which are imported only where it is needed."""
     from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+    from bayes_greybox.model.priors import PRIORS
+    from bayes_greybox.model.rows.kinds import ROW_KINDS
+    from bayes_greybox.physics.coefficient import Coefficient
 
-    return section_of(OrthogonalGP, Switch)
+    return {"prior": PRIORS, "rows": ROW_KINDS, "discrepancy": OrthogonalGP, "coefficient": Coefficient}[name]
 
 
-Prior = Annotated[Any, table_of_kinds(_priors, "laplace")]
-Rows = Annotated[Any, table_of_kinds(_rows, "derivative")]
-Discrepancy = Annotated[Any, Table(_discrepancy)]
+Coefficients = dict[str, dict[str, Annotated[Any, Table(lambda _: section_of(_part("coefficient")))]]]
+Prior = Annotated[Any, table_of_kinds(lambda: _part("prior"), "laplace")]
+Rows = Annotated[Any, table_of_kinds(lambda: _part("rows"), "derivative")]
+Discrepancy = Annotated[Any, Table(lambda _: section_of(_part("discrepancy"), Switch))]
 Odds = Annotated[Any, Table(lambda _: section_of(odds.Odds))]
 
 

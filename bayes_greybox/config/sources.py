@@ -152,27 +152,21 @@ class TableSource(Source):
         if self.workers is not None and self.scheduler is not None:
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
 
-    def nothing_studied(self, simulation: Iterable[str]) -> str:
-        """Say that there is neither a state nor an output, with the names in [simulation]; "" where there is one."""
-        if self.states or self.outputs:
-            return ""
-        name = next(iter(simulation), "y")
-        return (
-            f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of {name!r}, '
-            f'or outputs = ["{name}"] if it says {name!r} itself'
-        )
-
-    def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
-        """Say that a section, of these by name, has an equation of an input; "" where none has."""
+    def require_equations(self, simulation: Iterable[str], sections: Mapping[str, Iterable[str]]) -> None:
+        """Refuse data without a state or an output, and sections, by name, with an equation of an input."""
+        if not (self.states or self.outputs):
+            name = next(iter(simulation), "y")
+            raise wrong(
+                f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of '
+                f'{name!r}, or outputs = ["{name}"] if it says {name!r} itself'
+            )
         outside = set(self.inputs) - set(self._with_equations)
-        for section, names in sections.items():
-            for name in names:
-                if name in outside:
-                    return (
-                        f"{section} still has a line for {name!r}, which [data] has among its inputs: what acts from "
-                        "outside has no equation; delete that line"
-                    )
-        return ""
+        for section, name in ((section, name) for section, names in sections.items() for name in names):
+            if name in outside:
+                raise wrong(
+                    f"{section} still has a line for {name!r}, which [data] has among its inputs: what acts from "
+                    "outside has no equation; delete that line"
+                )
 
     def rate_without_equation(self, simulation: Mapping[str, str], learned: Iterable[str]) -> str:
         """Say that the simulation only names a rate, and nothing gives its equation; "" where that is not so."""
@@ -199,7 +193,8 @@ class TableSource(Source):
     def files(self, folder: Path) -> list[Path]:
         """List the tables."""
         files = []
-        for path in [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]:
+        paths = [self.path] if self.test is None else [self.path, self.test.path]
+        for path in [each for some in paths for each in ([some] if isinstance(some, str) else some)]:
             # As they are read: a file of that very name first.
             whole = folder / path
             pattern = glob.has_magic(path) and not whole.exists()
@@ -212,9 +207,8 @@ class TableSource(Source):
 
         # Rates are computed after the split; the key trajectory is older than run.
         settings = self.given(
-            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample", "leave_out",
-            "trajectory",
-        )  # fmt: skip
+            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample", "leave_out", "trajectory"
+        )
         if self.trajectory is not None:
             settings["run"] = self.trajectory
         path = self.path
@@ -329,10 +323,6 @@ def _paths(value: Any) -> Any:
     if isinstance(value, str) or (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
         return value
     raise wrong('should be the path of a file, a pattern such as "run*.csv", or a list of paths')
-
-
-def _each(path: str | list[str]) -> list[str]:
-    return path if isinstance(path, list) else [path]
 
 
 def _located(path: str | list[str], folder: Path) -> Any:

@@ -36,6 +36,7 @@ Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""
 
 SAMPLER_SETTINGS = ("draws", "tune", "chains", "seed")
+
 FORBIDDEN, MOST_BYTES = '/\\<>:"|?*', 255
 """Characters that the name of a folder cannot have on every system, and its most bytes."""
 
@@ -305,9 +306,8 @@ def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measure
     if test is None:
         return {}
     if isinstance(test, Mapping):
-        other = next((name for name in test if name not in assets), None)
-        if other is not None:
-            raise InputError(f"test has data of {other!r}, which is no asset: give names that train has.")
+        if other := [name for name in test if name not in assets]:
+            raise InputError(f"test has data of {other[0]!r}, which is no asset: give names that train has.")
         return _located("test", test)
     if not is_finite(test):
         raise InputError(
@@ -321,15 +321,13 @@ def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measure
 
 def _located(what: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return measurements, or files by absolute paths, because a worker may run in another folder."""
-    measured: dict[str, Any] = {}
     for name, each in given.items():
         if not isinstance(each, Trajectories | str | os.PathLike):
             raise InputError(
                 f"{what} has {type(each).__name__} for {name!r}: give Trajectories, as bg.read and "
                 "Trajectories.from_arrays make them, or the path of a file."
             )
-        measured[name] = each if isinstance(each, Trajectories) else Path(each).absolute()
-    return measured
+    return {name: each if isinstance(each, Trajectories) else Path(each).absolute() for name, each in given.items()}
 
 
 def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -339,9 +337,8 @@ def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
         for name, each in inspect.signature(find_missing_effects).parameters.items()
         if each.kind is each.KEYWORD_ONLY and name not in ("progress", "checkpoint", "resume", "checkpoint_every")
     }
-    unknown = next((name for name in settings if name not in usual), None)
-    if unknown is not None:
-        raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
+    if unknown := [name for name in settings if name not in usual]:
+        raise InputError(f"There is no setting {unknown[0]!r} of a fleet's studies; {nearest(unknown[0], list(usual))}")
     every = {**usual, **settings}
     Sampling(**{name: every[name] for name in SAMPLER_SETTINGS})
     check_settings(every["effects_at_most"], every["negligible"], every["odds"], every["interpolation"])

@@ -89,10 +89,6 @@ class Stage:
         if self._display is not None:
             self._display.bars.update(self._task, advance=by, note=note)
 
-    def say(self, note: str) -> None:
-        """Show a note beside the bar."""
-        self.advance(0, note)
-
     def so_far(self) -> str:
         """Describe the progress of the stage, and its time so far."""
         count = f", {self._count}/{self._total}" if self._total is not None and self._total > 1 else ""

@@ -6,9 +6,8 @@ runs. A worker that dies costs its task, which another worker begins again.
 
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
 from uuid import uuid4
 
@@ -52,7 +51,11 @@ def run_tasks(
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers of its own: give --scheduler or --workers, not both.")
     if scheduler is None and workers is None:
-        workers = min(os.cpu_count() or 1, len(tasks)) if find_spec("distributed") else 1
+        workers = 1
+        with suppress(ImportError):
+            import distributed  # noqa: F401
+
+            workers = min(os.cpu_count() or 1, len(tasks))
     if scheduler is None and (workers == 1 or len(tasks) < 2):
         for name, arguments in tasks.items():
             yield _done(name, lambda arguments=arguments: function(*arguments))

@@ -1,7 +1,9 @@
 """Columns of time stamps, of the names of runs and of row numbers, by their names and their values."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -88,7 +90,11 @@ def tells_runs(table: Table, name: str, layout: Layout) -> bool:
     """Return True if a column labels runs: it has few values for its rows, and words or such a name."""
     column: Any = table.frame[name]
     count, total = column.nunique(), len(column)
-    words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
+    words = not pd.api.types.is_datetime64_any_dtype(column)
+    if words:
+        with suppress(InputError):
+            numbers(table, name, layout)
+            words = False
     # A label has four rows on average, or two where the name of the column says so.
     several = words and 1 < count <= total / 4
     named = RUNS.match(name) and count <= max(1, total / 2)
@@ -98,9 +104,9 @@ def tells_runs(table: Table, name: str, layout: Layout) -> bool:
 def counts_runs(table: Table, name: str, layout: Layout, clock: np.ndarray) -> bool:
     """Return True if a column numbers the runs: it goes up by 1 wherever the time goes back, and nowhere else."""
     back = np.diff(clock) < 0
-    if not np.any(back) or not _is_numbers(table, name, layout):
-        return False
-    return np.array_equal(np.diff(numbers(table, name, layout)), back)
+    with suppress(InputError):
+        return bool(np.any(back)) and np.array_equal(np.diff(numbers(table, name, layout)), back)
+    return False
 
 
 def time_unit(name: str) -> str | None:
@@ -114,20 +120,11 @@ def run_sizes(table: Table, run: str | None, parts: Sequence[np.ndarray]) -> dic
     if run is None:
         return {str(i): len(part) for i, part in enumerate(parts)}
     labels = table.frame[run].astype(str).to_numpy()
-    lengths: dict[str, int] = {}
+    sizes: Counter[str] = Counter()
     for part in parts:
         if len(part):
-            name = str(labels[part[0]]).strip()
-            lengths[name] = lengths.get(name, 0) + len(part)
-    return lengths
-
-
-def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
-    try:
-        numbers(table, name, layout)
-    except InputError:
-        return False
-    return True
+            sizes[str(labels[part[0]]).strip()] += len(part)
+    return sizes
 
 
 def counts_rows(values: np.ndarray, codes: np.ndarray, named: bool) -> bool:

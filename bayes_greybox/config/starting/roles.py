@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,25 +56,21 @@ class Guess:
 
     time: str | None
     run: str | None
-    restart: bool = False
-    even: bool = True
-    missing: int = 0
-    set_back: bool = False
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    rate_of: dict[str, str] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
-    dated: bool = False
-    shuffled: bool = False
-    lengths: dict[str, int] = field(default_factory=dict)
+    restart: bool
+    even: bool
+    missing: int
+    set_back: bool
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    rate_of: dict[str, str]
+    left_out: dict[str, str]
+    dated: bool
+    shuffled: bool
+    lengths: dict[str, int]
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
-    """Guess the roles of the columns of a table with this layout.
-
-    Raises:
-        InputError: No column has numbers that change, or the day of dates may be their month.
-    """
+    """Guess the roles of the columns of a table with this layout."""
     names = [str(name) for name in table.frame.columns]
     time = time_column(table, names, layout)
     table = table.packed() if time is not None else table
@@ -105,11 +101,11 @@ def guessed(table: Table, layout: Layout) -> Guess:
     parts = [part[complete[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
-    guess = Guess(
-        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, left_out=left_out,
-        dated=dated, shuffled=shuffled, lengths=run_sizes(table, run, parts),
+    states, inputs, rate_of = _roles(clock, columns, [part for part in parts if len(part) > 3], table.units)
+    return Guess(
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, states, inputs,
+        rate_of, left_out, dated, shuffled, run_sizes(table, run, parts),
     )  # fmt: skip
-    return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3], table.units)
 
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray], codes: np.ndarray) -> str | None:
@@ -142,10 +138,10 @@ def _even(clock: np.ndarray, parts: Sequence[np.ndarray]) -> bool:
     return True
 
 
-def _with_roles(
-    guess: Guess, clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray], units: Mapping[str, str]
-) -> Guess:
-    """Find states, inputs and rates."""
+def _roles(
+    clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray], units: Mapping[str, str]
+) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
+    """Find states, inputs, and rates by state."""
     rate_of: dict[str, str] = {}
     for state in columns:
         fits = {name: _explained(clock, columns[state], columns[name], parts) for name in columns if name != state}
@@ -165,7 +161,7 @@ def _with_roles(
     states = [name for name in columns if name not in inputs and name not in last]
     if not states:
         states, inputs = inputs[:1], inputs[1:]
-    return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
+    return tuple(states), tuple(inputs), rate_of
 
 
 def _is_speed(column: str, unit: str) -> bool:
