@@ -8,7 +8,7 @@ pattern, so that everything that is printed or exported is the same model.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Any
 
 import numpy as np
 import sympy
@@ -210,23 +210,19 @@ class LearnedSystem:
         """Return True if an equation gives a measured quantity, not a rate."""
         return name not in self.states
 
-    def expression(self, name: str) -> sympy.Expr:
-        """Return the right-hand side of a state or output: g + Σ E[θ_j] φ_j, and f as an undefined function."""
-        terms = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
-        return cast(sympy.Expr, sympy.Add(self.simulation.formula(name), *terms, self._f(name)))
-
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return the right-hand sides by state or output."""
-        return {name: self.expression(name) for name in self.names}
+        """Return the right-hand sides by state or output: g + Σ E[θ_j] φ_j, and f as an undefined function."""
+        sides: dict[str, Any] = {}
+        for name in self.names:
+            terms: list[Any] = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
+            f = self.learned[name].discrepancy if name in self.with_f else None
+            if f is not None:
+                terms.append(sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables)))
+            sides[name] = sympy.Add(self.simulation.formula(name), *terms)
+        return sides
 
     def _terms(self, name: str) -> tuple[LearnedTerm, ...]:
         return self.learned[name].terms if name in self.learned else ()
-
-    def _f(self, name: str) -> sympy.Expr:
-        f = self.learned[name].discrepancy if name in self.learned else None
-        if f is None or not f.left:
-            return sympy.S.Zero
-        return sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables))
 
 
 def parameters_of(parameters: Parameters, learned: Mapping[str, Value]) -> tuple[LearnedParameter, ...]:

@@ -102,7 +102,7 @@ def keep_programs() -> Path | None:
 
 
 def make_room() -> bool:
-    """Drop programs of earlier work if they took much of what a process may have, before long work; True if so."""
+    """Drop programs of earlier work, before long work, if they take much of what a process may have; True if so."""
     try:
         allowed = int(ALLOWED.read_text(encoding="ascii"))
         with OWN_MAPPINGS.open("rb") as mappings:

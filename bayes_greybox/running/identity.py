@@ -201,7 +201,7 @@ def _trust(module: str | None) -> None:
 
 
 def surroundings() -> Any:
-    """Return versions, the backend, and settings of JAX and NumPyro, whose handlers may change what programs do."""
+    """Return versions, the backend and settings; inside a handler of NumPyro, which may change programs, refuse."""
     # A library whose version differs from the installed one is a checkout.
     loaded = [str(getattr(sys.modules.get(name), "__version__", None)) for name in LIBRARIES[:4]]
     versions = *loaded, *map(_installed, LIBRARIES)
@@ -216,7 +216,7 @@ _installed = functools.cache(version)
 
 
 def settings() -> Any:
-    """Return JAX's configuration, except for the folders of its caches; values without a name but an address refuse."""
+    """Return JAX's configuration, but not the folders of its caches; a value that has only an address is refused."""
     config: Any = jax.config
     values = [(key, repr(getattr(config, key, value))) for key, value in config.values.items() if "cache" not in key]
     if any(" at 0x" in text for _, text in values):

@@ -129,7 +129,7 @@ def stages(show: bool, answers: bool = True) -> Iterator[None]:
 
 @contextmanager
 def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[Stage]:
-    """Show one stage of some work in the open display, if any: `total` pieces of it; a log `said` how long it took."""
+    """Show one stage of some work, of `total` pieces, in the open display; a log states how long it took if `said`."""
     line = Stage(_DISPLAY.get(), text, total)
     try:
         yield line
@@ -140,7 +140,7 @@ def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[St
 
 
 def announce(text: str, answer: bool = False) -> None:
-    """Print a remark, or the work's `answer`, which a display may be asked not to print, above its lines, if any."""
+    """Print a remark above the lines of the open display; one that is asked for no answers prints no `answer`."""
     display = _DISPLAY.get()
     if display is not None and (display.answers or not answer):
         display.console.print(text, highlight=False, markup=False)
