@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from bayes_greybox.config.section import AlsoAs, Section, Switch, Table, section_of, table_of_kinds, wrong
 from bayes_greybox.discovery import odds
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite
 
 if TYPE_CHECKING:
@@ -48,10 +47,7 @@ class Term(Section):
             from bayes_greybox.physics.coefficient import coefficient_of_term
 
             statement = [stated.get(key) for key in ("sign", "prior", "fixed", "bounds")]
-            try:
-                coefficient_of_term(self.name or self.expression, *statement)
-            except InputError as error:
-                raise wrong(str(error)) from None
+            coefficient_of_term(self.name or self.expression, *statement)
         return self
 
 
@@ -97,10 +93,7 @@ class Parameter(Section):
 
     @model_validator(mode="after")
     def _check_stated(self) -> Any:
-        try:
-            self.build()
-        except InputError as error:
-            raise wrong(str(error)) from None
+        self.build()
         return self
 
     def build(self) -> "parameters.Parameter":

@@ -64,21 +64,24 @@ def _again(error: ErrorDetails) -> InitErrorDetails:
 def _sentence(first: ErrorDetails) -> str:
     # Names in angle brackets tell the kinds of a section apart and are not in the file.
     place = [part for part in first["loc"] if not str(part).startswith("<")]
-    message, given = first["msg"], first["input"]
-    if first["type"] == "config" and isinstance(given, Mapping | Section):
+    kind, message, given = first["type"], first["msg"], first["input"]
+    if kind == "value_error":
+        # An InputError of the package.
+        kind, message = "config", message.removeprefix("Value error, ")
+    if kind == "config" and isinstance(given, Mapping | Section):
         return _finished(f"{_section(place)}{message}")
     # The value of a key: its place is the table around it.
     key = str(place.pop())
     if key.isdigit() and place:
         key = f"{place.pop()}[{key}]"
-    if first["type"] == "missing":
+    if kind == "missing":
         return f"{_section(place)}needs the key {key!r}."
-    if first["type"] == "literal_error":
+    if kind == "literal_error":
         expected = first.get("ctx", {}).get("expected", "").replace(" or ", ",")
         choices = [word.strip(" '") for word in expected.split(",") if word.strip()]
         message = f"is not available; {suggestion(str(given), choices)}"
-    elif first["type"] != "config":
-        wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
+    elif kind != "config":
+        wanted = _EXPECTED.get(kind) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"
     shown = repr(given)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
