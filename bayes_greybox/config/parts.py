@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.config.section import AlsoAs, Section, Switch, Table, section_of, table_of_kinds, wrong
-from bayes_greybox.discovery import odds
 from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite
 
@@ -165,7 +164,16 @@ Coefficients = dict[str, dict[str, Annotated[Any, Table(lambda _: section_of(_pa
 Prior = Annotated[Any, table_of_kinds(lambda: _part("prior"), "laplace")]
 Rows = Annotated[Any, table_of_kinds(lambda: _part("rows"), "derivative")]
 Discrepancy = Annotated[Any, Table(lambda _: section_of(_part("discrepancy"), Switch))]
-Odds = Annotated[Any, Table(lambda _: section_of(odds.Odds))]
+
+
+def _odds(given: Any) -> type[Section]:
+    # A fit needs none of it.
+    from bayes_greybox.discovery.odds import Odds
+
+    return section_of(Odds)
+
+
+Odds = Annotated[Any, Table(_odds)]
 
 
 class Study(Section):
