@@ -24,7 +24,7 @@ def compare_configured(settings: Config, run: Run) -> int:
     """Fit the models of a configuration file, compare them, and fill the folder."""
     if len(settings.models) < 2:
         raise InputError(
-            f"compare needs two or more models, and {settings.origin.name} has {len(settings.models)}: add tables "
+            f"compare needs two or more models, and {settings.file} has {len(settings.models)}: add tables "
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or FUTURE_START)

@@ -49,7 +49,7 @@ def fit_configured(settings: Config, run: Run) -> int:
             with stage("Writing the record"), staged(folder) as place:
                 save_found(result, folder / "run.nc", place / "run.nc")
                 record = run_record(result, settings.sampling.model_dump(), seconds, held_out, tried)
-                write_json(place / "summary.json", {"command": "fit", "config": settings.origin.name, **record})
+                write_json(place / "summary.json", {"command": "fit", "config": settings.file, **record})
             if settings.output.figures:
                 with stage("Drawing"):
                     # Imported here because it is slow, and the verdict does not wait for it.

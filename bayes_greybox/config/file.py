@@ -170,6 +170,11 @@ class Config(Section):
         return next(iter((*stated, *self._formulas)), "y")
 
     @property
+    def file(self) -> str:
+        """Name of the file, or of the original of a copy."""
+        return self.origin.name
+
+    @property
     def text(self) -> str:
         """The file as its author wrote it."""
         return self._text if self.copied_from is None else author_text(self._text)

@@ -130,7 +130,7 @@ def study_into(
             study = find_missing_effects(model, train, test, **arguments, progress=progress, checkpoint=checkpoint)
             # An asset's folder has its name; a configuration may be that of many.
             name = place.name if place.parent.name == ASSETS else settings.origin.stem
-            named = {**study.settings, "name": name, "configuration": settings.origin.name}
+            named = {**study.settings, "name": name, "configuration": settings.file}
             study = replace(study, config=settings.text, settings=named)
             with stage("Saving the study"), staged(folder) as part:
                 # First, by itself: no later failure may cost the draws.
@@ -139,7 +139,7 @@ def study_into(
         on_study(study)
         with stages(progress):
             record = study_record(study, settings.sampling.model_dump())
-            report_into(folder, study, {"config": settings.origin.name, **record}, settings.output.figures)
+            report_into(folder, study, {"config": settings.file, **record}, settings.output.figures)
         if checkpoint is not None:
             checkpoint.complete()
     return study
