@@ -27,9 +27,9 @@ from bayes_greybox.criticism.trade_off import TradeOff, strongest_trade_off
 from bayes_greybox.criticism.trial import try_on
 from bayes_greybox.data.streams.row_stream import RowStream
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.equations.of_posterior import fitted_system
+from bayes_greybox.equations.learned import LearnedSystem
+from bayes_greybox.equations.of_posterior import estimated_starts, fitted_system
 from bayes_greybox.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.equations.starts import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, given_checkpoint, run_facts
 from bayes_greybox.inference.kept.groups import to_inferencedata
 from bayes_greybox.inference.posterior import Posterior
@@ -51,9 +51,6 @@ from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.stages import stage, stages
 
 log = logging.getLogger(__name__)
-
-AGAIN = "Sampling again, with finer features"
-"""Text of the progress bar of a repeated fit."""
 
 MOST_REFITS, FEATURE_MARGIN = 2, 1.15
 """Most refits with more features; number of features given, over what the last posterior needs."""
@@ -129,14 +126,61 @@ class GreyBox(Program):
                     break
                 log.info("sampling again, with more features: %s", refined.discrepancy)
                 whole = None if rows is None else rows.statistics(refined)
-                posterior = sampled(refined, AGAIN)
+                posterior = sampled(refined, "Sampling again, with finer features")
             fit = Fit(posterior.model, data, sampling, posterior.idata, posterior.made, whole)
             with stage("Predicting the measurements"):
                 fit._complete()
         return fit
 
 
-class Fit(Posterior):
+class Written:
+    """The learned equations of a fit, or of a study's extended model, written in four ways.
+
+    Those of a study have the coefficients of its tables, free runs and figures; for those of NUTS ask `study.fit`.
+    """
+
+    def _system(self) -> LearnedSystem:
+        raise NotImplementedError
+
+    def to_sympy(self) -> dict[str, sympy.Expr]:
+        """Return the right-hand sides by state or output, over real symbols with the names of the columns.
+
+            d(x_i)/dt = g_i(x, u) + Σ_j E[θ_ij] φ_ij(x, u) + f_i(x, u)
+
+        Terms and coefficients are those that `print` shows, with all digits. In the equations that keep it, f is an
+        undefined function `f_name(...)`; so is a simulation given as a function, `g_name(t, x, u)`.
+        """
+        return self._system().to_sympy()
+
+    def to_latex(self) -> str:
+        """Return all equations in LaTeX, `aligned`, with standard deviations: 1.23(4) is 1.23 ± 0.04."""
+        return equations_latex(self._system())
+
+    def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
+        """Return the right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
+
+        x `[*n, n_state]` and u `[*n, n_input]` have the columns `rates.states` and `rates.inputs` along their last
+        axis, in the units of the data; t is a number or `[*n]`. The function returns the rates of `rates.equations` in
+        `rates.units`, `[*n, n_equation]`: states with an equation, then outputs.
+
+        Args:
+            backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
+            draws: Number of draws, along a first axis, `[draws, *n, n_equation]`, each with all its terms and its own
+                nonlinear parameters; `rates.draw(k)` is one. None: the equation that `print` shows, coefficients at
+                their means.
+            discrepancy: If true, f is added. Outside their domain features are constant, but their projection is not.
+
+        Raises:
+            InputError: An unknown backend, too many draws, or f under OrthogonalGP(path="exact").
+        """
+        return learned_rates(self._system(), backend, draws, discrepancy)
+
+    def to_json(self) -> str:
+        """Return the equations as JSON: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
+        return json.dumps(equations_record(self._system()), indent=2, allow_nan=False, ensure_ascii=False)
+
+
+class Fit(Posterior, Written):
     """The posterior of a GreyBox model: tables, predictions, free runs, and one file that holds it all."""
 
     @property
@@ -226,21 +270,11 @@ class Fit(Posterior):
         start at draws of the fit, whose covariance is the metric. Under a spike-and-slab prior the likeliest pattern is
         fixed, and f keeps its orthogonal basis. Each path segment has its own start.
 
-        Args:
-            draws: Draws kept in each chain.
-            tune: Warm-up iterations of each chain.
-            chains: Number of chains, run in parallel threads.
-            seed: Seed of everything random in the run.
-            target_accept: Target acceptance probability of NUTS.
-            starts: Prior mean and standard deviation at the start of runs, by state, in user's units; by default the
-                start of the reference path, and ten times the state's size.
-            noise: Prior median of each sensor's noise and standard deviation of its logarithm, by state, in user's
-                units: each sensor then has its own noise. By default one noise scales all sensors, in proportion to the
-                path's residuals.
-            progress: If true, a progress bar is shown.
-            checkpoint: Folder that keeps the chains while they run, for `resume`; removed when they are complete.
-            resume: If true, continue the chains in that folder; draws equal those of an uninterrupted run.
-            checkpoint_every: Seconds between two checkpoints of a chain.
+        `starts` has the prior mean and standard deviation at the start of runs, by state, in user's units; by default
+        the start of the reference path, and ten times the state's size. `noise` has the prior median of each sensor's
+        noise and the standard deviation of its logarithm, by state, in user's units: each sensor then has its own
+        noise. By default one noise scales all sensors, in proportion to the path's residuals. The other arguments are
+        those of `GreyBox.fit`.
 
         Returns:
             A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` if each sensor has its own noise.
@@ -263,37 +297,8 @@ class Fit(Posterior):
         """
         return to_inferencedata(self.idata)
 
-    def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return the right-hand sides by state or output, over real symbols with the names of the columns.
-
-            d(x_i)/dt = g_i(x, u) + Σ_j E[θ_ij] φ_ij(x, u) + f_i(x, u)
-
-        Terms and coefficients are those that `print(fit)` shows, with all digits. In the equations that keep it, f is
-        an undefined function `f_name(...)`; so is a simulation given as a function, `g_name(t, x, u)`.
-        """
-        return fitted_system(self).to_sympy()
-
-    def to_latex(self) -> str:
-        """Return all equations in LaTeX, `aligned`, with standard deviations: 1.23(4) is 1.23 ± 0.04."""
-        return equations_latex(fitted_system(self))
-
-    def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """Return the right-hand side as a function `rates(t, x, u)`, which `scipy` or `diffrax` can integrate.
-
-        x `[*n, n_state]` and u `[*n, n_input]` have the columns `rates.states` and `rates.inputs` along their last
-        axis, in the units of the data; t is a number or `[*n]`. The function returns the rates of `rates.equations` in
-        `rates.units`, `[*n, n_equation]`: states with an equation, then outputs.
-
-        Args:
-            backend: "numpy", or "jax" for a function that can be compiled, mapped and differentiated.
-            draws: Number of draws, along a first axis, `[draws, *n, n_equation]`, each with all its terms;
-                `rates.draw(k)` is one. None: the equation that `print(fit)` shows, coefficients at their means.
-            discrepancy: If true, f is added. Outside their domain features are constant, but their projection is not.
-
-        Raises:
-            InputError: An unknown backend, too many draws, or f under OrthogonalGP(path="exact").
-        """
-        return learned_rates(fitted_system(self), backend, draws, discrepancy)
+    def _system(self) -> LearnedSystem:
+        return fitted_system(self)
 
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the equations as a program: .py (NumPy), .c (C99), .mo (Modelica) or .fmu, by the file extension.
@@ -307,16 +312,8 @@ class Fit(Posterior):
                 missing; the file cannot be written.
         """
         system = fitted_system(self)
-        f = {
-            name: "which the data tell apart from zero"
-            for name, each in system.learned.items()
-            if each.discrepancy is not None and each.discrepancy.left
-        }
+        f = dict.fromkeys(system.with_f, "which the data tell apart from zero")
         export_system(system, path, Notes(str(self.verdict), discrepancy=f, estimated=estimated_starts(self)))
-
-    def to_json(self) -> str:
-        """Return the equations as JSON: terms, coefficients with 90 % intervals and inclusion, units; see the guide."""
-        return json.dumps(equations_record(fitted_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def save(self, path: str | os.PathLike, test: Trajectories | None = None) -> None:
         """Write posterior, data, model, settings, versions and seed to one netCDF file.

@@ -1,13 +1,10 @@
 """The missing effects of a simulation, for users: `find_missing_effects`, and its result, `Study`."""
 
-import json
 import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
-
-import sympy
 
 from bayes_greybox.criticism.kept.file import checked_of
 from bayes_greybox.data.trajectories import Trajectories, with_filter_of
@@ -19,8 +16,8 @@ from bayes_greybox.discovery.next_experiment.ranked import WORTH_DOING, NextExpe
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.study import StudyResult, StudySettings, investigate
 from bayes_greybox.discovery.study_file import holds_study, save_study, study_of
-from bayes_greybox.equations.rates import LearnedRates, learned_rates
-from bayes_greybox.equations.starts import estimated_starts
+from bayes_greybox.equations.learned import LearnedSystem
+from bayes_greybox.equations.of_posterior import estimated_starts
 from bayes_greybox.inference.checkpoint import CHECKPOINT_EVERY, Checkpoint, data_facts, given_checkpoint, run_facts
 from bayes_greybox.inference.kept import netcdf
 from bayes_greybox.inference.kept.damage import made_of
@@ -29,8 +26,6 @@ from bayes_greybox.physics.catalogue.loading import CatalogueSpec
 from bayes_greybox.physics.experiments.candidate import Candidate
 from bayes_greybox.physics.simulation.fmu.given import FMU
 from bayes_greybox.physics.simulation.protocol import RightHandSide
-from bayes_greybox.report.equations.markup import equations_latex
-from bayes_greybox.report.equations.record import equations_record
 from bayes_greybox.report.equations.text import equations_text
 from bayes_greybox.report.exports.door import export_system
 from bayes_greybox.report.exports.model import Notes
@@ -40,11 +35,11 @@ from bayes_greybox.running.compiling import keep_programs, make_room
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stages
 
-from .greybox import Fit, GreyBox, fit_of, greybox_of
+from .greybox import Fit, GreyBox, Written, fit_of, greybox_of
 
 
 @dataclass(frozen=True, repr=False)
-class Study(StudyResult):
+class Study(StudyResult, Written):
     """The effects that a simulation lacks, with the evidence; see `StudyResult` for its tables.
 
     `fit` is None if nothing was sampled, as under settle=False. Tables come from the noise grid either way;
@@ -89,32 +84,8 @@ class Study(StudyResult):
             raise InputError("A state of the data has no equation to integrate: add it to the simulation.")
         return paths
 
-    def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return right-hand sides of the extended model by state or output; see `Fit.to_sympy`.
-
-        Coefficients are those of the study's tables, free runs and figures; for those of NUTS use
-        `study.fit.to_sympy()`. f is in the equations that keep an unnamed discrepancy.
-        """
-        return studied_system(self).to_sympy()
-
-    def to_latex(self) -> str:
-        """Return the extended model in LaTeX; see `Fit.to_latex`."""
-        return equations_latex(studied_system(self))
-
-    def to_callable(self, backend: str = "numpy", draws: int | None = None, discrepancy: bool = False) -> LearnedRates:
-        """Return the right-hand side of the extended model as a function `rates(t, x, u)`; see `Fit.to_callable`.
-
-        Each draw has its own nonlinear parameters.
-
-        Args:
-            backend: "numpy" or "jax".
-            draws: Number of draws, along a first axis; None: the equation that `print(study)` shows.
-            discrepancy: If true, add the unnamed discrepancy, if there is one.
-
-        Raises:
-            InputError: An unknown backend; more draws than there are.
-        """
-        return learned_rates(studied_system(self), backend, draws, discrepancy)
+    def _system(self) -> LearnedSystem:
+        return studied_system(self)
 
     def export(self, path: str | os.PathLike[str]) -> None:
         """Write the extended model as a program; see `Fit.export`.
@@ -126,16 +97,11 @@ class Study(StudyResult):
             InputError: See `Fit.export`.
         """
         system = studied_system(self)
-        open_ended = [name for name, each in system.learned.items() if each.discrepancy and each.discrepancy.left]
         remarks = tuple(f"About the sensors, not the machine: {text}." for text in measurement_in_words(self))
-        left = dict.fromkeys(open_ended, "the unnamed discrepancy")
+        left = dict.fromkeys(system.with_f, "the unnamed discrepancy")
         states = self.model.states(self.train)
         starts = {} if self.fit is None else estimated_starts(self.fit)
         export_system(system, path, Notes(self.sentence, remarks, left, self.model.rows.starts, states, starts))
-
-    def to_json(self) -> str:
-        """Return the extended model as JSON text, with nonlinear parameters and hidden states; see `Fit.to_json`."""
-        return json.dumps(equations_record(studied_system(self)), indent=2, allow_nan=False, ensure_ascii=False)
 
     def next_experiment(
         self,
@@ -279,7 +245,7 @@ def find_missing_effects(
     make_room()
     settings = StudySettings(
         catalogue, roles, effects_at_most, negligible, odds, free_runs, interpolation, seed, settle
-    )  # fmt: skip
+    )
     sampling = Sampling(draws, tune, chains, seed)
     with given_checkpoint(checkpoint, resume, checkpoint_every) as held, stages(progress):
         started = time.perf_counter()

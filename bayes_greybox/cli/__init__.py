@@ -1,5 +1,6 @@
 """The command bayes-greybox; JAX and all that needs it are imported inside the commands."""
 
+import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,28 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bayes_greybox.cli.options import (
-    BlockOption,
-    Chains,
-    ConfigFile,
-    Draws,
-    MaxRefits,
-    NoProgress,
-    Output,
-    Quiet,
-    Resume,
-    Scheme,
-    SchemeOption,
-    Seed,
-    Tune,
-    Verbose,
-)
-from bayes_greybox.running.collecting import leave_collected
 from bayes_greybox.running.errors import InputError
 
+from . import options as o
 from .ending import DONE, exit_code, log_to_stderr, run_app, show
-from .examples import ending
-from .exporting import export
+from .options import ending
 
 if TYPE_CHECKING:
     from bayes_greybox.config import Config
@@ -54,7 +38,8 @@ def command() -> int:
     try:
         return main()
     finally:
-        leave_collected()
+        # Python's last search for garbage takes most of a second, and the system takes all memory back anyway.
+        gc.freeze()
 
 
 def _version(asked: bool | None) -> None:
@@ -75,11 +60,11 @@ def _whole(
     """Find, name and add the physics a simulation is missing, with honest uncertainty."""
 
 
-@app.command(epilog=ending("fit"))
+@app.command(epilog=ending("fit configs/first.toml", "report runs/first"))
 def fit(
-    config: ConfigFile, output: Output = None,
-    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
-    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+    config: o.ConfigFile, output: o.Output = None,
+    seed: o.Seed = None, draws: o.Draws = None, tune: o.Tune = None, chains: o.Chains = None,
+    resume: o.Resume = False, no_progress: o.NoProgress = False, quiet: o.Quiet = False, verbose: o.Verbose = 0,
 ) -> int:  # fmt: skip
     """Fit the model of a configuration file and write the results to a folder.
 
@@ -92,11 +77,10 @@ def fit(
     progress = not (no_progress or quiet)
     with _starting(progress):
         from .fitting import fit_configured
-        from .folders import Run
-    return fit_configured(settings, Run(output, progress, quiet, resume))
+    return fit_configured(settings, o.Run(output, progress, quiet, resume))
 
 
-@app.command(epilog=ending("discover"))
+@app.command(epilog=ending("discover configs/discover_spring.toml", "next runs/discover_spring/study.nc"))
 def discover(
     config: Annotated[Path | None, typer.Argument(help="Configuration file (TOML).")] = None,
     fleet: Annotated[
@@ -112,9 +96,9 @@ def discover(
     scheduler: Annotated[
         str | None, typer.Option(help="With --fleet: address of a Dask scheduler, such as tcp://host:8786.")
     ] = None,
-    output: Output = None,
-    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
-    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+    output: o.Output = None,
+    seed: o.Seed = None, draws: o.Draws = None, tune: o.Tune = None, chains: o.Chains = None,
+    resume: o.Resume = False, no_progress: o.NoProgress = False, quiet: o.Quiet = False, verbose: o.Verbose = 0,
 ) -> int:  # fmt: skip
     """Find which effect a simulation is missing, and where.
 
@@ -131,33 +115,28 @@ def discover(
         if resume:
             raise InputError("A fleet goes on with the assets that are left by itself: leave --resume out.")
         with _starting(progress):
-            from bayes_greybox.cli.studying import study_folder
-
-            from .folders import Run
+            from .studying import study_folder
         tasks = {"workers": workers, "scheduler": scheduler}
-        return study_folder(config, fleet, sampling, tasks, Run(output, progress, quiet))
+        return study_folder(config, fleet, sampling, tasks, o.Run(output, progress, quiet))
     if config is None:
         raise InputError("Missing argument 'CONFIG': give a configuration file, or --fleet FOLDER for many assets.")
     if workers is not None or scheduler is not None:
         raise InputError("--workers and --scheduler are for a fleet: give --fleet FOLDER.")
     settings = _configured(config, **sampling)
     with _starting(progress):
-        from bayes_greybox.cli.studying import study_configured
-
-        from .folders import Run
-    return study_configured(settings, Run(output, progress, quiet, resume))
+        from .studying import study_configured
+    return study_configured(settings, o.Run(output, progress, quiet, resume))
 
 
-@app.command(epilog=ending("compare"))
+@app.command(epilog=ending("compare configs/compare_priors.toml", "report runs/compare_priors"))
 def compare(
     files: Annotated[
-        list[Path],
-        typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc)."),
+        list[Path], typer.Argument(help="A configuration file with [models.NAME], or two or more saved fits (.nc).")
     ],
-    output: Output = None,
-    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
-    seed: Seed = None, draws: Draws = None, tune: Tune = None, chains: Chains = None,
-    resume: Resume = False, no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+    output: o.Output = None,
+    scheme: o.SchemeOption = None, block: o.BlockOption = None, max_refits: o.MaxRefits = None,
+    seed: o.Seed = None, draws: o.Draws = None, tune: o.Tune = None, chains: o.Chains = None,
+    resume: o.Resume = False, no_progress: o.NoProgress = False, quiet: o.Quiet = False, verbose: o.Verbose = 0,
 ) -> int:  # fmt: skip
     """Compare models by how well they predict data that are left out.
 
@@ -167,27 +146,24 @@ def compare(
     """
     log_to_stderr(verbose)
     sampling = {"seed": seed, "draws": draws, "tune": tune, "chains": chains}
-    folds = _given_folds(scheme, block, max_refits)
+    folds = _folds(scheme, block, max_refits)
+    saved = all(file.suffix == ".nc" for file in files)
+    if saved != (len(files) > 1):
+        raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     progress = not (no_progress or quiet)
     with _starting(progress):
         from .comparing import compare_configured, compare_saved
-        from .folders import Run
-    run = Run(output, progress, quiet, resume)
-    saved = [file.suffix == ".nc" for file in files]
-    if any(saved):
-        if not all(saved) or len(files) < 2:
-            raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
+    run = o.Run(output, progress, quiet, resume)
+    if saved:
         given = [f"--{name}" for name, value in sampling.items() if value is not None] + ["--resume"] * resume
         if given:
             raise InputError(f"{given[0]} does not apply to saved fits, which are not sampled again; leave it out.")
         return compare_saved(files, folds, run)
-    if len(files) > 1:
-        raise InputError("compare takes one configuration file, or two or more saved fits (*.nc).")
     settings = _configured(files[0], **sampling).with_settings("compare", **folds)
     return compare_configured(settings, run)
 
 
-@app.command(epilog=ending("report"))
+@app.command(epilog=ending("report runs/discover_spring", "export runs/discover_spring/study.nc amended.c"))
 def report(
     files: Annotated[
         list[Path],
@@ -198,14 +174,13 @@ def report(
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output",
-            "-o",
+            "--output", "-o",
             help="The page to write, instead of FILE.html beside the file; in a folder run.html of a fit, gap.html of "
             "a study, comparison.html of a comparison, which is written here for several fits.",
         ),
     ] = None,
-    scheme: SchemeOption = None, block: BlockOption = None, max_refits: MaxRefits = None,
-    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+    scheme: o.SchemeOption = None, block: o.BlockOption = None, max_refits: o.MaxRefits = None,
+    no_progress: o.NoProgress = False, quiet: o.Quiet = False, verbose: o.Verbose = 0,
 ) -> int:  # fmt: skip
     """Write the report of a saved fit, of a study or of a comparison, one HTML page.
 
@@ -213,16 +188,14 @@ def report(
     all its figures and needs no network.
     """
     log_to_stderr(verbose)
-    given = _given_folds(scheme, block, max_refits)
+    given = _folds(scheme, block, max_refits)
     if any(file.is_dir() for file in files) and len(files) > 1:
         raise InputError("report takes one saved fit or study (*.nc), several fits, or one folder of results.")
     if given and len(files) == 1:
         option = next(iter(given)).replace("_", "-")
         raise InputError(f"--{option} applies where several saved fits are compared; leave it out.")
-    from bayes_greybox.running.stages import stage, stages
-
     progress = not (no_progress or quiet)
-    with stages(progress), stage("Writing the report", said=False):
+    with _starting(progress, "Writing the report"):
         from bayes_greybox.report.folders.saved import saved_html
 
         fits, page = saved_html(files, output, given, progress=progress)
@@ -230,7 +203,7 @@ def report(
     return exit_code(fits)
 
 
-@app.command(name="next", epilog=ending("next"))
+@app.command(name="next", epilog=ending("next runs/discover_spring/study.nc --signal sine", "init new_run.csv"))
 def next_(
     file: Annotated[Path, typer.Argument(help="Configuration file (TOML), or a saved study (.nc).")],
     signal: Annotated[list[str] | None, typer.Option(help="Family of signals; all by default.")] = None,
@@ -245,22 +218,43 @@ def next_(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the table and for figures of what is expected.")
     ] = None,
-    no_progress: NoProgress = False, quiet: Quiet = False, verbose: Verbose = 0,
+    no_progress: o.NoProgress = False, quiet: o.Quiet = False, verbose: o.Verbose = 0,
 ) -> int:  # fmt: skip
     """Say what to measure next, to tell the likely explanations of a study apart.
 
     A configuration is studied first, without sampling.
     """
     log_to_stderr(verbose)
-    from bayes_greybox.cli.studying import next_configured
-
-    from .folders import Run
+    from .studying import next_configured
 
     options = {"signals": signal, "amplitudes": amplitude, "batch": batch, "threshold": threshold}
-    return next_configured(file, options, seed, Run(output, not (no_progress or quiet), quiet))
+    return next_configured(file, options, seed, o.Run(output, not (no_progress or quiet), quiet))
 
 
-app.command(epilog=ending("export"))(export)
+@app.command(epilog=ending("export runs/discover_spring/study.nc amended.c", "report runs/discover_spring"))
+def export(
+    file: Annotated[Path, typer.Argument(metavar="RESULT", help="A saved fit or study (.nc).")],
+    output: Annotated[
+        Path, typer.Argument(metavar="OUTPUT", help="The file to write: .py (NumPy), .c (C99), .mo (Modelica) or .fmu.")
+    ],
+    quiet: o.Quiet = False, verbose: o.Verbose = 0,
+) -> int:  # fmt: skip
+    """Write the equations of a saved fit or study as a program, in the language that the file's ending names.
+
+    It computes rates of change from states and inputs. Comments say what is known of its coefficients, and what is not
+    in it.
+    """
+    log_to_stderr(verbose)
+    from bayes_greybox.missing_effects import Study, load
+    from bayes_greybox.report.exports.door import require_ending
+
+    # A large result takes long to read.
+    require_ending(output)
+    result = load(file)
+    result.export(output)
+    show(output if quiet else f"The program is {output}.")
+    fit = result.fit if isinstance(result, Study) else result
+    return exit_code({} if fit is None else {file.stem: fit})
 
 
 @app.command(context_settings={"ignore_unknown_options": True}, hidden=True)
@@ -270,7 +264,7 @@ def benchmark(words: Annotated[list[str] | None, typer.Argument(help="Arguments 
     raise InputError(f"The benchmarks are run from a checkout of the repository: python -m benchmarks {asked}")
 
 
-@app.command(epilog=ending("init"))
+@app.command(epilog=ending("init run.csv", "discover run.toml"))
 def init(
     data: Annotated[Path, typer.Argument(help="A table: text, Excel, Parquet, netCDF, MATLAB or LabVIEW.")],
     output: Annotated[
@@ -311,7 +305,7 @@ def init(
     return DONE
 
 
-@app.command(epilog=ending("schema"))
+@app.command(epilog=ending("schema > bayes-greybox.schema.json", "init run.csv"))
 def schema() -> int:
     """Print the JSON schema of configuration files, for editors that complete and check keys."""
     import json
@@ -322,7 +316,7 @@ def schema() -> int:
     return DONE
 
 
-@app.command(epilog=ending("datasets"))
+@app.command(epilog=ending("datasets", "init run.csv"))
 def datasets() -> int:
     """List the measured benchmark data sets and where they were found."""
     from bayes_greybox.data.datasets import dataset_table
@@ -333,16 +327,16 @@ def datasets() -> int:
 
 
 @contextmanager
-def _starting(progress: bool) -> Iterator[None]:
+def _starting(progress: bool, text: str = "Starting") -> Iterator[None]:
     """Show that a command starts, while its modules are imported."""
     from bayes_greybox.running.stages import stage, stages
 
-    with stages(progress), stage("Starting", said=False):
+    with stages(progress), stage(text, said=False):
         yield
 
 
-def _given_folds(scheme: Scheme | None, block: int | None, max_refits: int | None) -> dict[str, Any]:
-    folds = {"scheme": None if scheme is None else scheme.value, "block": block, "max_refits": max_refits}
+def _folds(scheme: o.Scheme | None, block: int | None, max_refits: int | None) -> dict[str, Any]:
+    folds = {"scheme": scheme and scheme.value, "block": block, "max_refits": max_refits}
     return {name: value for name, value in folds.items() if value is not None}
 
 

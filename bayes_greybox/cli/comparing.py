@@ -1,7 +1,7 @@
 """The command compare: models of a file, or fits that were saved."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,8 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.stages import announce, stage, stages
 
 from .ending import exit_code, show
-from .folders import Run, complete, place_of, resumable
+from .folders import complete, place_of, resumable
+from .options import Run
 
 
 def compare_configured(settings: Config, run: Run) -> int:
@@ -27,14 +28,16 @@ def compare_configured(settings: Config, run: Run) -> int:
             'such as [models.laplace] with prior = { kind = "laplace" }.'
         )
     check_scheme(settings.compare.scheme, settings.compare.block, settings.compare.start or FUTURE_START)
-    with output_folder(place_of(settings, "compare", run.output)) as folder:
+    with output_folder(place_of(settings.folder, "compare", run.output)) as folder:
         train, _ = settings.read_data()
         models = {name: settings.build_model(name) for name in settings.models}
         for name, model in models.items():
             # Errors of the last model are better reported before the first is sampled.
-            with _about(name):
+            try:
                 model.on(train).designs(train)
                 require_divisible(train, model.equations, settings.compare.scheme)
+            except InputError as error:
+                raise InputError(f"[models.{name}] {error}") from error
         fits = {}
         with stages(run.progress):
             for name, model in models.items():
@@ -75,12 +78,3 @@ def _compared(fits: dict[str, Any], table: Any, folder: Path | None, quiet: bool
     elif folder is not None:
         show(folder)
     return exit_code(fits)
-
-
-@contextmanager
-def _about(model: str) -> Iterator[None]:
-    """Name the model in errors."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"[models.{model}] {error}") from error

@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 DONE, BAD_INPUT, NOT_CONVERGED = 0, 2, 3
 """Exit codes; 3 means that results were written but the verdict on convergence is bad."""
 
-HANDLER = "bayes-greybox on stderr"
-"""Name of the handler that the commands give to the package's log."""
-
 
 def run_app(app: typer.Typer, name: str, arguments: Sequence[str] | None = None) -> int:
     """Run a command line and return the exit code; an error in its words, or in what they name, is one sentence."""
@@ -60,22 +57,19 @@ def show(*parts: Any) -> None:
     # Rich leaves bold letters where NO_COLOR asks for no colour; without a colour system it writes letters alone.
     console = Console(highlight=False, markup=False, color_system=None if os.environ.get("NO_COLOR") else "auto")
     for part in parts:
-        if isinstance(part, Path):
-            console.print(str(part), soft_wrap=True)
-        else:
-            console.print(part)
+        console.print(str(part) if isinstance(part, Path) else part, soft_wrap=isinstance(part, Path))
 
 
 def log_to_stderr(verbose: int) -> None:
     """Show what the package logs: nothing but warnings at 0, its stages from 1 on, details from 2 on."""
     import logging
 
-    logger = logging.getLogger("bayes_greybox")
-    for handler in [each for each in logger.handlers if each.name == HANDLER]:
+    logger, name = logging.getLogger("bayes_greybox"), "bayes-greybox on stderr"
+    for handler in [each for each in logger.handlers if each.name == name]:
         logger.removeHandler(handler)
     logger.setLevel({0: logging.NOTSET, 1: logging.INFO}.get(verbose, logging.DEBUG))
     if verbose:
         handler = logging.StreamHandler()
-        handler.name = HANDLER
+        handler.name = name
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s", "%H:%M:%S"))
         logger.addHandler(handler)

@@ -13,7 +13,8 @@ from bayes_greybox.report.terminal.fit import fit_tables
 from bayes_greybox.running.stages import stage, stages
 
 from .ending import DONE, NOT_CONVERGED, show
-from .folders import Run, place_of, resumable
+from .folders import place_of, resumable
+from .options import Run
 
 
 def fit_configured(settings: Config, run: Run) -> int:
@@ -21,7 +22,7 @@ def fit_configured(settings: Config, run: Run) -> int:
     with ExitStack() as work:
         with stages(run.progress):
             with stage("Starting", said=False):
-                folder = work.enter_context(output_folder(place_of(settings, "fit", run.output)))
+                folder = work.enter_context(output_folder(place_of(settings.folder, "fit", run.output)))
                 train, test = settings.read_rows()
                 model = settings.build_model()
                 checkpoint = work.enter_context(resumable(folder, settings, run.resume))

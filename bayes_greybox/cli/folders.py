@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 
 import typer
@@ -15,30 +14,14 @@ from bayes_greybox.running.errors import InputError
 CHECKPOINT = "checkpoint"
 """Folder within that of the results, while a run is not complete."""
 
-NOTHING_YET = "there were no draws yet, and nothing else is kept; the same command starts from the beginning."
-"""Message to the user of a command that was stopped before it sampled."""
 
-
-@dataclass(frozen=True)
-class Run:
-    """Options that every command has; `output` is None for the usual folder, `quiet` shows the results' place alone."""
-
-    output: Path | None
-    progress: bool
-    quiet: bool
-    resume: bool = False
-
-
-def place_of(settings: Config, command: str, output: Path | None) -> Path:
+def place_of(folder: Path, command: str, output: Path | None) -> Path:
     """Return the folder for the results of a command, which overwrites no results but its own.
 
-    The configuration's folder belongs to the first command that was run with it; that of another is FOLDER-COMMAND.
-
-    Raises:
-        InputError: The folder that was asked for holds another command's results.
+    The usual folder belongs to the first command that was run with it; that of another is FOLDER-COMMAND.
     """
     if output is None:
-        return free_folder(settings.folder, command)
+        return free_folder(folder, command)
     require_own(output, command)
     return output
 
@@ -48,18 +31,16 @@ def resumable(folder: Path, settings: Config, resume: bool, name: str = "") -> I
     """Hold the checkpoint of a command; a user who is stopped or refused while it has draws is told how to go on.
 
     If `resume`, the run goes on with the draws that are there; `name` is that of the model, where there are several.
-
-    Raises:
-        InputError: `checkpoint_in` refuses the checkpoint.
     """
     place, every = folder / CHECKPOINT / name, settings.output.checkpoint_every
     with checkpoint_in(place, resume=resume, every=every) as checkpoint:
         try:
             yield checkpoint
         except KeyboardInterrupt:
-            kept = checkpoint.accepted and checkpoint.holds_draws
-            how = f'the draws so far are in "{place}"; the same command with --resume goes on.'
-            typer.echo(f"Stopped: {how if kept else NOTHING_YET}", err=True)
+            how = "there were no draws yet, and nothing else is kept; the same command starts from the beginning."
+            if checkpoint.accepted and checkpoint.holds_draws:
+                how = f'the draws so far are in "{place}"; the same command with --resume goes on.'
+            typer.echo(f"Stopped: {how}", err=True)
             raise
         except InputError as error:
             if not (checkpoint.accepted and checkpoint.holds_draws):

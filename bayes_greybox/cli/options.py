@@ -1,5 +1,6 @@
-"""Options and arguments that several commands have, and their choices."""
+"""Options and arguments that several commands have, and the end of each one's help."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -30,8 +31,6 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Show nothing but err
 Verbose = Annotated[
     int, typer.Option("--verbose", "-v", count=True, help="Say on stderr what is being done; -vv in more detail.")
 ]
-
-
 SchemeOption = Annotated[
     Scheme | None, typer.Option(help="What is left out: single rows (loo), blocks, trajectories, or the future.")
 ]
@@ -41,3 +40,18 @@ BlockOption = Annotated[
 MaxRefits = Annotated[
     int | None, typer.Option(min=0, help="Most exact refits of what the draws cannot predict (10 by default).")
 ]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Options that every command has; `output` is None for the usual folder, `quiet` shows the results' place alone."""
+
+    output: Path | None
+    progress: bool
+    quiet: bool
+    resume: bool = False
+
+
+def ending(example: str, after: str) -> str:
+    """Return the last lines of a command's help: arguments of an example, and of the command that comes next."""
+    return f"Example: bayes-greybox {example}\n\nThen: bayes-greybox {after}"

@@ -5,9 +5,6 @@ import json
 import re
 from collections.abc import Callable
 
-CONFIGURED_COMMANDS = ("fit", "discover", "compare", "next")
-"""Commands that read a configuration."""
-
 _VALUE = r'"([^"]*)"'
 
 _QUOTATION = r"""(?<!\w)(?:"[^"]*"|'(?:[^'\\]|\\.)*')(?!\w)"""
@@ -63,7 +60,7 @@ def as_typed(command: str, message: str) -> str:
             for match in reversed(_remedies(python, message)):
                 message = message[: match.start()] + match.expand(option) + message[match.end() :]
         return message
-    if command not in CONFIGURED_COMMANDS:
+    if command not in ("fit", "discover", "compare", "next"):
         return message
     places = [(match.start(), key(match)) for python, key in _IN_FILES for match in _remedies(python, message)]
     keys = [key for key in dict.fromkeys(key for _, key in sorted(places)) if key not in message]

@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Any
 
 from bayes_greybox.cli.ending import BAD_INPUT, DONE, NOT_CONVERGED, show
-from bayes_greybox.cli.folders import Run, place_of, resumable
+from bayes_greybox.cli.folders import place_of, resumable
+from bayes_greybox.cli.options import Run
 from bayes_greybox.config import Config, load_config
 from bayes_greybox.discovery.next_experiment.ranked import NextExperiment
 from bayes_greybox.fleet.assets import assets_of
 from bayes_greybox.fleet.reporting import FLEET_PAGE, STUDY_PAGE
 from bayes_greybox.fleet.run import study_fleet, study_into
 from bayes_greybox.missing_effects import Study, find_missing_effects, load
-from bayes_greybox.report.folders.holding import free_folder, require_own
 from bayes_greybox.report.terminal.study import fleet_tables, study_tables
 from bayes_greybox.report.terminal.tables import frame_table
 from bayes_greybox.report.words.asked import STUDY_FILE
@@ -22,7 +22,7 @@ from bayes_greybox.running.whole_files import write_text
 
 def study_configured(settings: Config, run: Run) -> int:
     """Study what the simulation of a configuration misses, and write the results to a folder."""
-    folder = place_of(settings, "discover", run.output)
+    folder = place_of(settings.folder, "discover", run.output)
     study = study_into(
         settings, folder, progress=run.progress,
         on_study=lambda study: None if run.quiet else show(*study_tables(study, str(folder / STUDY_FILE))),
@@ -36,13 +36,9 @@ def study_folder(
     config: Path | None, folder: Path, sampling: Mapping[str, int | None], tasks: Mapping[str, Any], run: Run
 ) -> int:
     """Study every asset of a folder, and write their common results; `tasks` says on how many workers, or where."""
-    if run.output is not None:
-        require_own(run.output, "fleet")
-        place = run.output
-    else:
-        place = Path("runs") / (folder.resolve().name or "fleet")
-        place = place.with_name(f"{place.name}-fleet") if place.resolve() == folder.resolve() else place
-        place = free_folder(place, "fleet")
+    place = Path("runs") / (folder.resolve().name or "fleet")
+    place = place.with_name(f"{place.name}-fleet") if place.resolve() == folder.resolve() else place
+    place = place_of(place, "fleet", run.output)
     if place.resolve() == folder.resolve():
         raise InputError(f'Results in "{place}" would lie among the files of the fleet: choose another --output.')
     assets = assets_of(folder, config)

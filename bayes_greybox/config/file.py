@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import PlainValidator, PrivateAttr, ValidationError, field_validator, model_validator
 
-from bayes_greybox.config.parts import Next, Study
-from bayes_greybox.config.section import AlsoAs
 from bayes_greybox.data.reading.toml_files import read_toml
 from bayes_greybox.report.folders.holding import CONFIG, author_text, command_of, copy_of
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, Probability, Seed, Whole
 
-from .parts import Coefficients, Dictionary, Discrepancy, FMUFile, Parameters, Prior, Rows, Simulation, Starts
-from .section import Section, sentences, wrong
+from . import parts
+from .section import AlsoAs, Section, sentences, wrong
 from .sources import Data, TableSource
 
 if TYPE_CHECKING:
@@ -50,8 +48,10 @@ class Noise(Section):
         if set(given) - {"scale"}:
             from bayes_greybox.model.noise import asked as noise
 
-            return {**arguments, "noise": noise.Noise(**given)}
-        return {**arguments, **({"noise": given["scale"]} if given else {})}
+            arguments["noise"] = noise.Noise(**given)
+        elif given:
+            arguments["noise"] = given["scale"]
+        return arguments
 
 
 class Sampling(Section):
@@ -94,10 +94,10 @@ class Compare(Section):
 class Model(Section):
     """[models.NAME]: the sections in which one model of a comparison differs from the file's own."""
 
-    dictionary: Dictionary | None = None
-    coefficients: Coefficients | None = None
-    prior: Prior = None
-    discrepancy: Discrepancy = None
+    dictionary: parts.Dictionary | None = None
+    coefficients: parts.Coefficients | None = None
+    prior: parts.Prior = None
+    discrepancy: parts.Discrepancy = None
 
 
 class Config(Section):
@@ -112,20 +112,20 @@ class Config(Section):
     copied_from: str | None = None
     asset: str | None = None
     data: Data
-    simulation: Simulation = {}
-    parameters: Parameters = {}
-    starts: Starts = {}
-    dictionary: Dictionary = {}
-    coefficients: Coefficients = {}
-    prior: Prior = None
-    discrepancy: Discrepancy = None
-    rows: Rows = None
+    simulation: parts.Simulation = {}
+    parameters: parts.Parameters = {}
+    starts: parts.Starts = {}
+    dictionary: parts.Dictionary = {}
+    coefficients: parts.Coefficients = {}
+    prior: parts.Prior = None
+    discrepancy: parts.Discrepancy = None
+    rows: parts.Rows = None
     noise: Noise = Noise()
     sampling: Sampling = Sampling()
     output: Output = Output()
     compare: Compare = Compare()
-    study: Study = Study()
-    next: Next = Next()
+    study: parts.Study = parts.Study()
+    next: parts.Next = parts.Next()
     models: dict[str, Model] = {}
 
     _path: Path = PrivateAttr(default=Path("config.toml"))
@@ -145,8 +145,8 @@ class Config(Section):
         if self.asset is not None and self.copied_from is None:
             raise wrong("asset stands in copies beside results of a fleet (see copied_from); leave it out")
         learned = {name: set(self._dictionary(model)) for name, model in self.models.items()}
+        first = next(iter(learned), "")
         for name, states in learned.items():
-            first = next(iter(learned))
             if states != learned[first]:
                 raise wrong(
                     f"[models] {first} learns {', '.join(sorted(learned[first]))} but {name} learns "
@@ -155,8 +155,7 @@ class Config(Section):
         if isinstance(self.data, TableSource):
             sections = {"[simulation]": self._formulas, "[dictionary]": self.dictionary}
             sections |= {f"[models.{name}.dictionary]": model.dictionary or {} for name, model in self.models.items()}
-            if error := self.data.nothing_studied(self._formulas) or self.data.equation_of_input(sections):
-                raise wrong(error)
+            self.data.require_equations(self._formulas, sections)
         return self
 
     @property
@@ -186,11 +185,7 @@ class Config(Section):
         return self._path if self.copied_from is None else (self._path.resolve().parent / self.copied_from).resolve()
 
     def of_asset(self, file: Path) -> "Config":
-        """Return the same configuration for another data file in place of [data] path.
-
-        Raises:
-            InputError: [data] reads no table.
-        """
+        """Return the same configuration for another data file in place of [data] path."""
         if not isinstance(self.data, TableSource):
             raise InputError(f'"{self._path}": [data] reads no table (path), so no other file can stand in its place.')
         if self.data.held_out:
@@ -205,10 +200,8 @@ class Config(Section):
     def folder(self) -> Path:
         """Folder for results: as the file says, else runs/<name>; a copy beside results has the folder of these."""
         if self.copied_from is not None and self._path.name == CONFIG:
-            if command_of(self._path.parent) is not None:
-                return self._path.parent
             # Taken elsewhere it is a file as any other.
-            return Path("runs") / self.origin.stem
+            return self._path.parent if command_of(self._path.parent) else Path("runs") / self.origin.stem
         return Path(self.output.folder or Path("runs") / self._path.stem)
 
     def copy_to(self, folder: Path, place: Path | None = None) -> None:
@@ -221,11 +214,7 @@ class Config(Section):
         ((place or folder) / CONFIG).write_text(text, encoding="utf-8", newline="")
 
     def read_data(self) -> "tuple[Trajectories, Trajectories | None]":
-        """Return training data and, where the file asks for them, held-out data.
-
-        Raises:
-            InputError: The data cannot be read or used, or are read in chunks.
-        """
+        """Return training data, which are not read in chunks, and, where the file asks for them, held-out data."""
         from bayes_greybox.data.trajectories import require_measured
 
         train: Any
@@ -234,19 +223,11 @@ class Config(Section):
         return train, test
 
     def read_rows(self) -> "tuple[Trajectories | RowStream, Trajectories | None]":
-        """Return the same for a fit, which may read its rows in chunks.
-
-        Raises:
-            InputError: The data cannot be read or used.
-        """
+        """Return the same for a fit, which may read its rows in chunks."""
         return self.data.read(self.origin.parent)
 
     def build_model(self, name: str | None = None) -> "GreyBox":
-        """Return the model of the file, or one of its [models] by name.
-
-        Raises:
-            InputError: There is no such model, it has no terms to fit, or its parts do not fit together.
-        """
+        """Return the model of the file, or one of its [models] by name, which must have terms to fit."""
         if name is not None and name not in self.models:
             raise InputError(f"There is no model {name!r}; there are {', '.join(self.models) or 'none'}.")
         model = self.models[name] if name is not None else Model()
@@ -260,11 +241,7 @@ class Config(Section):
         return self._model(dictionary, model)
 
     def build_studied_model(self) -> "GreyBox":
-        """Return the model in which missing effects are looked for: the simulation, and the terms that are free anyway.
-
-        Raises:
-            InputError: There is neither, or its parts do not fit together.
-        """
+        """Return the model in which missing effects are looked for: the simulation, and terms that are free anyway."""
         if not (self.simulation or self.dictionary):
             raise InputError(
                 f'"{self._path}" has neither [simulation] nor [dictionary]: say what is known, such as '
@@ -273,46 +250,37 @@ class Config(Section):
         return self._model(self.dictionary, Model())
 
     def study_arguments(self) -> dict[str, Any]:
-        """Return the arguments of `find_missing_effects` beside model and data.
-
-        Raises:
-            InputError: [sampling] has a setting that a study does not take.
-        """
+        """Return the arguments of `find_missing_effects` beside model and data."""
         if "target_accept" in self.sampling.model_fields_set:
             raise InputError(f'"{self._path}": [sampling] target_accept does not apply to discover; leave it out.')
         sampling = self.sampling.model_dump(exclude={"target_accept"})
         return {**self.study.arguments(self.origin.parent), **sampling}
 
-    def _dictionary(self, model: Model) -> Dictionary:
+    def _dictionary(self, model: Model) -> parts.Dictionary:
         return self.dictionary if model.dictionary is None else model.dictionary
 
-    def _model(self, dictionary: Dictionary, model: Model) -> "GreyBox":
+    def _model(self, dictionary: parts.Dictionary, model: Model) -> "GreyBox":
         from bayes_greybox.greybox import GreyBox
 
         if isinstance(self.data, TableSource):
             if error := self.data.rate_without_equation(self._formulas, dictionary):
                 raise InputError(f'"{self._path}": {error}.')
-
         prior, discrepancy = model.prior or self.prior, model.discrepancy or self.discrepancy
-        parts = {"prior": prior, "discrepancy": discrepancy, "rows": self.rows}
+        built = {"prior": prior, "discrepancy": discrepancy, "rows": self.rows}
         given = self.simulation
         coefficients = self.coefficients if model.coefficients is None else model.coefficients
         return GreyBox(
             dictionary={state: terms.build() for state, terms in dictionary.items()},
-            simulation=given.build(self.origin.parent) if isinstance(given, FMUFile) else dict(given) or None,
+            simulation=given.build(self.origin.parent) if isinstance(given, parts.FMUFile) else dict(given) or None,
             parameters={name: each.build() for name, each in self.parameters.items()},
             starts=self.starts,
             coefficients={state: {name: c.build() for name, c in each.items()} for state, each in coefficients.items()},
-            **{name: part.build() for name, part in parts.items() if part is not None},
+            **{name: part.build() for name, part in built.items() if part is not None},
             **self.noise.arguments(),
         )
 
     def with_settings(self, name: str, **settings: Any) -> "Config":
-        """Return the same configuration with some settings of the section [name] replaced; None leaves one as it is.
-
-        Raises:
-            InputError: A value cannot be used.
-        """
+        """Return the same configuration with some settings of the section [name] replaced; None leaves one as it is."""
         section: Section = getattr(self, name)
         chosen = {key: value for key, value in settings.items() if value is not None}
         try:

@@ -8,7 +8,6 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bayes_greybox.config.section import AlsoAs, Section, Switch, Table, section_of, table_of_kinds, wrong
 from bayes_greybox.discovery.decision.criteria import Criteria
-from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Count, NotNegative, Positive, is_finite
 
 if TYPE_CHECKING:
@@ -47,10 +46,7 @@ class Term(Section):
             from bayes_greybox.physics.coefficient import coefficient_of_term
 
             statement = [stated.get(key) for key in ("sign", "prior", "fixed", "bounds")]
-            try:
-                coefficient_of_term(self.name or self.expression, *statement)
-            except InputError as error:
-                raise wrong(str(error)) from None
+            coefficient_of_term(self.name or self.expression, *statement)
         return self
 
 
@@ -66,11 +62,7 @@ class FMUFile(Section):
     step: Positive | None = None
 
     def build(self, folder: Path) -> "FMU":
-        """Return the simulation; relative paths start from the folder.
-
-        Raises:
-            InputError: The file cannot be used, or lacks a name.
-        """
+        """Return the simulation; relative paths start from the folder."""
         from bayes_greybox.physics.simulation.fmu.given import FMU
 
         return FMU(folder / self.fmu, **self.given("fmu"))
@@ -87,7 +79,6 @@ Simulation = Annotated[
     Discriminator(_kind_of_simulation),
     AlsoAs((dict[str, str], FMUFile), only=True),
 ]
-"""Formulas by state, or an FMU."""
 
 
 class Parameter(Section):
@@ -101,10 +92,7 @@ class Parameter(Section):
 
     @model_validator(mode="after")
     def _check_stated(self) -> Any:
-        try:
-            self.build()
-        except InputError as error:
-            raise wrong(str(error)) from None
+        self.build()
         return self
 
     def build(self) -> "parameters.Parameter":
@@ -115,10 +103,8 @@ class Parameter(Section):
         return Parameter(self.value, self.sd, None if ends == (None, None) else ends, self.unit)
 
 
-Parameters = dict[
-    str,
-    Annotated[Parameter, BeforeValidator(lambda v: {"value": v} if is_finite(v) else v), AlsoAs((float,))],
-]
+AnyParameter = Annotated[Parameter, BeforeValidator(lambda v: {"value": v} if is_finite(v) else v), AlsoAs((float,))]
+Parameters = dict[str, AnyParameter]
 
 
 def _start(given: Any) -> Any:
@@ -136,15 +122,6 @@ def _pair(given: Any, what: str) -> Any:
         example = "[-50.0, 0.0]; for one of them alone use lower or upper of [coefficients]"
         raise wrong(f"must be {what} of the coefficient, such as {'[-40.0, 10.0]' if 'mean' in what else example}")
     return given if given is None else tuple(given)
-
-
-def _coefficient(given: Any) -> type[Section]:
-    from bayes_greybox.physics.coefficient import Coefficient
-
-    return section_of(Coefficient)
-
-
-Coefficients = dict[str, dict[str, Annotated[Any, Table(_coefficient)]]]
 
 
 TermOrFormula = Annotated[
@@ -173,30 +150,24 @@ def _as_terms(given: Any) -> Any:
 Dictionary = dict[str, Annotated[Terms, BeforeValidator(_as_terms), AlsoAs((str, list[str | Term]))]]
 
 
-def _priors() -> Mapping[str, type]:
-    from bayes_greybox.model.priors import PRIORS
-
-    return PRIORS
-
-
-def _rows() -> Mapping[str, type]:
-    from bayes_greybox.model.rows.kinds import ROW_KINDS
-
-    return ROW_KINDS
-
-
-def _discrepancy(given: Any) -> type[Section]:
+def _part(name: str) -> Any:
+    """Return a class, or a registry of classes, of the rooms of models, which are imported only where it is needed."""
     from bayes_greybox.model.gp.discrepancy import OrthogonalGP
+    from bayes_greybox.model.priors import PRIORS
+    from bayes_greybox.model.rows.kinds import ROW_KINDS
+    from bayes_greybox.physics.coefficient import Coefficient
 
-    return section_of(OrthogonalGP, Switch)
+    return {"prior": PRIORS, "rows": ROW_KINDS, "discrepancy": OrthogonalGP, "coefficient": Coefficient}[name]
 
 
-Prior = Annotated[Any, table_of_kinds(_priors, "laplace")]
-Rows = Annotated[Any, table_of_kinds(_rows, "derivative")]
-Discrepancy = Annotated[Any, Table(_discrepancy)]
+Coefficients = dict[str, dict[str, Annotated[Any, Table(lambda _: section_of(_part("coefficient")))]]]
+Prior = Annotated[Any, table_of_kinds(lambda: _part("prior"), "laplace")]
+Rows = Annotated[Any, table_of_kinds(lambda: _part("rows"), "derivative")]
+Discrepancy = Annotated[Any, Table(lambda _: section_of(_part("discrepancy"), Switch))]
 
 
 def _odds(given: Any) -> type[Section]:
+    # A fit needs none of it.
     from bayes_greybox.discovery.odds import Odds
 
     return section_of(Odds)
@@ -229,12 +200,9 @@ class Study(Section):
 
     def arguments(self, folder: Path) -> dict[str, Any]:
         """Return the arguments of `find_missing_effects` for the keys in the file; paths start from the folder."""
-        given = self.given("odds", "catalogue")
-        if "catalogue" in self.model_fields_set:
-            names = self.catalogue
-            given["catalogue"] = (
-                _located(names, folder) if isinstance(names, str) else [_located(name, folder) for name in names]
-            )
+        given = self.given("odds")
+        if "catalogue" in given:
+            given["catalogue"] = _located(self.catalogue, folder)
         if self.odds is not None:
             given["odds"] = self.odds.build()
         return given
@@ -259,9 +227,11 @@ class Next(Section):
     outcomes: Count | None = None
 
 
-def _located(name: str, folder: Path) -> str:
-    """Return a catalogue of the package by its name, or a file by its path from the configuration's folder."""
-    return str(folder / name) if name.endswith(".toml") else name
+def _located(catalogue: str | list[str], folder: Path) -> Any:
+    """Return catalogues of the package by their names, and files by their paths from the configuration's folder."""
+    if isinstance(catalogue, list):
+        return [_located(each, folder) for each in catalogue]
+    return str(folder / catalogue) if catalogue.endswith(".toml") else catalogue
 
 
 def _words(value: Any, what: str) -> Any:

@@ -4,16 +4,14 @@ from typing import Any
 
 from .file import Config
 
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
-
 
 def json_schema() -> dict[str, Any]:
     """Return keys, types, limits and choices of a configuration file as JSON Schema.
 
     Rules about more than one key, such as `test_fraction` beside `test`, are known to the checker alone.
     """
-    schema = {"$schema": DIALECT, **Config.model_json_schema(), "title": "Configuration of bayes-greybox"}
-    return _without_nothing(schema)
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return _without_nothing({**dialect, **Config.model_json_schema(), "title": "Configuration of bayes-greybox"})
 
 
 def _without_nothing(schema: Any) -> Any:

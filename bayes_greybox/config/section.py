@@ -57,30 +57,31 @@ def sentences(error: ValidationError) -> str:
 
 def _again(error: ErrorDetails) -> InitErrorDetails:
     """Prepare an error to be raised again, with others."""
-    kind: Any = error["type"]
-    if kind == "config":
-        kind = wrong(str(error.get("ctx", {}).get("text", error["msg"])))
+    kind: Any = wrong(error["msg"]) if error["type"] == "config" else error["type"]
     return InitErrorDetails(type=kind, loc=error["loc"], input=error["input"], ctx=error.get("ctx", {}))
 
 
 def _sentence(first: ErrorDetails) -> str:
     # Names in angle brackets tell the kinds of a section apart and are not in the file.
     place = [part for part in first["loc"] if not str(part).startswith("<")]
-    message, given = first["msg"], first["input"]
-    if first["type"] == "config" and isinstance(given, Mapping | Section):
+    kind, message, given = first["type"], first["msg"], first["input"]
+    if kind == "value_error":
+        # An InputError of the package.
+        kind, message = "config", message.removeprefix("Value error, ")
+    if kind == "config" and isinstance(given, Mapping | Section):
         return _finished(f"{_section(place)}{message}")
     # The value of a key: its place is the table around it.
     key = str(place.pop())
     if key.isdigit() and place:
         key = f"{place.pop()}[{key}]"
-    if first["type"] == "missing":
+    if kind == "missing":
         return f"{_section(place)}needs the key {key!r}."
-    if first["type"] == "literal_error":
+    if kind == "literal_error":
         expected = first.get("ctx", {}).get("expected", "").replace(" or ", ",")
         choices = [word.strip(" '") for word in expected.split(",") if word.strip()]
         message = f"is not available; {suggestion(str(given), choices)}"
-    elif first["type"] != "config":
-        wanted = _EXPECTED.get(first["type"]) or message.removeprefix("Input should be ")
+    elif kind != "config":
+        wanted = _EXPECTED.get(kind) or message.removeprefix("Input should be ")
         message = f"cannot be used; it must be {wanted}"
     shown = repr(given)
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
@@ -109,33 +110,25 @@ def _finished(text: str) -> str:
 
 
 class Derived(Section):
-    """The fields of a class of the package; keys that the file leaves out have the defaults of the class.
-
-    Attributes:
-        made: The class.
-        choosing: Keys that choose the object, or whether there is one.
-    """
+    """The fields of a class of the package, `made`; keys that the file leaves out have the defaults of the class."""
 
     made: ClassVar[Callable[..., Any]]
-    choosing: ClassVar[tuple[str, ...]] = ()
 
     def build(self) -> Any:
         """Return the object of the package."""
-        fields = self.given(*self.choosing)
+        fields = self.given("kind", "enabled")
         return type(self).made(**{key: tuple(v) if isinstance(v, list) else v for key, v in fields.items()})
 
 
 class Kind(Derived):
     """The fields of one of several classes, which the key `kind` chooses."""
 
-    choosing: ClassVar[tuple[str, ...]] = ("kind",)
     kind: str
 
 
 class Switch(Derived):
     """The fields of a class, and a switch for the whole part."""
 
-    choosing: ClassVar[tuple[str, ...]] = ("enabled",)
     enabled: bool = True
 
     def build(self) -> Any:
@@ -161,9 +154,7 @@ def section_of(part: type, base: type[Derived] = Derived) -> type[Derived]:
 class Table:
     """Annotation of a table whose section is imported when it is read, because it needs the room of models.
 
-    Attributes:
-        section: Function from the content of the table to its section.
-        shown: JSON schema of all that a file may have there; None for that of the one section.
+    `section` is chosen by the table's content; `shown` is the JSON schema of all of them, None if there is but one.
     """
 
     section: Callable[[Any], type[Section]]
@@ -203,12 +194,7 @@ def table_of_kinds(kinds: Callable[[], Mapping[str, type]], example: str) -> Tab
 
 @dataclasses.dataclass(frozen=True)
 class AlsoAs:
-    """Annotation of a value that a file may write in other ways, which a validator turns into the one.
-
-    Attributes:
-        types: The other ways.
-        only: True if they are all.
-    """
+    """Annotation of a value that a file may write in other ways (`only` in these), which a validator turns into one."""
 
     types: tuple[Any, ...]
     only: bool = False

@@ -37,7 +37,7 @@ class Source(Section, ABC):
         resample: Spacing of even times at which samples are interpolated by a spline; see `Trajectories.resample`.
     """
 
-    leave_out: list[Annotated[str, BeforeValidator(lambda v: _run_name(v)), AlsoAs((int,))]] = []
+    leave_out: list[Annotated[str, BeforeValidator(lambda v: str(v) if type(v) is int else v), AlsoAs((int,))]] = []
     resample: Positive | None = None
     differentiate: Differentiate | None = None
     test_fraction: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
@@ -94,13 +94,11 @@ class TableTest(Section):
 
 
 STREAMING = ("sample", "workers", "scheduler")
-"""Keys of a table for rows in chunks only."""
-
 STREAMED = (
     "path", "time", "states", "inputs", "derivatives", "outputs", "run", "trajectory", "restart", "units", "missing",
     "stream", "test", *STREAMING,
 )  # fmt: skip
-"""Keys that are allowed with rows in chunks."""
+"""Keys of a table for rows in chunks only, and those that are allowed with them."""
 
 
 class TableSource(Source):
@@ -154,27 +152,21 @@ class TableSource(Source):
         if self.workers is not None and self.scheduler is not None:
             raise wrong("a scheduler has workers of its own; give scheduler or workers, not both")
 
-    def nothing_studied(self, simulation: Iterable[str]) -> str:
-        """Say that there is neither a state nor an output, with the names in [simulation]; "" where there is one."""
-        if self.states or self.outputs:
-            return ""
-        name = next(iter(simulation), "y")
-        return (
-            f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of {name!r}, '
-            f'or outputs = ["{name}"] if it says {name!r} itself'
-        )
-
-    def equation_of_input(self, sections: Mapping[str, Iterable[str]]) -> str:
-        """Say that a section, of these by name, has an equation of an input; "" where none has."""
+    def require_equations(self, simulation: Iterable[str], sections: Mapping[str, Iterable[str]]) -> None:
+        """Refuse data without a state or an output, and sections, by name, with an equation of an input."""
+        if not (self.states or self.outputs):
+            name = next(iter(simulation), "y")
+            raise wrong(
+                f'[data] has no state and no output: give states = ["{name}"] if [simulation] says the rate of '
+                f'{name!r}, or outputs = ["{name}"] if it says {name!r} itself'
+            )
         outside = set(self.inputs) - set(self._with_equations)
-        for section, names in sections.items():
-            name = next((name for name in names if name in outside), None)
-            if name is not None:
-                return (
+        for section, name in ((section, name) for section, names in sections.items() for name in names):
+            if name in outside:
+                raise wrong(
                     f"{section} still has a line for {name!r}, which [data] has among its inputs: what acts from "
                     "outside has no equation; delete that line"
                 )
-        return ""
 
     def rate_without_equation(self, simulation: Mapping[str, str], learned: Iterable[str]) -> str:
         """Say that the simulation only names a rate, and nothing gives its equation; "" where that is not so."""
@@ -201,7 +193,8 @@ class TableSource(Source):
     def files(self, folder: Path) -> list[Path]:
         """List the tables."""
         files = []
-        for path in [*_each(self.path), *(_each(self.test.path) if self.test is not None else ())]:
+        paths = [self.path] if self.test is None else [self.path, self.test.path]
+        for path in [each for some in paths for each in ([some] if isinstance(some, str) else some)]:
             # As they are read: a file of that very name first.
             whole = folder / path
             pattern = glob.has_magic(path) and not whole.exists()
@@ -214,9 +207,8 @@ class TableSource(Source):
 
         # Rates are computed after the split; the key trajectory is older than run.
         settings = self.given(
-            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample", "leave_out",
-            "trajectory",
-        )  # fmt: skip
+            "path", "test", "test_fraction", "split_by", "differentiate", "rates", "resample", "leave_out", "trajectory"
+        )
         if self.trajectory is not None:
             settings["run"] = self.trajectory
         path = self.path
@@ -228,8 +220,8 @@ class TableSource(Source):
 
             return stream(_located(path, folder), **{key: settings[key] for key in settings if key != "stream"})
         settings = {key: value for key, value in settings.items() if key not in ("stream", *STREAMING)}
-        located, rates = _located(path, folder), (self.filter_settings or {}).get("rates")
-        if rates:
+        located = _located(path, folder)
+        if rates := (self.filter_settings or {}).get("rates"):
             require_computed(located, rates, settings)
         return read(located, **settings)
 
@@ -255,15 +247,14 @@ class DatasetSource(Source):
 
         loaded = load_dataset(self.dataset, **self.options)
         part = self.test.part if test and self.test is not None else self.part
-        section = "[data.test]" if test else "[data]"
+        where = f"{'[data.test]' if test else '[data]'} the data set {self.dataset!r}"
         if not isinstance(loaded, dict):
             if part is not None:
-                raise InputError(f"{section} the data set {self.dataset!r} has no parts; leave out part.")
+                raise InputError(f"{where} has no parts; leave out part.")
             return loaded if isinstance(loaded, Trajectories) else loaded.data
         if part not in loaded:
             lacks = f"has no part {part!r}" if part is not None else "comes in parts"
-            parts = ", ".join(loaded)
-            raise InputError(f"{section} the data set {self.dataset!r} {lacks}; set part to one of {parts}.")
+            raise InputError(f"{where} {lacks}; set part to one of {', '.join(loaded)}.")
         return loaded[part]
 
 
@@ -318,7 +309,8 @@ class SystemSource(Source, Sampled):
 
 
 def _kinds(given: Any) -> list[str]:
-    return [kind for kind in ("path", "dataset", "system") if kind in given]
+    keys = given if isinstance(given, Mapping) else type(given).model_fields
+    return [kind for kind in ("path", "dataset", "system") if kind in keys]
 
 
 def _check_kind(given: Any) -> Any:
@@ -327,18 +319,10 @@ def _check_kind(given: Any) -> Any:
     raise wrong("should be a table with exactly one of path (a file), dataset (a benchmark) and system (a simulation)")
 
 
-def _tag(given: Any) -> str:
-    return f"<{_kinds(given)[0]}>" if isinstance(given, Mapping) else f"<{_kinds(type(given).model_fields)[0]}>"
-
-
 def _paths(value: Any) -> Any:
     if isinstance(value, str) or (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
         return value
     raise wrong('should be the path of a file, a pattern such as "run*.csv", or a list of paths')
-
-
-def _each(path: str | list[str]) -> list[str]:
-    return path if isinstance(path, list) else [path]
 
 
 def _located(path: str | list[str], folder: Path) -> Any:
@@ -355,10 +339,6 @@ def _names(value: Any) -> Any:
     raise wrong('should be a list of column names, such as ["y"], or a table of name = "column"')
 
 
-def _run_name(value: Any) -> Any:
-    return str(value) if type(value) is int else value
-
-
 def _start(value: Any) -> Any:
     rows = value if isinstance(value, list) and value and isinstance(value[0], list | dict) else [value]
     rows = [list(row.values()) if isinstance(row, dict) else row for row in rows]
@@ -371,6 +351,6 @@ Data = Annotated[
     Annotated[TableSource, Tag("<path>")]
     | Annotated[DatasetSource, Tag("<dataset>")]
     | Annotated[SystemSource, Tag("<system>")],
-    Discriminator(_tag),
+    Discriminator(lambda given: f"<{_kinds(given)[0]}>"),
     BeforeValidator(_check_kind),
 ]

@@ -226,7 +226,7 @@ def investigate(
     with threadpool_limits(1), stages(progress), stage("Weighing explanations") as line:
 
         def say(text: str) -> None:
-            line.say(text)
+            line.advance(0, text)
             log.info(text)
 
         findings, left_out, lacking = _findings(subject, settings, catalogue, say)

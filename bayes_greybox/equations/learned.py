@@ -8,7 +8,7 @@ pattern, so that everything that is printed or exported is the same model.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import cast
+from typing import Any
 
 import numpy as np
 import sympy
@@ -85,13 +85,7 @@ class InnerValue:
 
 @dataclass(frozen=True)
 class LearnedParameter:
-    """A named parameter of the simulation, whose formulas have its mean.
-
-    Attributes:
-        value: Its value, in `unit`; exact where it was given and not learned.
-        unit: Its unit; "" if unknown.
-        learned: True if it was learned, or found off.
-    """
+    """A named parameter of the simulation, whose formulas have its mean; exact unless it was learned, or found off."""
 
     name: str
     value: Value
@@ -101,11 +95,9 @@ class LearnedParameter:
 
 @dataclass(frozen=True)
 class LearnedDiscrepancy:
-    """The f of one equation.
+    """The f of one equation, and whether it stands there (`left`).
 
     Attributes:
-        variables: Variables of f.
-        left: True if f stands in the equation.
         features: Features of f; None if f has no finite expansion.
         mean: Posterior mean of their weights given the terms of the equation, user's units of the rate.
     """
@@ -118,12 +110,12 @@ class LearnedDiscrepancy:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Posterior draws of one equation, of any pattern.
+    """Posterior draws of one equation, of any pattern, user's units.
 
     Attributes:
         terms: All terms that any draw has; slopes of parameters have a parameter's difference from its mean.
-        coefficients: Coefficients of the terms, user's units; zero if a draw excludes a term.
-        weights: Weights of the features of f, user's units of the rate; no columns without f.
+        coefficients: Coefficients of the terms; zero if a draw excludes a term.
+        weights: Weights of the features of f; no columns without f.
     """
 
     terms: tuple[Term, ...]
@@ -198,6 +190,11 @@ class LearnedSystem:
         return tuple(name for name in self.states if name not in measured)
 
     @property
+    def with_f(self) -> tuple[str, ...]:
+        """Learned equations in which f stands."""
+        return tuple(name for name, each in self.learned.items() if each.discrepancy and each.discrepancy.left)
+
+    @property
     def shown(self) -> tuple[str, ...]:
         """Equations that are printed: the learned ones, and those of hidden states in their terms."""
         printed = list(self.learned)
@@ -213,23 +210,19 @@ class LearnedSystem:
         """Return True if an equation gives a measured quantity, not a rate."""
         return name not in self.states
 
-    def expression(self, name: str) -> sympy.Expr:
-        """Return the right-hand side of a state or output: g + Σ E[θ_j] φ_j, and f as an undefined function."""
-        terms = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
-        return cast(sympy.Expr, sympy.Add(self.simulation.formula(name), *terms, self._f(name)))
-
     def to_sympy(self) -> dict[str, sympy.Expr]:
-        """Return the right-hand sides by state or output."""
-        return {name: self.expression(name) for name in self.names}
+        """Return the right-hand sides by state or output: g + Σ E[θ_j] φ_j, and f as an undefined function."""
+        sides: dict[str, Any] = {}
+        for name in self.names:
+            terms: list[Any] = [sympy.Float(each.value.mean) * each.term.expr for each in self._terms(name)]
+            f = self.learned[name].discrepancy if name in self.with_f else None
+            if f is not None:
+                terms.append(sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables)))
+            sides[name] = sympy.Add(self.simulation.formula(name), *terms)
+        return sides
 
     def _terms(self, name: str) -> tuple[LearnedTerm, ...]:
         return self.learned[name].terms if name in self.learned else ()
-
-    def _f(self, name: str) -> sympy.Expr:
-        f = self.learned[name].discrepancy if name in self.learned else None
-        if f is None or not f.left:
-            return sympy.S.Zero
-        return sympy.Function(f"f_{name}", real=True)(*map(symbol, f.variables))
 
 
 def parameters_of(parameters: Parameters, learned: Mapping[str, Value]) -> tuple[LearnedParameter, ...]:

@@ -1,4 +1,4 @@
-"""Equations of a posterior: its likeliest pattern, with coefficients given that pattern."""
+"""Equations and starts of a posterior: its likeliest pattern, with coefficients given that pattern."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,9 +12,11 @@ from jaxtyping import Array, Bool, Float
 from bayes_greybox.criticism.inclusion import ROPE, inclusion
 from bayes_greybox.criticism.judged import IDENTIFIABLE_RATIO
 from bayes_greybox.criticism.prediction import PREDICTION_DRAWS
+from bayes_greybox.inference.path_starts import path_of, start_draws
 from bayes_greybox.inference.posterior import Learned, Posterior
 from bayes_greybox.inference.remembering import remembered
 from bayes_greybox.model.design import EquationDraws
+from bayes_greybox.model.exact_program import START_SITE
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Term
@@ -22,7 +24,6 @@ from bayes_greybox.physics.terms import Term
 from .learned import (
     INTERVAL_LEVEL,
     Drawn,
-    Features,
     LearnedDiscrepancy,
     LearnedEquation,
     LearnedSystem,
@@ -34,11 +35,8 @@ from .learned import (
 LIKELY_INSIDE = 0.5
 """Probability to matter from which on a term stands in the equation, under a prior without inclusion."""
 
-DISCREPANCY_ROWS = 500
-"""Most rows, evenly spaced, on which f is told from zero."""
-
-FEWEST_PATTERN_DRAWS = 10
-"""Fewest draws of the likeliest pattern by which f is told from zero; with fewer, those of all patterns are used."""
+DISCREPANCY_ROWS, FEWEST_PATTERN_DRAWS = 500, 10
+"""Most rows, evenly spaced, and fewest draws of the likeliest pattern (else those of all) that tell f from zero."""
 
 
 @remembered
@@ -60,10 +58,11 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
         rows = table.loc[name].loc[list(learned.frame.dictionary.names)]
         inside = part.active if patterned else (rows["outside_rope"] > LIKELY_INSIDE).to_numpy()
         probability = rows["inclusion"].tolist() if patterned else [None] * len(rows)
-        stated = posterior.model.stated(name, posterior.data)
-        every = part.terms(np.ones(len(part.theta), bool), rows["unit"].tolist(), probability, stated.priors)
-        in_pattern = part.terms(part.alike, rows["unit"].tolist(), probability, stated.priors)
-        units = table.loc[name]["unit"]
+        stated, units = posterior.model.stated(name, posterior.data), table.loc[name]["unit"]
+        every, in_pattern = (
+            part.terms(draws, rows["unit"].tolist(), probability, stated.priors)
+            for draws in (np.ones(len(part.theta), bool), part.alike)
+        )
         named = {term.name: term.value for term in in_pattern if term.term.parameter}
         values |= named
         equations[name] = LearnedEquation(
@@ -77,12 +76,10 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
                 for term, value in stated.fixed
             ),
         )
-    terms = "Terms: those of the likeliest pattern (tables average over all)"
-    leaves = "over 1\u00a0% (RMS) of what the simulation leaves"
+    rule = "Terms: those of the likeliest pattern (tables average over all)"
     if not patterned:
-        terms = f"Terms: those likely to move the rate by {leaves}"
-    f = "; f where it matters as much"
-    rule = f"{terms}{f if posterior.model.discrepancy is not None else ''}."
+        rule = "Terms: those likely to move the rate by over 1\u00a0% (RMS) of what the simulation leaves"
+    rule += "." if posterior.model.discrepancy is None else "; f where it matters as much."
     model = posterior.model.with_values({name: value.mean for name, value in values.items()})
     simulation, parameters = model.simulator(posterior.data, lacking=True), parameters_of(model.parameters, values)
     return LearnedSystem("fit", simulation, posterior.data, equations, rule, parameters)
@@ -90,10 +87,7 @@ def fitted_system(posterior: Posterior) -> LearnedSystem:
 
 @dataclass(frozen=True)
 class _Part:
-    """Draws of one learned state: coefficients and weights in user's units.
-
-    `active` are the terms of the likeliest pattern of its block, `alike` the draws that have it.
-    """
+    """Draws of one learned state, in user's units; terms of its block's likeliest pattern, and draws that have it."""
 
     learned: Learned
     theta: Float[np.ndarray, "n_draw n_term"]
@@ -103,10 +97,9 @@ class _Part:
 
     @classmethod
     def of(cls, posterior: Posterior, learned: Learned) -> "_Part":
-        draws, frame = posterior.draws(learned.block), learned.frame
+        draws, frame = learned.of(posterior.draws(learned.block)), learned.frame
         active = posterior.likeliest_pattern(learned.block)
         alike = np.all(posterior.patterns(learned.block) == active, axis=1)
-        draws = learned.of(draws)
         weight = np.asarray(draws.weight) * frame.target_scale
         return cls(learned, draws.theta * frame.coefficient_scale, weight, active[learned.columns], alike)
 
@@ -138,7 +131,8 @@ class _Part:
         mean, variance = np.mean(f, axis=0), np.var(f, axis=0)
         size = np.sqrt(np.mean(mean**2))
         left = bool(size > max(ROPE, IDENTIFIABLE_RATIO * np.sqrt(np.mean(variance))))
-        return LearnedDiscrepancy(frame.variables, left, self._features(), self.weight[self.alike].mean(axis=0))
+        features = partial(_features_of, frame) if design.expands else None
+        return LearnedDiscrepancy(frame.variables, left, features, self.weight[self.alike].mean(axis=0))
 
     def _draws_of_f(self, posterior: Posterior) -> EquationDraws:
         """Return draws that tell f from zero, of the likeliest pattern if there are enough."""
@@ -151,10 +145,32 @@ class _Part:
         every = jax.tree.map(np.asarray, self.learned.of(posterior.draws(self.learned.block)))
         return jax.tree.map(lambda values: values[draws], every)
 
-    def _features(self) -> Features | None:
-        return partial(_features_of, self.learned.frame) if self.learned.equation.design.expands else None
-
 
 def _features_of(frame: Frame, columns: Mapping[str, Any]) -> Array | np.ndarray:
     """Return Ψ̃ at columns; a module function, so that it can be pickled."""
     return frame.rows(columns)[1]
+
+
+@remembered
+def estimated_starts(posterior: Posterior) -> Mapping[str, Value]:
+    """Return all states at the first sample of the first run, by state; user's units.
+
+    Draws are those of the likeliest pattern, as in the equations of `fitted_system`. There are no starts if rows follow
+    no path from its start, or an unknown force moves it.
+    """
+    model = posterior.model
+    if not model.rows.follows_path:
+        return {}
+    ((block, equation),) = posterior.equations.items()
+    if equation.rows.noise.moved:
+        return {}
+    values = posterior.values(block)
+    alike = np.all(posterior.patterns(block) == posterior.likeliest_pattern(block), axis=1)
+    if START_SITE in values:
+        draws = values[START_SITE][alike]
+    else:
+        drawn = posterior.draws(block)
+        theta, weight, sigma = (np.asarray(each)[alike] for each in (drawn.theta, drawn.weight, drawn.hyper.sigma))
+        draws = start_draws(equation, path_of(posterior), theta, weight, sigma, posterior.sampling.seed)
+    states = model.simulator(posterior.data).states
+    return {name: Value.of(draws[:, 0, k]) for k, name in enumerate(states)}

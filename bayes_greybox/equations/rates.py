@@ -9,27 +9,15 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from bayes_greybox.physics.simulation.protocol import Simulation
-from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import target_unit
 from bayes_greybox.running.errors import InputError
 
-from .learned import Features, LearnedEquation, LearnedSystem
+from .learned import Drawn, Features, LearnedEquation, LearnedSystem
 
 BACKENDS: Mapping[str, ModuleType] = {"numpy": np, "jax": jnp}
 """Array packages by name."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Added:
-    """The terms and features that one equation adds to the simulation, with a row of coefficients for each draw."""
-
-    terms: tuple[Term, ...]
-    coefficients: Float[np.ndarray, "n_draw n_term"]
-    features: Features | None
-    weights: Float[np.ndarray, "n_draw n_basis"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +33,7 @@ class LearnedRates:
             state has one and there are no outputs these are the states.
         units: Units of the returned quantities, by name; "" if unknown.
         n_draw: Number of posterior draws, along the first axis of the result; None: one model, and no such axis.
+        added: Draws, and features of f, that are added to the simulation, by equation.
     """
 
     states: tuple[str, ...]
@@ -53,7 +42,7 @@ class LearnedRates:
     units: Mapping[str, str]
     n_draw: int | None
     simulation: Simulation
-    added: Mapping[str, _Added]
+    added: Mapping[str, tuple[Drawn, Features | None]]
     backend: str
 
     def __call__(self, t: Any, x: Any, u: Any = None) -> Any:
@@ -102,8 +91,8 @@ class LearnedRates:
         if self.n_draw is None or not 0 <= k < self.n_draw:
             raise InputError(f"There is no draw {k}: ask for draws, to_callable(draws=...), and count them from 0.")
         added = {
-            name: replace(each, coefficients=each.coefficients[[k]], weights=each.weights[[k]])
-            for name, each in self.added.items()
+            name: (replace(drawn, coefficients=drawn.coefficients[[k]], weights=drawn.weights[[k]]), features)
+            for name, (drawn, features) in self.added.items()
         }
         return replace(self, n_draw=None, added=added)
 
@@ -121,14 +110,14 @@ class LearnedRates:
             else:
                 rate = self.simulation.output(name, t, x, u)
             rate = xp.broadcast_to(rate, (self.n_draw or 1, len(t)))
-            added = self.added.get(name)
-            if added is not None and added.terms:
+            drawn, features = self.added.get(name, (None, None))
+            if drawn is not None and drawn.terms:
                 # Σ_j θ_j φ_j(x, u)
-                Phi = xp.stack([term.evaluate(columns) for term in added.terms], axis=-1)
-                rate = rate + xp.asarray(added.coefficients) @ Phi.T
-            if added is not None and added.features is not None:
+                Phi = xp.stack([term.evaluate(columns) for term in drawn.terms], axis=-1)
+                rate = rate + xp.asarray(drawn.coefficients) @ Phi.T
+            if drawn is not None and features is not None:
                 # f(x) = Ψ̃(x) w
-                rate = rate + xp.asarray(added.weights) @ added.features(columns).T
+                rate = rate + xp.asarray(drawn.weights) @ features(columns).T
             rates.append(rate)
         return xp.stack(rates, axis=-1)
 
@@ -152,20 +141,18 @@ def learned_rates(
                 f"The discrepancy of {name!r} has no finite expansion: fit with OrthogonalGP(path='hsgp'), or leave "
                 "out discrepancy=True."
             )
-    return LearnedRates(
-        system.states, system.inputs, system.names, {name: target_unit(name, system.data) for name in system.names},
-        draws, system.simulation, {name: _added(each, draws, discrepancy) for name, each in system.learned.items()},
-        backend,
-    )  # fmt: skip
+    units = {name: target_unit(name, system.data) for name in system.names}
+    added = {name: _added(each, draws, discrepancy) for name, each in system.learned.items()}
+    return LearnedRates(system.states, system.inputs, system.names, units, draws, system.simulation, added, backend)
 
 
-def _added(equation: LearnedEquation, draws: int | None, with_f: bool) -> _Added:
-    f = equation.discrepancy if with_f else None
-    features = None if f is None else f.features
+def _added(equation: LearnedEquation, draws: int | None, with_f: bool) -> tuple[Drawn, Features | None]:
+    f, drawn = equation.discrepancy if with_f else None, equation.drawn
     if draws is None:
         mean = np.array([[each.value.mean for each in equation.terms]])
         weights = np.zeros((1, 0)) if f is None else f.mean[None]
-        return _Added(tuple(each.term for each in equation.terms), mean, features, weights)
-    drawn = equation.drawn
-    pick = np.linspace(0, len(drawn.coefficients) - 1, draws).round().astype(int)
-    return _Added(drawn.terms, drawn.coefficients[pick], features, drawn.weights[pick])
+        drawn = Drawn(tuple(each.term for each in equation.terms), mean, weights)
+    else:
+        pick = np.linspace(0, len(drawn.coefficients) - 1, draws).round().astype(int)
+        drawn = replace(drawn, coefficients=drawn.coefficients[pick], weights=drawn.weights[pick])
+    return drawn, None if f is None else f.features

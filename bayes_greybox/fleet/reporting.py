@@ -22,22 +22,15 @@ from bayes_greybox.running.tasks import run_tasks
 STUDY, STUDY_PAGE = STUDY_FILE, "gap.html"
 """Names of a study's file and of its page."""
 
-MARK = "asset.json"
-"""File in an asset's folder that marks its study as whole."""
+MARK, EARLIER = "asset.json", "earlier-"
+"""File that marks an asset's study as whole, and prefix of results that a later run set aside as it failed."""
 
-EARLIER = "earlier-"
-"""Prefix of results that a later run set aside as it failed."""
-
-FIGURES = ("gap_map", "gap_time", "ranking", "rounds")
-"""Figures of each equation, see `report.plots.study_figures`."""
+ASSETS, FLEET_PAGE = "assets", "fleet.html"
+"""Folder of the assets' folders, and the page of all."""
 
 
 def report_into(folder: Path, study: Study, record: Mapping[str, Any], figures: bool) -> None:
-    """Write a study's record, for summary.json, and page to a folder, and its figures where they are wanted.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
+    """Write a study's record, for summary.json, and page to a folder, and its figures where they are wanted."""
     with stage("Writing the report"), staged(folder) as part:
         # Imported here because it is slow, and the verdict does not wait for it.
         from bayes_greybox.report.pages.study_page import study_html
@@ -94,15 +87,12 @@ def _figures(record: Path) -> list[str]:
     try:
         content = json.loads(record.read_text(encoding="utf-8"))
         ends = ["", *(f"_{row['equation']}" for row in content["hypotheses"])]
-        names = [f"{name}{end}" for name in FIGURES for end in ends]
+        # Those of `report.plots.study_figures`.
+        names = [f"{name}{end}" for name in ("gap_map", "gap_time", "ranking", "rounds") for end in ends]
         names += ["added_coefficients", *(f"free_run_{row['variable']}" for row in content["gap"])]
     except (OSError, ValueError, KeyError, TypeError):
         return []
     return [f"figures/{name}.png" for name in dict.fromkeys(names)]
-
-
-ASSETS, FLEET_PAGE = "assets", "fleet.html"
-"""Folder of the assets' folders, and the page of all."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +115,8 @@ def studied_together(
 ) -> tuple[Fleet, dict[str, AssetResult]]:
     """Study assets and put their results together, in order; one that cannot be studied costs itself alone.
 
-    `function`, of a module, studies one asset, `tasks` are its arguments by asset. `known` are results of assets that
-    were studied before, `failed` the reasons of assets that are not to be tried.
-
-    Raises:
-        InputError: As for `running.tasks.run_tasks`.
+    `function`, of a module, studies one asset, `tasks` are its arguments by asset, see `running.tasks.run_tasks`.
+    `known` are results of assets that were studied before, `failed` the reasons of assets that are not to be tried.
     """
     results, reasons = dict(known or {}), dict(failed or {})
     with stage("Studying assets", len(order)) as line:
@@ -147,11 +134,7 @@ def studied_together(
 
 
 def write_fleet(fleet: Fleet, folder: Path) -> None:
-    """Write assets.csv, summary.json and the page of a fleet, which leads to those of the assets in `ASSETS`/NAME.
-
-    Raises:
-        InputError: A file cannot be written.
-    """
+    """Write assets.csv, summary.json and the page of a fleet, which leads to those of the assets in `ASSETS`/NAME."""
     with stage("Writing the report"), staged(folder) as part:
         # Imported here because it is slow, and studies do not wait for it.
         from bayes_greybox.report.pages.fleet_page import fleet_html

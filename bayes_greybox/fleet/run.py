@@ -117,9 +117,6 @@ def study_into(
 
     `on_study` is called with the study before its page is drawn. `checkpoint_for` returns the checkpoint in a folder
     for the draws, which is complete once all is written; None: none is kept.
-
-    Raises:
-        InputError: Data, model or folder cannot be used.
     """
     with ExitStack() as work:
         # The verdict is shown once, by `on_study`.

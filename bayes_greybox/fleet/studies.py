@@ -6,7 +6,6 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,14 +29,13 @@ from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import is_finite
 from bayes_greybox.running.stages import stages
 
-from .files import alike, data_files, require_one_each
+from .assets import alike, data_files, require_one_each
 from .reporting import STUDY, remove_results, report_into, set_aside
 
 Measured = Trajectories | str | os.PathLike[str]
 """Measurements of an asset, or the file that they are read from where they are studied."""
 
 SAMPLER_SETTINGS = ("draws", "tune", "chains", "seed")
-"""Settings of the sampler."""
 
 FORBIDDEN, MOST_BYTES = '/\\<>:"|?*', 255
 """Characters that the name of a folder cannot have on every system, and its most bytes."""
@@ -231,9 +229,7 @@ class _Studies(Mapping[str, Study]):
         self._kept: dict[str, Study] = {}
 
     def __getitem__(self, name: str) -> Study:
-        if name not in self._kept:
-            self._kept[name] = self.read(name)
-        return self._kept[name]
+        return self._kept.setdefault(name, self.read(name))
 
     def read(self, name: str) -> Study:
         """Read one study without keeping it, unless it was asked for before: many may exceed the memory."""
@@ -257,11 +253,10 @@ def _study(
     settings: Mapping[str, Any],
 ) -> AssetResult:  # fmt: skip
     """Study one asset, on whatever machine."""
-    data, held_out = _measured(train, read), None
-    if isinstance(test, int | float):
-        data, held_out = data.split(1.0 - test)
-    elif test is not None:
-        held_out = _measured(test, read)
+    data = train if isinstance(train, Trajectories) else read(Path(train))
+    held_out = read(Path(test)) if isinstance(test, str | os.PathLike) else test
+    if isinstance(held_out, int | float):
+        data, held_out = data.split(1.0 - held_out)
     study = find_missing_effects(model, data, held_out, progress=False, **settings)
     sampling = {key: settings[key] for key in SAMPLER_SETTINGS}
     with tempfile.TemporaryDirectory() as folder:
@@ -274,9 +269,8 @@ def _study(
 def _by_name(train: Any) -> dict[str, Measured]:
     """Return measurements by asset."""
     if isinstance(train, str | os.PathLike):
-        folder = Path(train)
-        files = data_files(folder)
-        require_one_each(folder, [file.stem for file in files])
+        files = data_files(Path(train))
+        require_one_each(Path(train), [file.stem for file in files])
         return {file.stem: file for file in files}
     if not isinstance(train, Mapping):
         raise InputError(
@@ -312,9 +306,8 @@ def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measure
     if test is None:
         return {}
     if isinstance(test, Mapping):
-        other = next((name for name in test if name not in assets), None)
-        if other is not None:
-            raise InputError(f"test has data of {other!r}, which is no asset: give names that train has.")
+        if other := [name for name in test if name not in assets]:
+            raise InputError(f"test has data of {other[0]!r}, which is no asset: give names that train has.")
         return _located("test", test)
     if not is_finite(test):
         raise InputError(
@@ -328,39 +321,26 @@ def _held_out(test: Any, assets: Mapping[str, Measured]) -> Mapping[str, Measure
 
 def _located(what: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return measurements, or files by absolute paths, because a worker may run in another folder."""
-    measured: dict[str, Any] = {}
     for name, each in given.items():
         if not isinstance(each, Trajectories | str | os.PathLike):
             raise InputError(
                 f"{what} has {type(each).__name__} for {name!r}: give Trajectories, as bg.read and "
                 "Trajectories.from_arrays make them, or the path of a file."
             )
-        measured[name] = each if isinstance(each, Trajectories) else Path(each).absolute()
-    return measured
-
-
-def _measured(given: Measured, read: Callable[[Path], Trajectories]) -> Trajectories:
-    return given if isinstance(given, Trajectories) else read(Path(given))
+    return {name: each if isinstance(each, Trajectories) else Path(each).absolute() for name, each in given.items()}
 
 
 def _checked(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return all settings of a study; errors in these are no fault of any asset's."""
-    usual = _usual_settings()
-    unknown = next((name for name in settings if name not in usual), None)
-    if unknown is not None:
-        raise InputError(f"There is no setting {unknown!r} of a fleet's studies; {nearest(unknown, list(usual))}")
+    usual = {
+        name: each.default
+        for name, each in inspect.signature(find_missing_effects).parameters.items()
+        if each.kind is each.KEYWORD_ONLY and name not in ("progress", "checkpoint", "resume", "checkpoint_every")
+    }
+    if unknown := [name for name in settings if name not in usual]:
+        raise InputError(f"There is no setting {unknown[0]!r} of a fleet's studies; {nearest(unknown[0], list(usual))}")
     every = {**usual, **settings}
     Sampling(**{name: every[name] for name in SAMPLER_SETTINGS})
     check_settings(every["effects_at_most"], every["negligible"], every["odds"], every["interpolation"])
     load_catalogue(every["catalogue"])
     return {**every, "catalogue": located(every["catalogue"])}
-
-
-@cache
-def _usual_settings() -> Mapping[str, Any]:
-    """Return the settings of a study with their defaults."""
-    return {
-        name: each.default
-        for name, each in inspect.signature(find_missing_effects).parameters.items()
-        if each.kind is each.KEYWORD_ONLY and name not in ("progress", "checkpoint", "resume", "checkpoint_every")
-    }

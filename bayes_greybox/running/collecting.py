@@ -24,11 +24,3 @@ def seldom_collected() -> Iterator[None]:
         yield
     finally:
         gc.set_threshold(*before)
-
-
-def leave_collected() -> None:
-    """Spare a process that ends its last search for garbage: the system takes all memory back anyway.
-
-    With a command's modules and programs that search takes most of a second, while the user waits for the prompt.
-    """
-    gc.freeze()

@@ -22,37 +22,22 @@ from typing import Any, TypeVar, cast
 import jax
 
 FAST = {"xla_cpu_use_fusion_emitters": False}
-"""Options of XLA for all programs; the level of optimisation is JAX's own."""
+ONCE, OFTEN = ({**FAST, "xla_backend_optimization_level": level} for level in (0, 1))
+"""Options of XLA for all programs, and with the level of optimisation for those that run once, and often or in loops.
 
-ONCE = {**FAST, "xla_backend_optimization_level": 0}
-"""Options for programs that run once or twice."""
+Below level 1 a loop, over a matrix or along a path, takes a multiple of the time; beyond it nothing is gained."""
 
-OFTEN = {**FAST, "xla_backend_optimization_level": 1}
-"""Options for programs that run thousands of times or in long loops, whatever level JAX has: below this one a loop,
-over a matrix or along the path of hidden states, takes a multiple of the time, and beyond it nothing is gained."""
+FOLDER, CACHE_SUBFOLDER = "BAYES_GREYBOX_CACHE", "bayes-greybox-compiled"
+"""Environment variable that names a folder or is "off", and our folder in that one: nothing else there is deleted."""
 
-FOLDER = "BAYES_GREYBOX_CACHE"
-"""Environment variable: folder for compiled programs, or "off"."""
-
-CACHE_SUBFOLDER = "bayes-greybox-compiled"
-"""Folder within the one that the user names: this package deletes nothing else there."""
-
-PROGRAM_ENDING, TRACE_ENDING = "-cache", "-trace"
-"""Endings of the names of JAX's programs, and of traces."""
-
-SHORTEST_COMPILATION = 0.0
-"""Seconds of compilation from which on a program is stored: a hundred short ones make a second too."""
+TRACE_ENDING = "-trace"
+"""Ending of the names of traces, as "-cache" is that of JAX's programs."""
 
 CACHE_LIMIT_BYTES = 500_000_000
 """Largest size of the folder in bytes; beyond it the files unused for longest are deleted when a process starts."""
 
-MAPPED = 1 / 3
-"""Share of the memory mappings allowed to a process from which on it drops its programs.
-
-Each program takes some, and a process that has none left dies in the compiler."""
-
 ALLOWED, OWN_MAPPINGS = Path("/proc/sys/vm/max_map_count"), Path("/proc/self/maps")
-"""Files in which Linux lists the number of mappings that a process may have, and those of this one."""
+"""Files with the number of mappings that Linux allows a process, and with those of this one."""
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -60,13 +45,9 @@ log = logging.getLogger(__name__)
 
 
 def compiled(function: Function, *, once: bool = False, often: bool = False, **options: Any) -> Function:
-    """Return `jax.jit` of a function that no other program calls; nothing happens before its first call.
+    """Return `jax.jit`, with its options, of a function that no other program calls; made at its first call.
 
-    Args:
-        function: Function to compile.
-        once: True if it will run once or twice.
-        often: True if it will run thousands of times, or loops as often.
-        **options: Options of `jax.jit`.
+    `once` if it will run once or twice, `often` if it will run thousands of times, or loops as often.
     """
 
     @cache
@@ -98,13 +79,15 @@ def compile_options(once: bool, often: bool = False) -> dict[str, Any] | None:
 def keep_programs() -> Path | None:
     """Have JAX store what it compiles from now on; any work that begins with single operations calls this first.
 
-    Returns:
-        The folder of this package; None if there is none. If JAX has a folder of its own too, both are used.
+    Return the folder of this package, None if there is none; if JAX has a folder of its own too, both are used.
     """
+    from platformdirs import user_cache_dir
+
     named, jax_folder = os.environ.get(FOLDER, ""), getattr(jax.config, "jax_compilation_cache_dir", None)
     if named.lower() in ("off", "0", "no") or (jax_folder is not None and not named):
         return None
-    folder = (Path(named).expanduser() / CACHE_SUBFOLDER if named else _user_folder()) / _machine()
+    own = Path(user_cache_dir("bayes-greybox", appauthor=False)) / "compiled"
+    folder = (Path(named).expanduser() / CACHE_SUBFOLDER if named else own) / _machine()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         _prune(folder.parent)
@@ -113,15 +96,13 @@ def keep_programs() -> Path | None:
         return None
     if jax_folder is None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", SHORTEST_COMPILATION)
+        # A hundred short compilations make a second too.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     return folder
 
 
 def make_room() -> bool:
-    """Drop programs of earlier fits and studies if they have taken much of what a process may have; True if they were.
-
-    To be called before long work. Any program that is needed again is found in the folder, or compiled again.
-    """
+    """Drop programs of earlier work, before long work, if they take much of what a process may have; True if so."""
     try:
         allowed = int(ALLOWED.read_text(encoding="ascii"))
         with OWN_MAPPINGS.open("rb") as mappings:
@@ -129,17 +110,12 @@ def make_room() -> bool:
     except (OSError, ValueError):
         # Other systems have no such bound.
         return False
-    if mapped < MAPPED * allowed:
+    # A process with no mappings left dies in the compiler.
+    if mapped < allowed / 3:
         return False
     log.debug("%d of %d memory mappings are taken: compiled programs are dropped", mapped, allowed)
     jax.clear_caches()
     return True
-
-
-def _user_folder() -> Path:
-    from platformdirs import user_cache_dir
-
-    return Path(user_cache_dir("bayes-greybox", appauthor=False)) / "compiled"
 
 
 def _machine() -> str:
@@ -157,7 +133,7 @@ def _prune(folder: Path) -> None:
         # Other processes prune too.
         with suppress(OSError):
             status = file.stat()
-            if file.name.endswith((PROGRAM_ENDING, TRACE_ENDING)) and file.is_file():
+            if file.name.endswith(("-cache", TRACE_ENDING)) and file.is_file():
                 files.append((max(status.st_atime, status.st_mtime), status.st_size, file))
     total = sum(size for _, size, _ in files)
     for _, size, file in sorted(files):

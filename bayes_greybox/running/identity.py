@@ -28,31 +28,11 @@ import numpy as np
 
 PACKAGE = __name__.partition(".")[0]
 
-LIBRARIES = (
-    "jax",
-    "jaxlib",
-    "numpy",
-    "numpyro",
-    "scipy",
-    "sympy",
-    "diffrax",
-    "equinox",
-    "lineax",
-    "optimistix",
-    "threadpoolctl",
-)
+LIBRARIES = "jax jaxlib numpy numpyro scipy sympy diffrax equinox lineax optimistix threadpoolctl".split()
 """Libraries that traces call: with other versions they are other traces."""
 
-PLAINER = ("annotated_types", "beartype", "jaxtyping")
-"""Libraries that only restrict arguments."""
-
-TRUSTED = {PACKAGE, *LIBRARIES, *PLAINER, *sys.stdlib_module_names} - {"unittest"}
-"""Modules of functions whose versions or source are part of the name."""
-
-FRESH = 2.0
-"""Seconds by which clocks of files may differ."""
-
-PLAIN_TYPES = (type(None), bool, int, float, complex, str, bytes)
+TRUSTED = {PACKAGE, *LIBRARIES, "annotated_types", "beartype", "jaxtyping", *sys.stdlib_module_names} - {"unittest"}
+"""Modules of functions whose versions or source are part of the name, or which only restrict arguments."""
 
 
 class Unkept(Exception):
@@ -62,27 +42,15 @@ class Unkept(Exception):
 def name_of(name: str, modules: tuple[str, ...], identity: Any, leaves: list[Any], tree: Any) -> str | None:
     """Return a digest of all that the trace of a program depends on; None if that is not certain.
 
-    Args:
-        name: Name of the program, within the package.
-        modules: Module of its function, and modules and packages that its trace runs through.
-        identity: Everything that the function depends on beside its arguments.
-        leaves: Leaves of its arguments.
-        tree: Structure of its arguments, from `jax.tree.flatten`.
+    `modules` are that of its function, and modules and packages that its trace runs through; `identity` is everything
+    that the function depends on beside its arguments, whose leaves and structure are those of `jax.tree.flatten`.
     """
     try:
         if any(module.partition(".")[0] != PACKAGE for module in modules):
             raise Unkept(modules)
-        facts = (
-            name,
-            modules,
-            stated(identity),
-            structure(tree),
-            tuple(map(_shape, leaves)),
-            sources(),
-            tuple(in_memory(modules)),
-            surroundings(),
-        )
-    except (Unkept, OSError, RecursionError):
+        program = (name, modules, stated(identity), structure(tree), tuple(map(_shape, leaves)))
+        facts = (*program, sources(), tuple(in_memory(modules)), surroundings())
+    except (Unkept, OSError, RecursionError, PackageNotFoundError):
         return None
     return hashlib.sha256(repr(facts).encode()).hexdigest()
 
@@ -94,15 +62,11 @@ def _refused(value: Any) -> Any:
 def stated(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
     """Return a value in tuples, words and numbers whose `repr` no other value has.
 
-    Args:
-        value: Plain values, arrays of NumPy, frozen dataclasses of this package, and collections of such.
-        other: Function for values of other kinds; by default they are refused.
-
-    Raises:
-        Unkept: There is something else in it.
+    It may be plain, an array of NumPy, a frozen dataclass of this package, or a collection of such; `other` states
+    values of other kinds, and refuses them by default.
     """
     kind, parts = type(value), cast(Any, value)
-    if kind in PLAIN_TYPES:
+    if kind in (type(None), bool, int, float, complex, str, bytes):
         return kind.__name__, repr(value)
     if isinstance(value, np.ndarray | np.generic) and kind.__module__ == "numpy" and value.dtype.kind in "biufcSU":
         digest = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
@@ -120,11 +84,7 @@ def stated(value: Any, other: Callable[[Any], Any] = _refused) -> Any:
 
 
 def structure(tree: Any) -> Any:
-    """State what JAX takes as the structure of arguments, in which the static fields of dataclasses are.
-
-    Raises:
-        Unkept: There is something in it that `stated` refuses.
-    """
+    """State what JAX takes as the structure of arguments, in which the static fields of dataclasses are."""
     data = tree.node_data()
     if data is None:
         return "leaf" if tree.num_leaves else "nothing"
@@ -153,11 +113,10 @@ def _shape(leaf: Any) -> Any:
 def sources() -> Any:
     """Return a digest of this package's source, and the files of NumPyro, which may be installed from a checkout.
 
-    Raises:
-        Unkept: A file is younger than the version of it that this process may have read.
+    They are refused if one is younger than the version of it that this process may have read.
     """
-    # The package recorded the time of its import.
-    since = getattr(sys.modules[PACKAGE], "_SINCE", 0.0) - FRESH
+    # The package recorded the time of its import; clocks of files may differ by two seconds.
+    since = getattr(sys.modules[PACKAGE], "_SINCE", 0.0) - 2.0
     ours = tuple(_files(Path(__file__).parents[1]))
     numpyro = sys.modules.get("numpyro")
     theirs = tuple(_files(Path(str(numpyro.__file__)).parent)) if numpyro else ()
@@ -190,20 +149,13 @@ def in_memory(modules: tuple[str, ...]) -> Iterator[Any]:
     """Yield the content of modules and imported packages: constants, kernels, and the origin of functions.
 
     A constant that was set to another value, or a function that was replaced, makes a program another one.
-
-    Raises:
-        Unkept: A function comes from somewhere else.
     """
     within = tuple(f"{name}." for name in modules)
     for name, each in sorted(sys.modules.items()):
         if name in modules or name.startswith(within):
             # A package also has its imported modules as attributes, which depend on what ran before.
-            content = (
-                (k, v)
-                for k, v in sorted(vars(each).items())
-                if k[:2] != "__" and sys.modules.get(f"{name}.{k}") is not v
-            )
-            yield name, *((key, _content(value, name)) for key, value in content)
+            content = sorted((k, v) for k, v in vars(each).items() if sys.modules.get(f"{name}.{k}") is not v)
+            yield name, *((key, _content(value, name)) for key, value in content if key[:2] != "__")
 
 
 def _content(value: Any, module: str) -> Any:
@@ -249,11 +201,7 @@ def _trust(module: str | None) -> None:
 
 
 def surroundings() -> Any:
-    """Return versions, the backend, and settings of JAX and NumPyro.
-
-    Raises:
-        Unkept: A program runs inside a handler of NumPyro, which may change what it does.
-    """
+    """Return versions, the backend and settings; inside a handler of NumPyro, which may change programs, refuse."""
     # A library whose version differs from the installed one is a checkout.
     loaded = [str(getattr(sys.modules.get(name), "__version__", None)) for name in LIBRARIES[:4]]
     versions = *loaded, *map(_installed, LIBRARIES)
@@ -264,20 +212,11 @@ def surroundings() -> Any:
     return versions, sys.version_info[:2], jax.default_backend(), settings(), repr(validated)
 
 
-@functools.cache
-def _installed(library: str) -> str:
-    try:
-        return version(library)
-    except PackageNotFoundError:
-        return ""
+_installed = functools.cache(version)
 
 
 def settings() -> Any:
-    """Return JAX's configuration, except for the folders of its caches.
-
-    Raises:
-        Unkept: Something in it has no name but an address.
-    """
+    """Return JAX's configuration, but not the folders of its caches; a value that has only an address is refused."""
     config: Any = jax.config
     values = [(key, repr(getattr(config, key, value))) for key, value in config.values.items() if "cache" not in key]
     if any(" at 0x" in text for _, text in values):

@@ -5,6 +5,7 @@ are derived from the same types.
 """
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import UnionType
@@ -24,12 +25,7 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Rule:
-    """Limit with a sentence of its own.
-
-    Attributes:
-        holds: Function that returns True if a value keeps to the limit.
-        words: Message that follows the value in a sentence: "should be ...".
-    """
+    """Limit that a function says is kept, with a message that follows the value in a sentence: "should be ..."."""
 
     holds: Callable[[Any], bool] = field(repr=False)
     words: str
@@ -54,11 +50,7 @@ def is_finite(value: Any) -> bool:
 
 
 def require_limits(part: object) -> None:
-    """Refuse an object with a field beyond its limits.
-
-    Raises:
-        InputError: The first such field, its value and the limit.
-    """
+    """Raise InputError for the first field of an object that is beyond its limits."""
     for name, value, words in beyond_limits(part):
         raise InputError(f"{type(part).__name__}({name}={value!r}) {words}.")
 
@@ -75,14 +67,13 @@ def beyond_limits(part: object) -> Iterator[tuple[str, Any, str]]:
 
 def _limits(hint: Any) -> Iterator[Any]:
     """Yield the limits in a type, through the alternatives of a union and annotations."""
-    origin = get_origin(hint)
+    origin, arguments = get_origin(hint), get_args(hint)
     if origin is Literal:
-        yield OneOf(dict.fromkeys(get_args(hint)))
+        yield OneOf(dict.fromkeys(arguments))
     elif origin is Annotated:
-        yield from _limits(get_args(hint)[0])
-        yield from get_args(hint)[1:]
+        yield from (*_limits(arguments[0]), *arguments[1:])
     elif origin in (Union, UnionType):
-        for alternative in get_args(hint):
+        for alternative in arguments:
             yield from _limits(alternative)
 
 
@@ -94,18 +85,15 @@ def _broken(limit: Any, value: Any) -> str | None:
         case Rule(holds, words):
             return None if holds(value) else words
         case Gt(gt=bound):
-            words = f"must exceed {bound}" if bound else "must be positive"
-            return None if _compared(lambda: value > bound) else words
+            within, words = operator.gt, f"must exceed {bound}" if bound else "must be positive"
         case Ge(ge=bound):
-            return None if _compared(lambda: value >= bound) else f"must be at least {bound}"
+            within, words = operator.ge, f"must be at least {bound}"
         case Lt(lt=bound):
-            return None if _compared(lambda: value < bound) else f"must be below {bound}"
-    return None
-
-
-def _compared(comparison: Callable[[], Any]) -> bool:
+            within, words = operator.lt, f"must be below {bound}"
+        case _:
+            return None
     try:
-        return bool(comparison())
+        return None if within(value, bound) else words
     except TypeError:
         # A value that cannot be compared with a number is beyond every limit.
-        return False
+        return words

@@ -22,20 +22,12 @@ except ImportError:  # Windows
 LOCK = ".lock"
 """Name of the file in a locked folder."""
 
-NO_LOCKS = (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS)
-"""Error numbers of file systems without locks."""
-
 log = logging.getLogger(__name__)
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Lock a folder that exists; on a file system without locks nothing is locked.
-
-    Raises:
-        InputError: Another process holds it, or this one already.
-        OSError: The folder cannot be written to.
-    """
+    """Lock a folder; InputError if it is locked already. On a file system without locks nothing is locked."""
     handle = _lock(folder)
     try:
         yield
@@ -60,17 +52,19 @@ def _lock(folder: Path) -> int:
                     os.write(handle, f"{os.getpid()} on {socket.gethostname()}".encode())
                     return handle
         except OSError as error:
-            if error.errno in NO_LOCKS:
+            if error.errno in (errno.ENOLCK, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS):
                 log.warning("no other process must write to %s, whose file system has no locks", folder)
                 return handle
-            owner = _owner(path)
             os.close(handle)
-            if isinstance(error, BlockingIOError | PermissionError):
-                raise InputError(
-                    f'"{folder}" is being written to by another process{owner}: wait until it is done, stop it, or '
-                    "choose another folder."
-                ) from None
-            raise
+            if not isinstance(error, BlockingIOError | PermissionError):
+                raise
+            owner = ""
+            with suppress(OSError):
+                owner = path.read_text(encoding="utf-8").strip()
+            raise InputError(
+                f'"{folder}" is being written to by another process{owner and f" ({owner})"}: wait until it is done, '
+                "stop it, or choose another folder."
+            ) from None
         os.close(handle)
 
 
@@ -81,11 +75,3 @@ def _take(handle: int) -> None:
     import msvcrt
 
     msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined]
-
-
-def _owner(path: Path) -> str:
-    try:
-        owner = path.read_text(encoding="utf-8").strip()
-    except OSError:
-        return ""
-    return f" ({owner})" if owner else ""

@@ -78,20 +78,16 @@ class Stage:
     def __init__(self, display: Display | None, text: str, total: int | None) -> None:
         self._display, self._text, self._total = display, text, total
         self._begun = time.perf_counter()
-        self._task = None if display is None else display.bars.add_task(text, total=total, note="")
         self._note, self._count = "", 0
         if display is not None:
+            self._task = display.bars.add_task(text, total=total, note="")
             display.open.append(self)
 
     def advance(self, by: int = 1, note: str = "") -> None:
         """Move the bar by so many pieces, with a note beside it."""
         self._note, self._count = note, self._count + by
-        if self._display is not None and self._task is not None:
+        if self._display is not None:
             self._display.bars.update(self._task, advance=by, note=note)
-
-    def say(self, note: str) -> None:
-        """Show a note beside the bar."""
-        self.advance(0, note)
 
     def so_far(self) -> str:
         """Describe the progress of the stage, and its time so far."""
@@ -103,10 +99,9 @@ class Stage:
         """Fill the bar, stop its clock and, where there are no bars, state how long it took."""
         seconds = time.perf_counter() - self._begun
         log.debug("%s: %.3f s", self._text, seconds)
-        if self._display is None or self._task is None:
+        if self._display is None:
             return
-        if self in self._display.open:
-            self._display.open.remove(self)
+        self._display.open.remove(self)
         if self._total is None:
             # Its length was unknown: it is complete now.
             self._display.bars.update(self._task, total=1, completed=1, note="")
@@ -117,11 +112,9 @@ class Stage:
 
 @contextmanager
 def stages(show: bool, answers: bool = True) -> Iterator[None]:
-    """Open a display of all stages of some work, or join the one that is open around it.
+    """Open a display of all stages of some work, or join the one around it; without `show` nothing within is shown.
 
-    Args:
-        show: If false, nothing is shown, and stages within belong to no display.
-        answers: If true, results are printed before the work is over; false where they are printed behind it anyway.
+    `answers` is false where results are printed behind the work anyway, and not before it is over.
     """
     if show and _DISPLAY.get() is not None:
         yield
@@ -136,15 +129,8 @@ def stages(show: bool, answers: bool = True) -> Iterator[None]:
 
 @contextmanager
 def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[Stage]:
-    """Show one stage of some work; silent where no display is open.
-
-    Args:
-        text: Description of the work, such as "Sampling".
-        total: Number of its pieces, where that is known.
-        said: If true, a log states how long it took.
-    """
-    display = _DISPLAY.get()
-    line = Stage(display, text, total)
+    """Show one stage of some work, of `total` pieces, in the open display; a log states how long it took if `said`."""
+    line = Stage(_DISPLAY.get(), text, total)
     try:
         yield line
     except BaseException:
@@ -154,12 +140,7 @@ def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[St
 
 
 def announce(text: str, answer: bool = False) -> None:
-    """Print an early result or remark above the lines of the display; silent where none is open.
-
-    Args:
-        text: Text to print.
-        answer: True for a result of the work, which the display may be asked not to print.
-    """
+    """Print a remark above the lines of the open display; one that is asked for no answers prints no `answer`."""
     display = _DISPLAY.get()
     if display is not None and (display.answers or not answer):
         display.console.print(text, highlight=False, markup=False)

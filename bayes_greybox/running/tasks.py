@@ -6,32 +6,20 @@ runs. A worker that dies costs its task, which another worker begins again.
 
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any
 from uuid import uuid4
 
 from bayes_greybox.running.errors import InputError
 
-DEATHS = 3
-"""Workers that may die over one task before it is given up: a task that kills every worker is itself at fault."""
-
 SCHEDULER_LOST = "The Dask scheduler was lost before this was done; start one again, and give it what is left."
 """Failure of tasks that were not done when the scheduler was lost."""
-
-WORKERS = 20
-"""Seconds of waiting for a scheduler's first worker."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """Outcome of a task.
-
-    Attributes:
-        name: Name of the task.
-        result: Its return value; None if it failed.
-        failed: Reason of a failure, in one sentence; empty otherwise.
-    """
+    """Outcome of a task: its name, and its return value or the reason of its failure in one sentence."""
 
     name: str
     result: Any = None
@@ -45,7 +33,9 @@ def run_tasks(
     workers: int | None = None,
     scheduler: str | None = None,
 ) -> Generator[Done, None, None]:
-    """Run a function on many arguments, and yield each result as soon as it is there.
+    """Run a function on the arguments of each task, and yield each task once, as soon as it is done.
+
+    One that fails costs itself alone; a lost scheduler costs all that is not done, see `SCHEDULER_LOST`.
 
     Args:
         function: Function of a module, so that a worker finds it.
@@ -54,10 +44,6 @@ def run_tasks(
             tasks run here, one after another.
         scheduler: Address of a Dask scheduler, such as "tcp://host:8786", whose workers have this package.
 
-    Yields:
-        Each task once. One that fails costs itself alone; a lost scheduler costs all that is not done, see
-        `SCHEDULER_LOST`.
-
     Raises:
         InputError: There is no Dask, or no scheduler answers; workers beside a scheduler; arguments that cannot be sent
             to another process.
@@ -65,7 +51,11 @@ def run_tasks(
     if scheduler is not None and workers is not None:
         raise InputError("A scheduler has workers of its own: give --scheduler or --workers, not both.")
     if scheduler is None and workers is None:
-        workers = min(os.cpu_count() or 1, len(tasks)) if _has_dask() else 1
+        workers = 1
+        with suppress(ImportError):
+            import distributed  # noqa: F401
+
+            workers = min(os.cpu_count() or 1, len(tasks))
     if scheduler is None and (workers == 1 or len(tasks) < 2):
         for name, arguments in tasks.items():
             yield _done(name, lambda arguments=arguments: function(*arguments))
@@ -92,14 +82,16 @@ def run_tasks(
 
 def _client(stack: ExitStack, workers: int | None, scheduler: str | None) -> tuple[Any, Any]:
     """Connect to workers until the stack ends; return the client and Dask's `as_completed`."""
-    if not _has_dask():
+    try:
+        from dask.config import set as configured
+        from distributed import Client, LocalCluster, as_completed
+    except ImportError:
         raise InputError(
             'Several workers need Dask: pip install ".[distributed]" in the checkout, or give --workers 1.'
-        )
-    from dask.config import set as configured
-    from distributed import Client, LocalCluster, as_completed
+        ) from None
 
-    stack.enter_context(configured({"distributed.scheduler.allowed-failures": DEATHS}))
+    # A task that kills every worker is itself at fault.
+    stack.enter_context(configured({"distributed.scheduler.allowed-failures": 3}))
     place: Any = scheduler
     if scheduler is None:
         # One task at a time in each process: a study has threads of its own. Memory is the machine's to watch.
@@ -109,7 +101,7 @@ def _client(stack: ExitStack, workers: int | None, scheduler: str | None) -> tup
     try:
         client = stack.enter_context(Client(place, timeout=5))
         if scheduler is not None:
-            client.wait_for_workers(1, timeout=WORKERS)
+            client.wait_for_workers(1, timeout=20)
     except TimeoutError:
         raise InputError(f"The Dask scheduler at {scheduler!r} has no workers; start some with dask worker.") from None
     except (OSError, ValueError) as error:
@@ -117,14 +109,6 @@ def _client(stack: ExitStack, workers: int | None, scheduler: str | None) -> tup
             f"No Dask scheduler answers at {scheduler!r} ({error}); start one with dask scheduler."
         ) from None
     return client, as_completed
-
-
-def _has_dask() -> bool:
-    try:
-        import distributed  # noqa: F401
-    except ImportError:
-        return False
-    return True
 
 
 def _done(name: str, result: Callable[[], Any]) -> Done:

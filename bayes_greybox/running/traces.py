@@ -31,8 +31,6 @@ CHECKED = "BAYES_GREYBOX_TYPECHECK"
 SAMPLER = ("model", "inference.sampler")
 """Modules and packages that a sampler traces through."""
 
-DIGEST = hashlib.sha256().digest_size
-
 LAPACK = "potrf geqrf geqp3 orgqr ormqr syevd geev gesdd getrf sytrd gehrd trsm gtsv".split()
 """Routines that a trace may call by name: JAX promises some of them for years, and a trace is for one version."""
 
@@ -73,14 +71,15 @@ def kept(
             program = programs.get(key)
             if program is None:
                 traced = _from_trace(function, identity, name, once, rooms, leaves, tree)
+                program = plain if traced is None else lambda *args: traced(*jax.tree.leaves(args))
                 try:
-                    result = plain(*args) if traced is None else traced(*leaves)
+                    result = program(*args)
                 except Exception as error:  # noqa: BLE001 - whatever it is, a trace must not be the reason
                     if traced is None:
                         raise
                     log.debug("%s: the trace does not run (%s)", name, error)
-                    traced, result = None, plain(*args)
-                programs[key] = plain if traced is None else lambda *args: traced(*jax.tree.leaves(args))
+                    program, result = plain, plain(*args)
+                programs[key] = program
                 return result
         return program(*args)
 
@@ -88,13 +87,7 @@ def kept(
 
 
 def _from_trace(
-    function: Callable[..., Any],
-    identity: Any,
-    name: str,
-    once: bool,
-    rooms: tuple[str, ...],
-    leaves: list[Any],
-    tree: Any,
+    function: Callable[..., Any], identity: Any, name: str, once: bool, rooms: tuple[str, ...], leaves: Any, tree: Any
 ) -> Callable[..., Any] | None:
     """Return the program from its trace, of the leaves of its arguments; None if it has none."""
     from jax import export
@@ -140,9 +133,8 @@ def _stored(file: Path, key: str) -> Any:
 
     try:
         content = file.read_bytes()
-        if content[:DIGEST] != _digest(key, content[DIGEST:]):
-            return None
-        return export.deserialize(bytearray(content[DIGEST:]))
+        digest, trace = content[:32], content[32:]
+        return export.deserialize(bytearray(trace)) if digest == _digest(key, trace) else None
     except Exception:  # noqa: BLE001 - a file that is damaged costs a trace, and nothing else
         return None
 

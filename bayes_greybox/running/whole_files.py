@@ -17,9 +17,6 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     An earlier file of that name stays until then. The content is on the disk before the name is, so that even a machine
     that loses its power leaves the old file or the new one.
-
-    Raises:
-        OSError: The file cannot be written.
     """
     path = Path(path)
     part = path.with_name(f"{PART_PREFIX}{secrets.token_hex(8)}")
@@ -32,47 +29,31 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def put(part: Path, path: Path) -> None:
-    """Rename a file that was written on the same file system to its destination, and replace any file there.
-
-    Raises:
-        OSError: It cannot be renamed.
-    """
+    """Rename a file that was written on the same file system to its destination, and replace any file there."""
     with part.open("rb+") as written:
         os.fsync(written.fileno())
     # A rename within one file system: readers see the old file or the new one, never a part of it.
     os.replace(part, path)
-    _sync_folder(path.parent)
+    # The name goes to the disk too, where systems allow it.
+    with suppress(OSError):
+        handle = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write all of a text or nothing of it, in UTF-8 and with its own line ends.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write all of a text or nothing of it, in UTF-8 and with its own line ends."""
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8", newline="")
 
 
 def remove_parts(folder: Path) -> None:
-    """Remove the unfinished files of killed processes in a folder and in the folders in it.
-
-    None of them may still be written to.
-    """
-    for pattern in (f"{PART_PREFIX}*", f"*/{PART_PREFIX}*"):
-        for part in list(folder.glob(pattern)):
-            if part.is_dir():
-                shutil.rmtree(part, ignore_errors=True)
-            else:
-                with suppress(OSError):
-                    part.unlink()
-
-
-def _sync_folder(folder: Path) -> None:
-    """Write the name to the disk too, where systems allow it."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    """Remove what killed processes left unfinished in a folder and in those in it; nobody may still write to it."""
+    for part in [*folder.glob(f"{PART_PREFIX}*"), *folder.glob(f"*/{PART_PREFIX}*")]:
+        if part.is_dir():
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                part.unlink()

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import bayes_greybox as bg
-from bayes_greybox.equations.starts import estimated_starts
+from bayes_greybox.equations.of_posterior import estimated_starts
 
 FIT = {"draws": 200, "tune": 200, "chains": 2, "progress": False}
 

@@ -58,7 +58,6 @@ PROGRAM = """
 import jax, jax.numpy as jnp
 import bayes_greybox.model  # noqa: F401 - from here on in 64 bits, whichever file comes first
 from bayes_greybox.running import compiling
-compiling.SHORTEST_COMPILATION = 0.0
 compiling.compiled(lambda x: jnp.linalg.cholesky(x @ x.T + jnp.eye(3)))(jnp.ones((3, 3)))
 print(jax.config.jax_compilation_cache_dir)
 """

@@ -1,7 +1,9 @@
 """Columns of time stamps, of the names of runs and of row numbers, by their names and their values."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -22,8 +24,6 @@ TIME_UNITS = {
     }.items()
     for word in words.split()
 }  # fmt: skip
-"""Units of time by the words for them, which a column of stamps may be called."""
-
 MAYBE_TIME = re.compile(rf"(?i)^({'|'.join(TIME_UNITS)})([ _.(].*)?$|(^|[ _.])(time|zeit|timestamp)([ _.(].*)?$")
 """Names of stamps if they go forward: s may be a position, h a height and min a minimum as well."""
 
@@ -34,9 +34,6 @@ COUNTERS = re.compile(r"(?i)^((index|no|nr|number|sample|row|row[ _.]?names?|obs
 
 ROWS_OUT_OF_ORDER = 3
 """Median number of rows of a run up to which rows are out of order."""
-
-FEWEST_ROWS_NAMED, FEWEST_ROWS_OF_WORDS = 2, 4
-"""Mean number of rows of a label from which on a column tells runs apart: by its name, and by its words."""
 
 
 def time_column(table: Table, names: Sequence[str], layout: Layout) -> str | None:
@@ -93,20 +90,23 @@ def tells_runs(table: Table, name: str, layout: Layout) -> bool:
     """Return True if a column labels runs: it has few values for its rows, and words or such a name."""
     column: Any = table.frame[name]
     count, total = column.nunique(), len(column)
-    words = not pd.api.types.is_datetime64_any_dtype(column) and not _is_numbers(table, name, layout)
-    several = words and 1 < count <= total / FEWEST_ROWS_OF_WORDS
-    named = RUNS.match(name) and count <= max(1, total / FEWEST_ROWS_NAMED)
+    words = not pd.api.types.is_datetime64_any_dtype(column)
+    if words:
+        with suppress(InputError):
+            numbers(table, name, layout)
+            words = False
+    # A label has four rows on average, or two where the name of the column says so.
+    several = words and 1 < count <= total / 4
+    named = RUNS.match(name) and count <= max(1, total / 2)
     return bool(column.notna().all() and (named or several))
 
 
 def counts_runs(table: Table, name: str, layout: Layout, clock: np.ndarray) -> bool:
     """Return True if a column numbers the runs: it goes up by 1 wherever the time goes back, and nowhere else."""
     back = np.diff(clock) < 0
-    return (
-        bool(np.any(back))
-        and _is_numbers(table, name, layout)
-        and np.array_equal(np.diff(numbers(table, name, layout)), back)
-    )
+    with suppress(InputError):
+        return bool(np.any(back)) and np.array_equal(np.diff(numbers(table, name, layout)), back)
+    return False
 
 
 def time_unit(name: str) -> str | None:
@@ -115,25 +115,16 @@ def time_unit(name: str) -> str | None:
     return next((TIME_UNITS[word] for word in (*words[-1:], *words[:1]) if word in TIME_UNITS), None)
 
 
-def run_lengths(table: Table, run: str | None, parts: Sequence[np.ndarray]) -> dict[str, int]:
+def run_sizes(table: Table, run: str | None, parts: Sequence[np.ndarray]) -> dict[str, int]:
     """Return the number of rows by the name that the reader gives each run."""
     if run is None:
         return {str(i): len(part) for i, part in enumerate(parts)}
     labels = table.frame[run].astype(str).to_numpy()
-    lengths: dict[str, int] = {}
+    sizes: Counter[str] = Counter()
     for part in parts:
         if len(part):
-            name = str(labels[part[0]]).strip()
-            lengths[name] = lengths.get(name, 0) + len(part)
-    return lengths
-
-
-def _is_numbers(table: Table, name: str, layout: Layout) -> bool:
-    try:
-        numbers(table, name, layout)
-    except InputError:
-        return False
-    return True
+            sizes[str(labels[part[0]]).strip()] += len(part)
+    return sizes
 
 
 def counts_rows(values: np.ndarray, codes: np.ndarray, named: bool) -> bool:
@@ -141,8 +132,4 @@ def counts_rows(values: np.ndarray, codes: np.ndarray, named: bool) -> bool:
     if named:
         return bool(np.all(values[np.isfinite(values)] % 1 == 0)) and _forward(values, codes)
     runs = [values[codes == code] for code in np.unique(codes)]
-    return any(all(run[0] in (0, 1) and _by_one(run) for run in each) for each in ([values], runs))
-
-
-def _by_one(values: np.ndarray) -> bool:
-    return bool(np.all(np.diff(values) == 1))
+    return any(all(run[0] in (0, 1) and np.all(np.diff(run) == 1) for run in each) for each in ([values], runs))

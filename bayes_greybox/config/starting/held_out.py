@@ -6,11 +6,8 @@ from typing import NamedTuple
 SHARES = (0.2, 0.25, 0.3, 0.4)
 """Shares of each run that may be held out: the first one that leaves enough rows in both parts."""
 
-FEWEST_RATES = 4
-"""Rows of rates that each part of a run should have."""
-
-FEWEST_TRAINED = 20
-"""Rows of training data that a split leaves: fewer tell little from noise."""
+FEWEST_RATES, FEWEST_TRAINED = 4, 20
+"""Rows of rates that each part of a run should have; rows of training data: fewer tell little from noise."""
 
 SMALLEST_WINDOW, LARGEST_WINDOW = 7, 301
 """Bounds on the window of a filter, which is no longer than a quarter of the shortest run that it is chosen for."""
@@ -35,10 +32,8 @@ class Split(NamedTuple):
 def split_of(lengths: Mapping[str, int], n_state: int | None, filtered: bool) -> Split:
     """Choose the split of runs, by their numbers of rows.
 
-    Args:
-        lengths: Number of rows by run.
-        n_state: Number of states whose path is followed along samples; None for rows of rates.
-        filtered: True if a filter computes the rates from the samples around them.
+    `n_state` is the number of states whose path is followed along samples, None for rows of rates, which may be
+    computed by a filter from the samples around them.
     """
     needed = FEWEST_RATES if n_state is None else 2 * n_state + 2
     whole = needed + SMALLEST_WINDOW - 1 if filtered else needed

@@ -2,6 +2,7 @@
 
 import codecs
 import re
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,18 +20,9 @@ GROUPS = r"[+-]?(\d+|[1-9]\d{0,2}(\.\d{3})+)(,\d+)?"
 NUMBER = rf"{COMMA}|{GROUPS}|[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?(\.\d+)?"
 """A number where the name of a column would stand; the second of two equal ones has another point behind it."""
 
-MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-"""Beginnings of files in UTF-16."""
-
 
 def read_as_found(data: Path, layout: Layout) -> tuple[Table, Layout]:
-    """Read a table with the encoding, title lines and marks of numbers that it has, and return its layout.
-
-    Known parts of the layout take precedence.
-
-    Raises:
-        InputError: The table cannot be read.
-    """
+    """Read a table with the encoding, titles and marks that it has; known parts of the layout take precedence."""
     if data.is_file() and TABLE_READERS.get(data.suffix.lower()) is TABLE_READERS[".csv"]:
         layout = _encoded(data, layout)
         if layout.skiprows == 0 and layout.columns is None:
@@ -66,19 +58,14 @@ def _encoded(data: Path, layout: Layout) -> Layout:
     if layout.encoding != Layout().encoding:
         return layout
     content = data.read_bytes()
-    if content.startswith(MARKS):
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return replace(layout, encoding="utf-16")
     # Text has no such bytes; what has is refused as it is.
-    every = [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []
-    return next((replace(layout, encoding=each) for each in every if _reads(content, each)), layout)
-
-
-def _reads(content: bytes, encoding: str) -> bool:
-    try:
-        content.decode(encoding)
-    except UnicodeDecodeError:
-        return False
-    return True
+    for encoding in [layout.encoding, "cp1252", "latin-1"] if b"\0" not in content else []:
+        with suppress(UnicodeDecodeError):
+            content.decode(encoding)
+            return replace(layout, encoding=encoding)
+    return layout
 
 
 def _numbers_have(mark: str, table: Table) -> bool:

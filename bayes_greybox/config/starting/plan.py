@@ -1,17 +1,18 @@
-"""Names in formulas, rates of states, open equations and an example of one, of a first configuration."""
+"""Names in formulas, rates of states, open equations and examples of them, of a first configuration."""
 
 import re
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
-from bayes_greybox.config.starting.roles import LIQUID_LEVELS, POSITIONS, Guess
 from bayes_greybox.data.columns import RESERVED
 from bayes_greybox.data.reading.table import Table
 from bayes_greybox.data.reading.units import registry
 from bayes_greybox.physics.formula.grammar import check_name
 from bayes_greybox.running.errors import InputError
 
+from .clock import time_unit
 from .held_out import split_of
+from .roles import LIQUID_LEVELS, POSITIONS, Guess
 
 
 class Plan:
@@ -22,10 +23,9 @@ class Plan:
         measured: Column of the measured rate by state.
         chained: State that is the rate, by state.
         learned: States whose rate is open.
-        computed: True if rates are computed by a filter; where they are not measured either, rows are samples.
-        followed: True if a position is all that was measured, beside inputs.
-        split: Rows that are held out.
         second: Name of the rate that is a state of its own, by position of which nothing but the position was measured.
+        followed: True if a position is all that was measured, beside inputs.
+        computed: True if rates are computed by a filter; where they are not measured either, rows are samples.
     """
 
     def __init__(self, table: Table, guess: Guess) -> None:
@@ -81,6 +81,12 @@ class Plan:
         return [self.second.get(state, self.names[state]) for state in self.learned]
 
     @cached_property
+    def positions(self) -> dict[str, str]:
+        """Positions by the name of their rate, which is a state."""
+        positions = {rate: state for state, rate in self.second.items()}
+        return positions | {self.names[rate]: state for state, rate in self.chained.items()}
+
+    @cached_property
     def known(self) -> dict[str, str]:
         """Rates that are other states."""
         chained = {self.names[state]: self.names[rate] for state, rate in self.chained.items()}
@@ -91,17 +97,19 @@ class Plan:
         """The field of the states, by their names and units."""
         if any(LIQUID_LEVELS.match(state) for state in self.guess.states):
             return "fluid"
-        units = [self.unit(state) for state in self.guess.states]
-        if any(map(is_electrical, units)):
+        units = [registry().parse_units(self.unit(state)) for state in self.guess.states if self.unit(state)]
+        if any(unit.is_compatible_with(each) for unit in units for each in ("V", "A", "C", "Wb")):
             return "electrical"
-        return "thermal" if any(map(is_temperature, units)) else "mechanical"
+        return "thermal" if any(unit.dimensionality == {"[temperature]": 1} for unit in units) else "mechanical"
 
     def _is_position(self, state: str) -> bool:
         """Return True if a state is a position of a body: by its unit if it has one, else by its name."""
         unit = self.unit(state)
         if LIQUID_LEVELS.match(state):
             return False
-        return is_length_or_angle(unit) if unit else bool(POSITIONS.match(state))
+        if not unit:
+            return bool(POSITIONS.match(state))
+        return registry().parse_units(unit).is_compatible_with("m") or is_angle(unit)
 
     def free(self, name: str) -> str:
         """Return a name that no column has in formulas."""
@@ -111,9 +119,7 @@ class Plan:
 def _names(columns: Iterable[str]) -> Mapping[str, str]:
     """Return a name for formulas by column."""
     names: dict[str, str] = {}
-    for column in columns:
-        if column in names:
-            continue
+    for column in dict.fromkeys(columns):
         name = re.sub(r"\W+", "_", column, flags=re.ASCII).strip("_") or "x"
         name = f"x{name}" if name[0].isdigit() else name
         while not _usable(name) or name in names.values():
@@ -133,39 +139,26 @@ def _usable(name: str) -> bool:
 MASS, SPRING, DAMPER = 2.0, 30.0, 0.8
 """Numbers of the example, in kg, N/m and N s/m; of a rotation in kg m², N m/rad and N m s/rad."""
 
+TIME_CONSTANT = 10.0
+"""Number of the example of first order, in units of the time."""
 
-def is_length_or_angle(unit: str) -> bool:
-    """Return True if a unit is that of a length, such as mm, or of an angle, such as deg."""
-    parsed = registry().parse_units(unit)
-    return parsed.is_compatible_with("m") or is_angle(unit)
-
-
-def is_electrical(unit: str) -> bool:
-    """Return True if a unit is that of a voltage, a current, a charge or a flux."""
-    return bool(unit) and any(registry().parse_units(unit).is_compatible_with(each) for each in ("V", "A", "C", "Wb"))
+TEXT_OF_PARAMETERS = """# [parameters]
+# Numbers of the formulas above by name, in units of the table. With sd one is learned by fit; without, it is
+# believed, and discover says if it is off, and what it should be."""
 
 
-def is_temperature(unit: str) -> bool:
-    """Return True if a unit is that of a temperature."""
-    return bool(unit) and registry().parse_units(unit).dimensionality == {"[temperature]": 1}
-
-
-def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None, units: tuple[str, str]) -> str:
-    """Write the rate of a rate, m a = F - k x - c v, and its parameters.
-
-    It is a formula in quotation marks and words: '"F/2000 - 1.5e-05*x - 0.0004*v" (2 kg, 30 N/m, 0.8 N s/m in mm, ms)'.
-    `forces` is the name of an input and its unit, None without inputs; `units` are those of position and time. They are
-    "" if they are unknown.
-    """
-    length, time = units[0] or "m", units[1] or "s"
+def equation_of_motion(plan: Plan, rate: str) -> str:
+    """Write m a = F - k x - c v: '"F/2000 - 1.5e-05*x - 0.0004*v" (2 kg, 30 N/m, 0.8 N s/m in mm, ms)'."""
+    state = plan.positions[rate]
+    position, length, time = plan.names[state], plan.unit(state) or "m", plan.unit(plan.guess.time) or "s"
     turns = is_angle(length)
     per_time = registry().Quantity(1.0, "1/s").to(f"1/({time})").magnitude
     parts = [f"- {SPRING / MASS * per_time**2:.4g}*{position}", f"- {DAMPER / MASS * per_time:.4g}*{rate}"]
-    notes = [f"{MASS:g} kg m²", f"{SPRING:g} N m/rad", f"{DAMPER:g} N m s/rad"] if turns else []
-    notes = notes or [f"{MASS:g} kg", f"{SPRING:g} N/m", f"{DAMPER:g} N s/m"]
+    usual = ("kg m²", "N m/rad", "N m s/rad") if turns else ("kg", "N/m", "N s/m")
+    notes = [f"{value:g} {unit}" for value, unit in zip((MASS, SPRING, DAMPER), usual, strict=True)]
     used = [length, time]
-    if forces is not None:
-        name, unit = forces
+    for column in plan.guess.inputs[:1]:
+        name, unit = plan.names[column], plan.unit(column)
         force = registry().Quantity(1.0 / MASS, f"({unit or ('N*m' if turns else 'N')})/(kg{'*m^2' if turns else ''})")
         wanted = registry().parse_units(f"({length})/({time})^2")
         if force.is_compatible_with(wanted):
@@ -176,7 +169,7 @@ def equation_of_motion(position: str, rate: str, forces: tuple[str, str] | None,
             parts.insert(0, f"2*{name}")
             notes.append("a gain")
     text = " ".join(parts).removeprefix("- ")
-    text = text if forces is not None else f"-{text}"
+    text = text if plan.guess.inputs else f"-{text}"
     return f'"{text}" ({", ".join(notes)} in {", ".join(used)})'
 
 
@@ -184,3 +177,60 @@ def is_angle(unit: str) -> bool:
     """Return True if a unit is that of an angle."""
     parsed = registry().parse_units(unit)
     return str(registry().get_base_units(parsed)[1]) == "radian" and parsed.dimensionless
+
+
+def parameters_text(plan: Plan) -> str:
+    """Write examples of named numbers, as a comment: a section of numbers that no formula has is refused."""
+    equation = next((name for name in plan.equations if name in plan.positions), plan.equations[0])
+    formula, numbers = (_of_motion if equation in plan.positions else _of_first_order)(plan, equation)
+    # Parentheses stand around products only.
+    (name, value, unit), *others = [
+        (name, value, re.sub(r"\(([^*/^()]+)\)", r"\1", unit)) for name, value, unit in numbers
+    ]
+    lines = [f'# {name} = {{ value = {value:.4g}, sd = {value / 10:.4g}, lower = 0.0, unit = "{unit}" }}']
+    lines += [f'# {name} = {{ value = {value:.4g}, unit = "{unit}" }}' for name, value, unit in others]
+    return "\n".join([TEXT_OF_PARAMETERS, *lines, f'# With these the formula is {equation} = "{formula}".'])
+
+
+def starts_text(plan: Plan) -> str:
+    """Write an example of a hidden state, as a comment: a start of a state without a formula is refused."""
+    if plan.sampled:
+        return ""
+    followed, hidden = plan.name(plan.guess.states)[0], plan.free("lagging")
+    return f"""# [starts]
+# A state that no sensor reads, with a formula of inputs, states and other hidden states in [simulation],
+# follows from where it starts: a number, or the column that has the value where a run starts.
+# {hidden} = "{followed}"  # beside {hidden} = "({followed} - {hidden})/{TIME_CONSTANT:g}" above"""
+
+
+def _of_first_order(plan: Plan, equation: str) -> tuple[str, list[tuple[str, float, str]]]:
+    others, tau = [name for name in plan.variables if name != equation], plan.free("tau")
+    unit = plan.unit(plan.guess.time) or time_unit(plan.guess.time or "") or "s"
+    toward = f"({others[-1]} - {equation})" if others else f"-{equation}"
+    return f"{toward}/{tau}", [(tau, TIME_CONSTANT, unit)]
+
+
+def _of_motion(plan: Plan, rate: str) -> tuple[str, list[tuple[str, float, str]]]:
+    """Write m a = F - k x - c v with its parameters."""
+    state = plan.positions[rate]
+    position, length, time = plan.names[state], plan.unit(state) or "m", plan.unit(plan.guess.time) or "s"
+    turns = is_angle(length)
+    driver = plan.guess.inputs[0] if plan.guess.inputs else None
+    force = plan.unit(driver) or ("N*m" if turns else "N")
+    m, k, c, b = (plan.free(name) for name in "mkcb")
+    usual = ("kg*m^2", "N*m/rad", "N*m*s/rad") if turns else ("kg", "N/m", "N*s/m")
+    units = [f"({force})*({time})^2/({length})", f"({force})/({length})", f"({force})*({time})/({length})"]
+    given = [registry().Quantity(value, unit) for value, unit in zip((MASS, SPRING, DAMPER), usual, strict=True)]
+    if all(each.is_compatible_with(unit) for each, unit in zip(given, units, strict=True)):
+        values = [float(each.to(unit).magnitude) for each, unit in zip(given, units, strict=True)]
+        # The mass of a table in SI units is in kg.
+        pairs = zip(usual, units, strict=True)
+        shown = [own if registry().Quantity(1.0, own).to(unit).magnitude == 1.0 else unit for own, unit in pairs]
+        sum_ = f"{plan.names[driver]} - {k}*{position} - {c}*{rate}" if driver else f"-{k}*{position} - {c}*{rate}"
+        return f"({sum_})/{m}", list(zip((m, k, c), values, shown, strict=True))
+    # What drives it is no force.
+    per_time = float(registry().Quantity(1.0, "1/s").to(f"1/({time})").magnitude)
+    spring, damper = SPRING / MASS * per_time**2, DAMPER / MASS * per_time
+    driven = f"{b}*{plan.names[driver]} - " if driver else "-"
+    numbers = [(b, 2.0, f"{length}/({time})^2/({force})"), (k, spring, f"1/({time})^2"), (c, damper, f"1/({time})")]
+    return f"{driven}{k}*{position} - {c}*{rate}", numbers

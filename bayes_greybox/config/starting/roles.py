@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,16 +13,7 @@ from bayes_greybox.data.reading.table import Layout, Table
 from bayes_greybox.data.reading.units import registry
 from bayes_greybox.running.errors import InputError
 
-from .clock import (
-    COUNTERS,
-    ROWS_OUT_OF_ORDER,
-    counts_rows,
-    counts_runs,
-    run_codes,
-    run_lengths,
-    tells_runs,
-    time_column,
-)
+from .clock import COUNTERS, ROWS_OUT_OF_ORDER, counts_rows, counts_runs, run_codes, run_sizes, tells_runs, time_column
 
 INPUTS = re.compile(
     r"(?i)^(u|f|q|i|in|input|force|load|torque|voltage|current|command|cmd|valve|pump|kraft)(_?\d+|[ _].*)?$"
@@ -40,17 +31,11 @@ LIQUID_LEVELS = re.compile(
 POSITIONS = re.compile(r"(?i)^(x|y|z|s|q|pos|position|disp|displacement|angle|theta|phi|weg|winkel)(_?\d+|[ _].*)?$")
 SPEEDS = re.compile(r"(?i)^(v|vel|velocity|speed|omega|rpm|geschwindigkeit|drehzahl)(_?\d+|[ _].*)?$")
 
-EXPLAINED_SHARE = 0.95
-"""Share of a column that the integral of another one must explain, beside a line, to be its rate."""
+EXPLAINED_SHARE, RATE_FACTOR = 0.95, 1.25
+"""Share of a column that the integral of its rate explains, beside a line, and the factor by which that may be off."""
 
-RATE_FACTOR = 1.25
-"""Factor by which that integral may be off, up or down."""
-
-HELD_SHARE = 0.3
-"""Share of samples that repeat the one before, beyond which a column is set by somebody, and not measured."""
-
-SAME_CORRELATION = 0.99999
-"""Correlation from which on two columns are one."""
+HELD_SHARE, SAME_CORRELATION = 0.3, 0.99999
+"""Share of repeated samples beyond which a column is set, not measured; correlation beyond which columns are one."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +43,10 @@ class Guess:
     """Probable roles of columns, by their names in the table.
 
     Attributes:
-        restart: True if the time goes back without such a column.
+        restart: True if the time goes back without a column of runs.
         even: True if the stamps of every run are evenly spaced.
-        set_back: True if the time goes back by an hour, as clocks do when summer time ends.
         missing: Number of rows with missing cells.
+        set_back: True if the time goes back by an hour, as clocks do when summer time ends.
         rate_of: Column of the rate by the state whose rate it is.
         left_out: Reason why a column has no role.
         dated: True if the stamps are dates or clock times, which become seconds.
@@ -71,25 +56,21 @@ class Guess:
 
     time: str | None
     run: str | None
-    restart: bool = False
-    even: bool = True
-    missing: int = 0
-    set_back: bool = False
-    states: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    rate_of: dict[str, str] = field(default_factory=dict)
-    left_out: dict[str, str] = field(default_factory=dict)
-    dated: bool = False
-    shuffled: bool = False
-    lengths: dict[str, int] = field(default_factory=dict)
+    restart: bool
+    even: bool
+    missing: int
+    set_back: bool
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    rate_of: dict[str, str]
+    left_out: dict[str, str]
+    dated: bool
+    shuffled: bool
+    lengths: dict[str, int]
 
 
 def guessed(table: Table, layout: Layout) -> Guess:
-    """Guess the roles of the columns of a table with this layout.
-
-    Raises:
-        InputError: No column has numbers that change, or the day of dates may be their month.
-    """
+    """Guess the roles of the columns of a table with this layout."""
     names = [str(name) for name in table.frame.columns]
     time = time_column(table, names, layout)
     table = table.packed() if time is not None else table
@@ -120,11 +101,11 @@ def guessed(table: Table, layout: Layout) -> Guess:
     parts = [part[complete[part]] for part in np.split(np.arange(len(clock)), starts)]
     set_back = dated and any(clock_set_back(clock, int(i) + 1) for i in np.flatnonzero(np.diff(clock) < 0))
     shuffled = back and float(np.median([len(part) for part in parts])) <= ROWS_OUT_OF_ORDER
-    guess = Guess(
-        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, left_out=left_out,
-        dated=dated, shuffled=shuffled, lengths=run_lengths(table, run, parts),
+    states, inputs, rate_of = _roles(clock, columns, [part for part in parts if len(part) > 3], table.units)
+    return Guess(
+        time, run, back and time is not None, _even(clock, parts), int(np.sum(~complete)), set_back, states, inputs,
+        rate_of, left_out, dated, shuffled, run_sizes(table, run, parts),
     )  # fmt: skip
-    return _with_roles(guess, clock, columns, [part for part in parts if len(part) > 3], table.units)
 
 
 def _unusable(table: Table, name: str, layout: Layout, before: dict[str, np.ndarray], codes: np.ndarray) -> str | None:
@@ -157,25 +138,19 @@ def _even(clock: np.ndarray, parts: Sequence[np.ndarray]) -> bool:
     return True
 
 
-def _with_roles(
-    guess: Guess,
-    clock: np.ndarray,
-    columns: dict[str, np.ndarray],
-    parts: list[np.ndarray],
-    units: Mapping[str, str],
-) -> Guess:
-    """Find states, inputs and rates."""
+def _roles(
+    clock: np.ndarray, columns: dict[str, np.ndarray], parts: list[np.ndarray], units: Mapping[str, str]
+) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
+    """Find states, inputs, and rates by state."""
     rate_of: dict[str, str] = {}
     for state in columns:
         fits = {name: _explained(clock, columns[state], columns[name], parts) for name in columns if name != state}
-        best = max(fits, key=lambda name: fits[name], default=None)
-        if best is not None and fits[best] > EXPLAINED_SHARE:
+        best = max(fits, key=lambda name: fits[name], default=state)
+        if fits.get(best, 0.0) > EXPLAINED_SHARE:
             rate_of[state] = best
-    moving = {*rate_of, *rate_of.values()}
-    held = {name for name, values in columns.items() if np.mean(np.diff(values) == 0) > HELD_SHARE}
-    inputs = [
-        name for name in columns if name not in moving and (name in held or INPUTS.match(name) or AMBIENT.search(name))
-    ]
+    still = [name for name in columns if name not in {*rate_of, *rate_of.values()}]
+    held = {name for name in still if np.mean(np.diff(columns[name]) == 0) > HELD_SHARE}
+    inputs = [name for name in still if name in held or INPUTS.match(name) or AMBIENT.search(name)]
     # The last rate of a chain of three is measured, and no state: y, v and a.
     # So is that of a speed without a position.
     last = {
@@ -186,7 +161,7 @@ def _with_roles(
     states = [name for name in columns if name not in inputs and name not in last]
     if not states:
         states, inputs = inputs[:1], inputs[1:]
-    return replace(guess, states=tuple(states), inputs=tuple(inputs), rate_of=rate_of)
+    return tuple(states), tuple(inputs), rate_of
 
 
 def _is_speed(column: str, unit: str) -> bool:

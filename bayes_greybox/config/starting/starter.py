@@ -7,34 +7,23 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_greybox.config.starting.plan import equation_of_motion
 from bayes_greybox.data.columns import derivative_label
 from bayes_greybox.data.reading.table import Layout
 
 from .clock import time_unit
 from .held_out import FEWEST_TRAINED
 from .layout import read_as_found
-from .parameters import parameters_text, starts_text
-from .plan import Plan
+from .plan import Plan, equation_of_motion, parameters_text, starts_text
 from .roles import guessed
 from .summary import summary_of
 
 PLACE = "..."
-
-LAYOUT_OPTIONS = ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst")
-"""Parts of the layout that are written where they are not the usual."""
 
 SUFFIXES = frozenset(
     "s ms us m mm cm um km N kN mN V mV kV A mA W kW Pa kPa MPa bar mbar K °C degC deg rad mrad Hz kHz rpm kg g N*m Nm "
     "m/s mm/s cm/s m/s^2 rad/s deg/s l/min l/s m^3/h m^3/s kg/s".split()
 )
 """Units that a name may end with; not those that are words or indices as well, such as in, min and h."""
-
-_SET_BACK = [
-    "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the next line out",
-    "# and write the stamps in UTC or with their offset, such as 2024-10-27T02:00:00+01:00.",
-]
-"""Lines above `restart` where it may be a mistake."""
 
 
 @dataclass(frozen=True)
@@ -46,11 +35,7 @@ class Start:
 
 
 def starter(data: Path, config: Path, layout: Layout) -> Start:
-    """Write the first configuration for a table; paths in it start from its folder.
-
-    Raises:
-        InputError: The table cannot be read, or has nothing to model.
-    """
+    """Write the first configuration for a table; paths in it start from its folder."""
     table, layout = read_as_found(data, layout)
     plan = Plan(table, guessed(table, layout))
     path = os.path.relpath(data, config.parent).replace(os.sep, "/")
@@ -86,8 +71,9 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
         lines.append(f"time = {_quoted(guess.time)}")
     else:
         lines += ["# The table has no column of time: set the distance of its rows.", "dt = 1.0"]
-    options = [name for name in LAYOUT_OPTIONS if getattr(layout, name) != getattr(usual, name)]
-    lines += [f"{name} = {_quoted(getattr(layout, name))}" for name in options]
+    for name in ("sep", "decimal", "thousands", "skiprows", "encoding", "sheet", "dayfirst"):
+        if getattr(layout, name) != getattr(usual, name):
+            lines.append(f"{name} = {_quoted(getattr(layout, name))}")
     if layout.columns is not None:
         lines.append(f"columns = {_quoted(layout.columns)}  # the table has no names: give yours, here and below")
     if guess.run is not None:
@@ -95,7 +81,12 @@ def _data(path: str, layout: Layout, plan: Plan) -> str:
     if guess.shuffled:
         lines.append("# The time goes back every few rows: sort the rows of the table by time first.")
     elif guess.restart:
-        lines += _SET_BACK if guess.set_back else []
+        if guess.set_back:
+            lines += [
+                "# It goes back by an hour, as clocks do when summer time ends: if no new run begins there, take the "
+                "next line out",
+                "# and write the stamps in UTC or with their offset, such as 2024-10-27T02:00:00+01:00.",
+            ]
         lines.append('restart = "run"  # the time goes back: a new run begins there')
     lines.append(f"states = {_columns(plan, guess.states)}  # what has an equation of motion")
     if guess.inputs:
@@ -120,10 +111,7 @@ def _split(plan: Plan) -> list[str]:
         lines.append(f"leave_out = {_quoted(split.left_out)}  # runs of too few rows")
     if split.share is None:
         few = f"each part needs {split.needed} rows of each run, and training {FEWEST_TRAINED} in all"
-        return [
-            *lines,
-            f"# test_fraction = 0.2 would hold out the end of each run, but rows are too few: {few}.",
-        ]
+        return [*lines, f"# test_fraction = 0.2 would hold out the end of each run, but rows are too few: {few}."]
     if split.whole_runs:
         return [*lines, f"test_fraction = {split.share}  # the last runs, held out", 'split_by = "trajectory"']
     return [*lines, f"test_fraction = {split.share}  # the end of each run, held out"]
@@ -131,33 +119,20 @@ def _split(plan: Plan) -> list[str]:
 
 def _units(plan: Plan) -> str:
     """Write units to be filled in; those of the table stand there already."""
-    columns = {"t": plan.guess.time} | {plan.names[c]: c for c in (*plan.guess.states, *plan.guess.inputs)}
-    columns |= {derivative_label(plan.names[s]): rate for s, rate in plan.measured.items()}
+    columns = [("t", plan.guess.time, "s"), *((plan.names[state], state, "mm") for state in plan.guess.states)]
+    columns += [(plan.names[name], name, "N") for name in plan.guess.inputs]
+    columns += [(derivative_label(plan.names[state]), rate, "m/s^2") for state, rate in plan.measured.items()]
     lines = [
         "[data.units]",
         "# With all of them, terms are checked and coefficients get units: fill in and take the # away.",
     ]
-    for name, column in columns.items():
-        unit, supposed = plan.unit(column), time_unit(column or "") if name == "t" else _by_name(column)
-        what = "the time" if name == "t" else name
-        asked = f'# {_key(name)} = "{supposed or PLACE}"  # unit of {what}'
-        asked += ", if its name says so" if supposed else f", such as {_example_unit(plan, name, column)}"
-        lines.append(f"{_key(name)} = {_quoted(unit)}" if unit else asked)
+    for name, column, example in columns:
+        stem, _, last = (column or "").rpartition("_")
+        supposed = time_unit(column or "") if name == "t" else last if stem and last in SUFFIXES else None
+        asked = f'# {_key(name)} = "{supposed or PLACE}"  # unit of {"the time" if name == "t" else name}'
+        asked += ", if its name says so" if supposed else f", such as {example}"
+        lines.append(f"{_key(name)} = {_quoted(plan.unit(column))}" if plan.unit(column) else asked)
     return "\n".join(lines)
-
-
-def _by_name(column: str | None) -> str | None:
-    """Return the unit that a name ends with, as in force_N."""
-    last = (column or "").rpartition("_")
-    return last[2] if last[0] and last[2] in SUFFIXES else None
-
-
-def _example_unit(plan: Plan, name: str, column: str | None) -> str:
-    if name == "t":
-        return "s"
-    if column in plan.guess.inputs:
-        return "N"
-    return "m/s^2" if column in plan.measured.values() else "mm"
 
 
 def _differentiate(plan: Plan) -> str:
@@ -183,8 +158,6 @@ def _simulation(plan: Plan) -> str:
     shown = f" ({units})" if units else ""
     lines = ["[simulation]", "# What your simulation says: the rate of a state as a formula of states and inputs,"]
     lines += [f"# its numbers in the units of the table{shown}. Take the # away and write yours."]
-    positions = {rate: state for state, rate in plan.second.items()}
-    positions |= {plan.names[rate]: state for state, rate in plan.chained.items()}
     for state, rate in plan.second.items():
         unit, time, also = plan.unit(state), plan.unit(plan.guess.time), " and rates above" if plan.computed else ""
         unit = f", in {unit}/{time}" if unit and time else ""
@@ -192,24 +165,13 @@ def _simulation(plan: Plan) -> str:
         lines += [f"# write {_quoted(PLACE)} for it below, and take out the line of {rate}{also}."]
     lines += [f"{_key(state)} = {_quoted(rate)}" for state, rate in plan.known.items()]
     for name in plan.equations:
-        state = positions.get(name)
-        example = _first_order(plan, name) if state is None else _second_order(plan, state, name)
-        lines.append(f'# {_key(name)} = "{PLACE}"  # {example}')
+        others = [f"{variable} - " for variable in plan.variables if variable != name] or ["-"]
+        moved = name in plan.positions
+        example = equation_of_motion(plan, name) if moved else f'"{others[-1]}2*{name}"'
+        lines.append(f'# {_key(name)} = "{PLACE}"  # such as {example}')
     if len(plan.equations) > 1 and not plan.measured:
         lines += ["# What has no equation in your simulation acts from outside: move it from states to inputs above."]
     return "\n".join(lines)
-
-
-def _first_order(plan: Plan, name: str) -> str:
-    others = [variable for variable in plan.variables if variable != name]
-    return f'such as "{others[-1]} - 2*{name}"' if others else f'such as "-2*{name}"'
-
-
-def _second_order(plan: Plan, state: str, rate: str) -> str:
-    inputs = plan.guess.inputs
-    force = (plan.names[inputs[0]], plan.unit(inputs[0])) if inputs else None
-    units = (plan.unit(state), plan.unit(plan.guess.time))
-    return f"such as {equation_of_motion(plan.names[state], rate, force, units)}"
 
 
 def _dictionary(plan: Plan) -> str:
@@ -226,16 +188,16 @@ def _dictionary(plan: Plan) -> str:
         simple = "# For discover take this section out: what stands here is learned in every explanation."
         return "\n".join(["[dictionary]", *lines, simple, *equations])
     if plan.sampled and len(equations) > 1:
-        one = [
+        head = [
+            "[dictionary]",
             "# Rows are samples, and discover looks at one equation of these at a time: the one here.",
             f"{_key(plan.equations[0])} = []",
+            "# For bayes-greybox fit, in the place of that line:",
         ]
-        fit = ["# For bayes-greybox fit, in the place of that line:", *lines, *(f"# {line}" for line in equations)]
-        return "\n".join(["[dictionary]", *one, *fit])
-    fit = (
-        "# For bayes-greybox fit take the # away; discover needs no such section, and learns its terms if it is there."
-    )
-    return "\n".join(["# [dictionary]", fit, *lines, *(f"# {line}" for line in equations)])
+    else:
+        needs = "discover needs no such section, and learns its terms if it is there."
+        head = ["# [dictionary]", f"# For bayes-greybox fit take the # away; {needs}"]
+    return "\n".join([*head, *lines, *(f"# {line}" for line in equations)])
 
 
 def _columns(plan: Plan, columns: Iterable[str]) -> str:

@@ -53,29 +53,21 @@ def _in(plan: Plan, column: str) -> str:
 
 def _findings(plan: Plan, layout: Layout) -> list[str]:
     """List findings about the table that a file states otherwise."""
-    findings = []
-    if isinstance(layout.skiprows, int) and layout.skiprows:
-        lines = "1 line" if layout.skiprows == 1 else f"{layout.skiprows} lines"
-        findings.append(f"{lines} above the names")
-    if layout.columns is not None:
-        findings.append(f"no names of columns, which are called {', '.join(layout.columns)}: give yours")
-    if layout.decimal == ",":
-        findings.append("decimal commas")
-    if layout.encoding not in ("utf-8-sig", "utf-8"):
-        findings.append(f"text in {layout.encoding}")
-    if any("read as units" in remark for remark in plan.table.remarks):
-        findings.append("a row of units")
-    if plan.guess.shuffled:
-        findings.append("time that goes back every few rows, which have to be sorted by it first")
-    elif plan.guess.restart:
-        clock = ", or a clock was set back" if plan.guess.set_back else ""
-        findings.append(f"time that goes back, where a new run begins{clock}")
-    if plan.guess.missing:
-        rows = "1 row" if plan.guess.missing == 1 else f"{plan.guess.missing} rows"
-        findings.append(f"{rows} with empty cells, which are left out")
-    if (rows := sum(plan.guess.lengths.values())) < FEWEST_ROWS:
-        findings.append(f"only {rows} rows, while discover needs {FEWEST_ROWS}")
-    return findings
+    guess, rows = plan.guess, sum(plan.guess.lengths.values())
+    titles = layout.skiprows if isinstance(layout.skiprows, int) else 0
+    clock = ", or a clock was set back" if guess.set_back else ""
+    findings = {
+        f"{titles} line{'s' * (titles > 1)} above the names": titles,
+        f"no names of columns, which are called {', '.join(layout.columns or ())}: give yours": layout.columns,
+        "decimal commas": layout.decimal == ",",
+        f"text in {layout.encoding}": layout.encoding not in ("utf-8-sig", "utf-8"),
+        "a row of units": any("read as units" in remark for remark in plan.table.remarks),
+        "time that goes back every few rows, which have to be sorted by it first": guess.shuffled,
+        f"time that goes back, where a new run begins{clock}": guess.restart and not guess.shuffled,
+        f"{guess.missing} row{'s' * (guess.missing > 1)} with empty cells, which are left out": guess.missing,
+        f"only {rows} rows, while discover needs {FEWEST_ROWS}": rows < FEWEST_ROWS,
+    }
+    return [text for text, found in findings.items() if found]
 
 
 def _samples(plan: Plan) -> list[str]:
