@@ -135,8 +135,8 @@ def worse_runs(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, .
 def not_helped(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, ...]:
     """Return the states whose free run, on the mean, is no better after than before, though not surely worse."""
     errors, worse = free_run_errors(gap), worse_runs(gap, criteria)
-    idle = errors.index[~(errors["after"] < errors["before"])]
-    return tuple(str(name) for name in idle if name not in worse)
+    every = zip(errors.index, errors["after"], errors["before"], strict=True)
+    return tuple(str(name) for name, after, before in every if not after < before and name not in worse)
 
 
 @dataclass(frozen=True)

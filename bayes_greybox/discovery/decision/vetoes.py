@@ -80,7 +80,8 @@ def left_over(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> dict[str, flo
 
 def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
     """Return the misfit of samples after, by equation, on the data "train" or "test"."""
-    return {str(key[2]): float(after) for key, after in gap["after"].items() if key[:2] == (part, MISFIT)}
+    records = zip(gap.index, gap.to_dict("records"), strict=True)
+    return {str(key[2]): float(row["after"]) for key, row in records if (key[0], key[1]) == (part, MISFIT)}
 
 
 def worse_in_words(key: tuple[str, str, str]) -> str:

@@ -286,7 +286,7 @@ class _Weight:
             chosen = [sets[k] for k in places.tolist()]
             mode = modes(self.products, self.precision, chosen, np.argmax(logs[places], axis=1), self.floor)
             by_regressor: dict[int, list[tuple[int, float, float]]] = {}
-            for k, members, mean, covariance in zip(places, chosen, mode.mean, mode.covariance, strict=True):
+            for k, members, mean, covariance in zip(places.tolist(), chosen, mode.mean, mode.covariance, strict=True):
                 for place, i in enumerate(members):
                     if regressors[i].ranged:
                         sd = float(np.sqrt(max(covariance[place, place], 0.0)))

@@ -32,7 +32,7 @@ def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str,
         read = channels.shifted(path, {name: -by})
         x, zero = read.column(name), channels.zero_error(read, name)
         later, sooner = (channels.shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
-        alone = [(channels.delay_error(name, step), (later - sooner) / (step / 2))]
+        alone: ErrorColumns = [(channels.delay_error(name, step), (later - sooner) / (step / 2))]
         alone += [(channels.gain_error(name), x), (zero, np.ones(path.n_obs))]
         if span > 0:
             alone.append((replace(zero, kind=channels.DRIFT), (path.time - np.mean(path.time)) / span))
