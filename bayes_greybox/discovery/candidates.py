@@ -11,16 +11,14 @@ from .study import StudyResult
 from .summary import answer, rows_of
 from .ties import sorted_by_probability
 
-MOST_RIVALS = 3
-"""Number of explanations beside an answer that a headline has room for; it decides nothing."""
-
 
 def rivals(study: StudyResult, equation: str) -> list[tuple[str, float]]:
     """Return the likeliest explanations of an equation other than its answer that are listed, with probabilities."""
     table: Any = rows_of(study.hypotheses, equation)
     likely, own = sorted_by_probability(table[table["probability"] >= LISTED]), answer(study, equation)
     found = zip(map(str, likely.index), map(float, likely["probability"]), strict=True)
-    return [(name, p) for name, p in found if name != own][:MOST_RIVALS]
+    # A headline has room for so many.
+    return [(name, p) for name, p in found if name != own][:3]
 
 
 def law_behind(

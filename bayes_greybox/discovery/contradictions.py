@@ -9,40 +9,22 @@ import numpy as np
 
 from bayes_greybox.criticism.convergence import convergence
 
+from . import summary
 from .answer.checks import LOO_PIT, WHITENESS
 from .answer.instrument import IN_MODEL
 from .decision.probabilities import STOPS, UNKNOWN_KIND
 from .decision.vetoes import FAILURE, left_over, misfits, worsened
 from .sensor_errors.channels import DELAY_STEPS
 from .study import StudyResult
-from .summary import (
-    added,
-    answer,
-    free_run_errors,
-    free_run_part,
-    not_helped,
-    not_weighed,
-    rows_of,
-    sampler_contradictions,
-    worse_runs,
-)
 from .ties import sorted_by_probability
 
 MOST_DELAYED_SAMPLES = 3.0 * DELAY_STEPS
 """Samples from which on a channel is hardly late, but something else: three prior standard deviations of a delay."""
 
-UNMOVED = 1e-3
-"""Share of its error by which a free run may change where nothing but the integrator differs."""
-
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that could contradict a verdict.
-
-    Attributes:
-        against: True if it contradicts the verdict; None if it could not be looked at.
-        equation: Equation that it is about; "" if it is about the whole study.
-    """
+    """One thing that could contradict a verdict, of an equation or ("") the whole study; None: not looked at."""
 
     code: str
     against: bool | None
@@ -63,11 +45,11 @@ def findings(study: StudyResult) -> Iterator[Finding]:
         yield from _measurement(study, name)
     for text in study.warnings:
         yield Finding("rows", True, values={"text": text})
-    for role, count in not_weighed(study).items():
+    for role, count in summary.not_weighed(study).items():
         yield Finding("not weighed", None, values={"role": role, "count": count})
     for tie in study.ties:
         yield Finding("tie", True, values={"slugs": tie["slugs"]})
-    if not study.ties and added(study).size and study.verdict != "one of":
+    if not study.ties and summary.added(study).size and study.verdict != "one of":
         yield Finding("no tie", False)
     left = left_over(study.gap, study.criteria)
     for name, misfit in misfits(study.gap, "test").items():
@@ -77,7 +59,7 @@ def findings(study: StudyResult) -> Iterator[Finding]:
 
 
 def _checks(study: StudyResult, equation: str) -> Iterator[Finding]:
-    table = rows_of(study.checks, equation)
+    table = summary.rows_of(study.checks, equation)
     for name, row in zip(table.index, table.to_dict("records"), strict=True):
         yield Finding("check", not row["ok"], equation, {"name": name, **row})
     if not {WHITENESS, LOO_PIT} & set(table.index):
@@ -86,8 +68,8 @@ def _checks(study: StudyResult, equation: str) -> Iterator[Finding]:
 
 def _explanations(study: StudyResult, equation: str) -> Iterator[Finding]:
     """Yield what remains beside the answer, and the likeliest other explanation."""
-    table = sorted_by_probability(rows_of(study.hypotheses, equation))
-    own, records, least = answer(study, equation), table.to_dict("index"), notable(study)
+    table = sorted_by_probability(summary.rows_of(study.hypotheses, equation))
+    own, records, least = summary.answer(study, equation), table.to_dict("index"), notable(study)
     if UNKNOWN_KIND in records:
         p = float(records[UNKNOWN_KIND]["probability"])
         share = float(records[own]["share_left"]) if own in records else math.nan
@@ -107,10 +89,7 @@ def _explanations(study: StudyResult, equation: str) -> Iterator[Finding]:
 def _runner_up(
     study: StudyResult, own: str, other: str, records: Mapping[Any, Mapping[Any, Any]]
 ) -> tuple[bool, dict[str, Any]]:
-    """Return whether the likeliest other explanation contradicts an answer, and the two probabilities.
-
-    A set of effects is compared with a set; against any effect stands that none is missing, for whatever reason.
-    """
+    """Return whether the likeliest other explanation contradicts an answer, and the two probabilities."""
     p, q = (float(records[key]["probability"]) if key in records else math.nan for key in (own, other))
     values: dict[str, Any] = {"name": other, "probability": q, "answer": p, "of": "set"}
     if own in STOPS:
@@ -138,18 +117,18 @@ def _measurement(study: StudyResult, equation: str) -> Iterator[Finding]:
 
 def _free_run(study: StudyResult) -> Finding:
     gap = study.gap
-    errors, part = free_run_errors(gap), free_run_part(gap)
+    errors, part = summary.free_run_errors(gap), summary.free_run_part(gap)
     if not len(errors):
         return Finding("free run", None, values={"change": "not integrated"})
-    worse, idle = worse_runs(gap, study.criteria), not_helped(gap, study.criteria)
+    worse, idle = summary.worse_runs(gap, study.criteria), summary.not_helped(gap, study.criteria)
     sooner = next((key for key in worsened(gap, study.criteria) if key[1] == FAILURE), None)
     if worse or sooner:
         return Finding("free run", True, values={"change": "worse", "part": part, "states": worse, "sooner": sooner})
     every = {"part": part, "states": tuple(errors.index)}
-    if not added(study).size and study.verdict in STOPS and study.verdict != "recalibrate":
+    if not summary.added(study).size and study.verdict in STOPS and study.verdict != "recalibrate":
         # Where nothing was added, only the sensors, or f of any shape, changed the model.
         change = "by sensors" if study.verdict == "instrument" else "by f"
-        least = np.maximum(UNMOVED * errors["before"], study.criteria.integrator)
+        least = np.maximum(1e-3 * errors["before"], study.criteria.integrator)
         moved = np.abs(errors["after"] - errors["before"]) > least
         change = "nothing added" if set(idle) == set(errors.index) or not np.any(moved) else change
         return Finding("free run", False, values={"change": change, **every})
@@ -161,7 +140,7 @@ def _free_run(study: StudyResult) -> Finding:
 def _sampler(study: StudyResult) -> Finding:
     if study.fit is None:
         return Finding("sampler", None, values={"state": "not sampled"})
-    verdict, apart = convergence(study.fit), sampler_contradictions(study)
+    verdict, apart = convergence(study.fit), summary.sampler_contradictions(study)
     if apart:
         reasons = () if verdict.mixed else verdict.reasons
         return Finding("sampler", True, values={"state": "apart", "apart": apart, "reasons": reasons})

@@ -34,17 +34,11 @@ from .linearise.samples import SampleRows
 from .linearise.settle import settle
 from .linearise.source import Source
 from .linearise.standing import LIKELIER
-from .linearise.visits import Visit, weighed_on
+from .linearise.visits import Weigher
 from .odds import Odds
 from .regressors.regressors import FREE, Regressors
 from .sensor_errors.channels import DELAY
 from .sensor_errors.kinematics import sizes_of
-
-COEFFICIENT_DRAWS = 2000
-"""Posterior draws of the coefficients behind tables and bands."""
-
-ON_PATH = 0.1
-"""Draws with the path's own value of a nonlinear parameter, over those with the commonest, from which on it stays."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +66,7 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     verdict = decide(Probabilities(near.weighed, criteria), rate_size, bool(source.known))
     settled = without_sensors(near, verdict)
     say("mapping the gap")
-    coefficients = draw_coefficients(near, verdict, COEFFICIENT_DRAWS, question.seed)
+    coefficients = draw_coefficients(near, verdict, 2000, question.seed)
     checks: list[Check] = []
     if not verdict.open_ended:
         checks = check_hypothesis(near, settled, train.units.get("t", ""), criteria)
@@ -87,7 +81,9 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
     amendment = _amendment(source, near, verdict, coefficients, train)
     if not verdict.open_ended:
         checks = [*checks, *check_linearity(amendment, near.regressors, train.input_names)]
-    unit, along, variables = target_unit(question.name, train), _along(near), near.regressors.variables
+    unit, variables, rows = target_unit(question.name, train), near.regressors.variables, near.regressors.rows
+    n = len(np.unique(rows.sample))
+    along = Along(rows.equation, rows.time[:n], rows.run[:n], {name: x[:n] for name, x in rows.at_rows().items()})
     before, after = _gap(near, near.weighed.before), _gap(near, settled)
     # Samples of a displacement tell a force less well than their sensor's noise is small.
     threshold = max(amendment.sigma, float(np.median(before.sd)))
@@ -100,14 +96,10 @@ def study_equation(question: Question, say: Callable[[str], None]) -> EquationSt
 def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Near]:
     """Return the hypotheses on rows near the likeliest; of the ways that inputs go between samples, the likeliest."""
     model, train, name, odds = question.model, question.train, question.name, question.odds
-    reach = Reach(effects=question.most)
-
-    def settled(source: Source, start: Point) -> tuple[Source, Visit]:
-        return source, settle(source, start, odds, reach, question.seed, say)
-
     kind = SampleRows if model.rows.follows_path else RateRows
-    source, visit = settled(kind(model, train, name, question.effects), Point())
-    as_given, near = (source, visit.near), visit.near
+    given = Weigher(kind(model, train, name, question.effects), odds, Reach(effects=question.most), question.seed)
+    visit = settle(given, Point(), say)
+    as_given, near = (given.source, visit.near), visit.near
     remembers = model.rows.follows_path or train.computed or any(each.effect.hidden for each in question.effects)
     if model.rows.interpolation is not None or not train.input_names or not remembers:
         return as_given
@@ -115,9 +107,9 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
     point = near.point_of(near.likeliest)
     # Lines between samples of held inputs look like a delay, or lead to a hypothesis that is far from the right one.
     found = replace(point, sensors={s: size for s, size in point.sensors.items() if s.kind != DELAY}, shapes=())
-    given = replace(found, added=(), parameters={}, sensors={})
-    starts = [found, given] if found.added or found.parameters or found.sensors else [given]
-    weighed: list[tuple[float, float, Source, Point]] = []
+    plain = replace(found, added=(), parameters={}, sensors={})
+    starts = [found, plain] if found.added or found.parameters or found.sensors else [plain]
+    weighed: list[tuple[float, float, Weigher, Point]] = []
     for between, stays in _held(train):
         held = replace(model, rows=model.rows.between(between))
         # That inputs are held has the prior odds of any error of a channel, or is as likely as not: rounding does not
@@ -128,25 +120,22 @@ def _settled(question: Question, say: Callable[[str], None]) -> tuple[Source, Ne
         with suppress(InputError, np.linalg.LinAlgError):
             rows = held.rows.complete(train, name, held.simulator(train))
             for start in starts:
-                source = kind(held, rows, name, question.effects)
-                first = weighed_on(source.near(replace(start, window=near.window)), odds, reach, question.seed)
-                weighed.append((first.log_evidence - least, least, source, start))
-    gained, least, source, start = max(weighed, key=lambda each: each[0], default=(-math.inf, 0.0, as_given[0], found))
+                weigher = replace(given, source=kind(held, rows, name, question.effects))
+                first = weigher.near(replace(start, window=near.window))
+                weighed.append((first.log_evidence - least, least, weigher, start))
+    gained, least, weigher, start = max(weighed, key=lambda each: each[0], default=(-math.inf, 0.0, given, found))
     # Nothing has moved there yet: it may become likelier by as much as hypotheses that are kept.
-    if gained <= -reach.window:
-        return as_given
-    try:
-        source, again = settled(source, start)
-    except (InputError, np.linalg.LinAlgError):
-        return as_given
-    return (source, again.near) if again.log_weight > least else as_given
+    if gained > -given.reach.window:
+        with suppress(InputError, np.linalg.LinAlgError):
+            again = settle(weigher, start, say)
+            return (weigher.source, again.near) if again.log_weight > least else as_given
+    return as_given
 
 
 def _held(train: Trajectories) -> list[tuple[str | tuple[str, ...], bool]]:
-    """Return interpolations with inputs that are held: all, each by itself, and those that do not look smooth.
+    """Return interpolations with held inputs (all, each, those that do not look smooth), and whether these mostly stay.
 
-    A heater is switched by a clock and holds; the weather was sampled with it, and goes on between its samples. What
-    goes on does not stay the same from most samples to the next: with each is said whether all that is held does.
+    A heater is switched by a clock and holds; the weather, sampled with it, goes on between its samples.
     """
     samples = train.samples or train
     parts = [samples.run == run for run in range(samples.n_run)]
@@ -198,15 +187,7 @@ def _amendment(source: Source, near: Near, verdict: Verdict, after: Coefficients
     )
 
 
-def _along(near: Near) -> Along:
-    rows = near.regressors.rows
-    n = len(np.unique(rows.sample))
-    columns = {name: column[:n] for name, column in rows.at_rows().items()}
-    return Along(rows.equation, rows.time[:n], rows.run[:n], columns)
-
-
 def _gap(near: Near, hypothesis: Hypothesis) -> Gap:
-    """Return the smoothed latent force beside a hypothesis, user's units."""
     mean, sd = near.weighed.latent_force(hypothesis)
     scale = near.regressors.target_scale
     return Gap(scale * mean, scale * sd)
@@ -215,10 +196,7 @@ def _gap(near: Near, hypothesis: Hypothesis) -> Gap:
 def _of_one_memory(
     regressors: Regressors, coefficients: Coefficients, path_states: Sequence[HiddenState]
 ) -> tuple[np.ndarray, tuple[HiddenState, ...]]:
-    """Return draws that share the hidden states of each effect, and all hidden states of the model after.
-
-    A hidden state has one rate in a model: that of the path if draws have it, else the commonest among them.
-    """
+    """Return draws that share the hidden states of each effect, of the path or the commonest, and these states."""
     hidden, alike = {state.name: state for state in path_states}, np.arange(len(coefficients.draws))
     for inner in coefficients.inner.T:
         columns, count = np.unique(inner[alike], return_counts=True)
@@ -228,7 +206,7 @@ def _of_one_memory(
         # Of many values drawn around a mode none is common.
         share = dict(zip(map(int, columns), count / np.max(count), strict=True))
         of_path = {i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)}
-        on_path = [i for i in states if share[i] >= ON_PATH and i in of_path]
+        on_path = [i for i in states if share[i] >= 0.1 and i in of_path]
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}
         alike = alike[inner[alike] == chosen]

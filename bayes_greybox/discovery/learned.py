@@ -29,12 +29,6 @@ from .answer.equation_study import unit_if_known
 from .regressors.regressors import CORRECTION, FREE
 from .study import StudyResult
 
-CORRECTED = "Corrections are those of the likeliest pattern (tables average over all)."
-"""Rule for the simulation's own coefficients in an extended equation."""
-
-UNNAMED = "f is what is left without a name."
-"""Rule for its f."""
-
 ByTerm = Mapping[tuple[str, str], float]
 """Probabilities by equation and term."""
 
@@ -48,10 +42,7 @@ def studied_system(study: StudyResult) -> LearnedSystem:
 
 
 def shown_effects(study: StudyResult) -> pd.DataFrame:
-    """Return the table of effects with the coefficients that the equations have: those of the likeliest pattern.
-
-    In the study's own table they are averaged over all patterns, which no one model has.
-    """
+    """Return the table of effects with the coefficients of the equations: those of the likeliest pattern."""
     table: Any = study.effects.copy()
     if not len(table) or not study.amendments:
         return table
@@ -87,8 +78,7 @@ def extended_system(
     """Return the equations of a model with its amendments.
 
     An effect has the mean of its nonlinear parameter, and that of its coefficient over all values of it, as tables have
-    them. One with hidden states has the one value that they were found with. The simulation's own coefficients are
-    corrected as in the commonest pattern of the draws.
+    them; one with hidden states the one value that they were found with.
     """
     for amendment in amendments.values():
         # Formulas have the parameters themselves.
@@ -98,16 +88,16 @@ def extended_system(
         values |= _parameters(amendment, base)
     learned = {name: _equation(name, each, base, data, probabilities) for name, each in amendments.items()}
     simulation = base.with_values({name: value.mean for name, value in values.items()}).simulator(data, lacking=True)
-    rules = [CORRECTED] if any(map(_corrects, amendments.values())) else []
-    rules += [UNNAMED] if any(each.discrepancy and each.discrepancy.left for each in learned.values()) else []
+    # True where the commonest pattern corrects a coefficient of the simulation.
+    corrected = any(
+        there and each.statistics.columns[index].kind == CORRECTION
+        for each in amendments.values()
+        for index, there in zip(each.after.indices[: each.after.n_own], _pattern(each)[0], strict=True)
+    )
+    rules = ["Corrections are those of the likeliest pattern (tables average over all)."] if corrected else []
+    unnamed = any(each.discrepancy and each.discrepancy.left for each in learned.values())
+    rules += ["f is what is left without a name."] if unnamed else []
     return LearnedSystem("study", simulation, data, learned, " ".join(rules), parameters_of(base.parameters, values))
-
-
-def _corrects(amendment: Amendment) -> bool:
-    """Return whether the commonest pattern corrects a coefficient of the simulation."""
-    indices = amendment.after.indices[: amendment.after.n_own]
-    kinds = [amendment.statistics.columns[index].kind for index in indices]
-    return any(there and kind == CORRECTION for kind, there in zip(kinds, _pattern(amendment)[0], strict=True))
 
 
 def _pattern(amendment: Amendment) -> tuple[Bool[np.ndarray, " n_own"], Int[np.ndarray, " n"], float]:
@@ -120,7 +110,6 @@ def _pattern(amendment: Amendment) -> tuple[Bool[np.ndarray, " n_own"], Int[np.n
 
 
 def _parameters(amendment: Amendment, base: Program) -> dict[str, Value]:
-    """Return the values of the parameters that the answer has moved."""
     statistics, after = amendment.statistics, amendment.after
     active, alike, _ = _pattern(amendment)
     columns = [statistics.columns[index] for index in after.indices[: after.n_own]]

@@ -54,10 +54,7 @@ class Odds:
             )
 
     def of_each(self, equations: int) -> "Odds":
-        """Return the odds of each equation of several, so that the system's no gap keeps its probability.
-
-        P(an equation has no gap) = P(no gap)^(1/n); the others keep their proportions.
-        """
+        """Return the odds of each of several equations: P(it has no gap) = P(no gap)^(1/n), others in proportion."""
         no_gap = self.no_gap ** (1 / equations)
         factor = (1 - no_gap) / (1 - self.no_gap)
         return replace(

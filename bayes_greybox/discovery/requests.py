@@ -8,23 +8,19 @@ from .answer.instrument import IN_MODEL
 from .answer.where import WINDOW
 from .decision.probabilities import INSTRUMENT, NO_GAP, RECALIBRATE, UNKNOWN_KIND
 from .grid.points import LATENT_FORCE
-from .sensor_errors.channels import ERRORS, LAG
+from .sensor_errors.channels import ERRORS
 from .study import NO_CATALOGUE, StudyResult
 from .summary import corrections_above, not_weighed, remainders
 
 KEEP, ADOPT, TELL_APART, SET, CHOOSE, CORRECT, ALLOW = (
     "keep", "adopt", "tell apart", "set", "choose", "correct", "allow"
 )  # fmt: skip
-"""Leave the simulation; add what was found; do the experiment that decides; set a coefficient, or find out which one;
-correct a sensor, or allow for its noise."""
+"""Keep the simulation; adopt what was found; tell explanations apart; set a coefficient, or choose; correct a sensor,
+or allow for its noise."""
 
 TRY, DOUBT, EVENT, REST, SHAPE, WEIGH, ROLE = "try", "doubt", "event", "rest", "shape", "weigh", "role"
-"""Try the extended model on data of its own; heed a reason against the verdict; ask what happened at some times; look
-at what is left beside names, or without any; weigh effects; give a role."""
-
-
-MOST_OF_IT = 0.5
-"""Share of the samples above which a stretch of time is most of the record."""
+"""Try the model on other data; doubt the verdict; ask for events; look at the rest, or its shape; weigh effects; give a
+role."""
 
 
 @dataclass(frozen=True)
@@ -57,21 +53,17 @@ def requests(study: StudyResult) -> Iterator[Request]:
 
 
 def _events(study: StudyResult) -> Iterator[Request]:
-    """Yield the stretches of time of an unnamed disturbance."""
     for name in study.maps:
         if any(each.kind == LATENT_FORCE for each in remainders(study, name)):
             rows = study.where[(study.where["equation"] == name) & (study.where["kind"] == WINDOW)]
             # What goes on most of the time is no event.
-            rows = rows[rows["sample_share"] <= MOST_OF_IT]
+            rows = rows[rows["sample_share"] <= 0.5]
             if len(rows):
                 yield Request(EVENT, {"equation": name, "when": list(rows["description"])})
 
 
 def _experiments(study: StudyResult) -> Iterator[Request]:
-    """Yield the experiments that tell tied effects apart, with the range of the data where one was computed.
-
-    They are ranked where any of the explanations predicts a run.
-    """
+    """Yield the experiments that tell tied effects apart; they are ranked where an explanation predicts a run."""
     ranked = any(not study.train.is_output(name) for name in study.explanations)
     for tie in study.ties:
         yield Request(TELL_APART, {**tie, "ranked": ranked})
@@ -93,7 +85,7 @@ def _coefficients(study: StudyResult) -> Iterator[Request]:
 def _sensors(study: StudyResult) -> Iterator[Request]:
     """Yield sensors to correct, each once; noise is only allowed for."""
     rows = [row for row in study.instrument.to_dict("records") if row["status"] == IN_MODEL]
-    wrong = {row["text"]: row for row in rows if row.get("suspect") in (*ERRORS, LAG)}
+    wrong = {row["text"]: row for row in rows if row.get("suspect") in ERRORS}
     yield from (Request(CORRECT, {"row": row}) for row in wrong.values())
     if study.verdict == INSTRUMENT and not wrong:
         yield Request(ALLOW)

@@ -3,7 +3,7 @@
 import logging
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from datetime import date
 from typing import Any
 
@@ -55,20 +55,6 @@ TABLES = (
 NO_CATALOGUE = "none"
 """Catalogue in the settings of a study that weighed no effect."""
 
-NO_HELD_OUT_PATH = "no path of the extended model follows held-out samples"
-"""Reason against a verdict that cannot be compared with held-out data."""
-
-HELD_INPUTS = (
-    "The samples are likelier with inputs held from each sample to the next than with lines or splines between them, "
-    "so {held} held. State what they do: GreyBox(rows=bg.{rows}(interpolation=...)), or in a file "
-    "interpolation in [rows]."
-)
-
-AVERAGED = (
-    "The sensors are read much more often than anything moves, so neighbouring samples were averaged, {m} at a time; "
-    "this loses only noise. The study is about these averages, and a delay in samples counts averages."
-)
-
 
 @dataclass(frozen=True)
 class StudySettings:
@@ -108,48 +94,39 @@ class StudyResult:
     """The effects that a simulation lacks, with the evidence.
 
     Attributes:
-        base: The user's model.
-        model: The extended model: the terms of the simulation and the added effects, as a dictionary.
+        base, model: The user's model, and the extended one, with the added effects and all terms as dictionary.
         fit: NUTS posterior of the extended model; None if it was not sampled.
-        train: Training data.
-        test: Held-out data.
         corrected: The training data, corrected for sensor errors, to fit the extended model to.
         verdict: One of `decide.VERDICTS`.
-        effects: All weighed effects, best first: equation, slug, name, expression, probability, mean, sd,
-            lower, upper, unit, tied_with, inner, hidden (rates of its hidden states by name), quantity (columns that it
-            depends on), status ("added"; "one of" for a rival; or ""), reverse (meaning of an added effect whose
-            coefficient surely has the other sign; else ""), agreement (probability averaged over bagged records),
-            family ("" if it has none).
+        effects: All weighed effects, best first: equation, slug, name, expression, probability, mean, sd, lower,
+            upper, unit, tied_with, inner, hidden (rates of hidden states by name), quantity (columns it depends on),
+            status ("added"; "one of" for a rival; or ""), reverse (meaning of an added effect whose coefficient surely
+            has the other sign; else ""), agreement (probability averaged over bagged records), family.
         hypotheses: Explanations by (equation, hypothesis): no gap, recalibrate, instrument, unknown, and sets of
             effects; with agreement, and probabilities that sum to one.
         memory: Probability, by (equation, memory), that the discrepancy is a law of the states, something in time, or
             something that remembers; then of each law that remembers.
-        quantities: Probability and agreement, by (equation, quantity), that a law of these columns alone is missing,
-            with one name, several or none; empty in older files.
+        quantities: Probability and agreement, by (equation, quantity), that a law of these columns alone is missing.
         instrument: Sensor errors: equation, suspect, channel, probability, mean, sd, lower, upper, unit, samples (of a
             delay), lower_samples, upper_samples, status ("in the model" or ""), text.
-        checks: Checks of the answer's hypothesis, by (equation, check): p (NaN for linearity), khat (only for
-            linearity), ok, text.
-        against: Reasons against the verdict, in words.
+        checks: Checks of the answer's hypothesis, by (equation, check): p (NaN for linearity), khat (only
+            for linearity), ok, text.
+        against, reasons: Reasons against the verdict, in words and coded.
         warnings: Warnings about the data, the rates and the settings, in words.
-        corrections: Corrections of the simulation by (equation, term): probability and agreement that one is needed,
-            and its size then.
+        corrections: Corrections of the simulation by (equation, term): probability, agreement and size.
         where: Regions of states and windows of time with a large gap.
         gap: Errors before and after, by (data, metric, variable).
         rounds: The likeliest set with no effect, one, two and so on, by (equation, round).
         ties: Effects that the data cannot tell apart, and an experiment that would.
-        maps: Gap over states, by equation.
-        traces: Gap along time, by equation.
+        maps, traces: Gap over states, and along time, by equation.
         paths: Free runs by state.
-        left_out: Reasons why effects were not weighed, by (equation, slug).
+        left_out, lacking_roles: Reasons against weighing effects, and roles without a column, by (equation, slug).
         settings: Seed, catalogue, prior odds, thresholds, versions and seconds.
         amendments: Coefficients before and after, by equation.
         config: Text of the configuration file of the study; empty if there is none.
-        explanations: Predictions of the likely hypotheses of each equation for future data; none in older files.
-        counted: Number of rows that count, by equation, without those where a sensor was clipped; none in older files.
-        reasons: Coded reasons against the verdict; `against` has their texts.
-        verdicts: Verdict of each equation by itself; none in older files.
-        lacking_roles: Roles that no column plays, by the (equation, slug) of the effects that need them.
+        explanations: Predictions of the likely hypotheses of each equation for future data.
+        counted: Number of rows that count, by equation, without those where a sensor was clipped.
+        verdicts: Verdict of each equation by itself.
     """
 
     base: Program
@@ -236,15 +213,13 @@ def investigate(
         gap, paths, lost = _measured_gap(subject, findings, settings)
         measured_at = time.perf_counter()
     seconds = {"explain": explained_at - started, "gap": measured_at - explained_at, "total": measured_at - started}
-    warnings = (*_study_warnings(subject, findings, settings), *lost, *_row_warnings(subject))
-    return replace(
-        _result(subject, findings, gap, lost, settings.criteria), left_out=left_out, lacking_roles=lacking, paths=paths,
-        settings={**_recorded(findings, settings, bool(catalogue)), "seconds": seconds}, warnings=warnings,
-    )  # fmt: skip
+    warnings = tuple(_study_warnings(subject, findings, settings, lost))
+    about = {**_recorded(findings, settings, bool(catalogue)), "seconds": seconds}
+    notes = {"left_out": left_out, "lacking_roles": lacking, "paths": paths, "settings": about, "warnings": warnings}
+    return _result(subject, findings, gap, lost, settings.criteria, **notes)
 
 
 def _recorded(findings: Findings, settings: StudySettings, with_catalogue: bool) -> dict[str, Any]:
-    """Return the settings of a study, and the remarks on its equations that its file keeps beside them."""
     in_words = str(settings.catalogue) if with_catalogue else NO_CATALOGUE
     return {
         "seed": settings.seed,
@@ -318,14 +293,15 @@ def _measured_gap(
 
 
 def _result(
-    subject: Subject, findings: Findings, gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria
+    subject: Subject, findings: Findings, gap: pd.DataFrame, lost: Sequence[str], criteria: Criteria, **notes: Any
 ) -> StudyResult:
     train, studies = subject.train, list(findings.values())
     tables = [study.tables(train) for study in studies]
     numbered = {name for name, table in tables[0].items() if isinstance(table.index, pd.RangeIndex)}
     verdicts = {name: study.verdict for name, study in findings.items()}
     labels = {name: train.target_label(name) for name in findings}
-    verdict, reasons = verdict_of(verdicts, gap, [NO_HELD_OUT_PATH for _ in lost], labels, criteria)
+    against = ["no path of the extended model follows held-out samples" for _ in lost]
+    verdict, reasons = verdict_of(verdicts, gap, against, labels, criteria)
     parts = {name: [each[name] for each in tables] for name in tables[0]}
     joined: dict[str, Any] = {name: pd.concat(part, ignore_index=name in numbered) for name, part in parts.items()}
     return StudyResult(
@@ -337,23 +313,21 @@ def _result(
         corrected=corrected_data(train, findings),
         verdict=verdict,
         against=tuple(reason.text for reason in reasons),
-        warnings=(),
         gap=gap,
         ties=[tie for study in studies for tie in study.ties(train)],
         maps={name: study.map for name, study in findings.items()},
         traces={name: study.trace for name, study in findings.items()},
-        paths={},
         amendments={name: study.amendment for name, study in findings.items()},
         explanations={name: explained(study) for name, study in findings.items()},
         counted={name: study.counted for name, study in findings.items()},
         reasons=reasons,
         verdicts={name: verdict.code for name, verdict in verdicts.items()},
         **joined,
+        **notes,
     )
 
 
 def _held(subject: Subject) -> str:
-    """Return the inputs that are held, and the verb."""
     between, names = subject.model.rows.interpolation, subject.train.input_names
     if between is None or isinstance(between, str):
         return "inputs were"
@@ -361,20 +335,30 @@ def _held(subject: Subject) -> str:
     return f"{', '.join(held)} {'were' if len(held) > 1 else 'was'}"
 
 
-def _study_warnings(subject: Subject, findings: Findings, settings: StudySettings) -> Iterator[str]:
-    """Yield warnings about units, inputs, averages, few rows, and requested noise."""
+def _study_warnings(
+    subject: Subject, findings: Findings, settings: StudySettings, lost: Sequence[str]
+) -> Iterator[str]:
+    """Yield warnings about units, inputs, averages, few rows, requested noise, held-out data, simulation and rates."""
     train, fewest, noise = subject.train, settings.criteria.checked_rows, subject.model.noise
     for study in findings.values():
         yield from other_sizes(study.regressors)
     if subject.held:
-        yield HELD_INPUTS.format(held=_held(subject), rows=type(subject.model.rows).__name__)
+        yield (
+            "The samples are likelier with inputs held from each sample to the next than with lines or splines between "
+            f"them, so {_held(subject)} held. State what they do: GreyBox(rows=bg.{type(subject.model.rows).__name__}"
+            "(interpolation=...)), or in a file interpolation in [rows]."
+        )
     if subject.block > 1:
-        yield AVERAGED.format(m=subject.block)
+        yield (
+            "The sensors are read much more often than anything moves, so neighbouring samples were averaged, "
+            f"{subject.block} at a time; this loses only noise. The study is about these averages, and a delay in "
+            "samples counts averages."
+        )
     for name, study in findings.items():
         if study.counted < fewest:
             fewer = f" of {train.n_obs}" if study.counted < train.n_obs else ""
-            counting = f"The {study.counted}{fewer} rows that count"
-            rows = counting if study.counted != train.n_obs else f"{train.n_obs} rows"
+            some = f"The {study.counted}{fewer} rows that count"
+            rows = f"{train.n_obs} rows" if study.counted == train.n_obs else some
             of = f" of {train.target_label(name)}" if len(findings) > 1 else ""
             yield (
                 f"{rows} are too few to check residuals{of}: below {fewest} neither their whiteness nor the shape of "
@@ -386,11 +370,8 @@ def _study_warnings(subject: Subject, findings: Findings, settings: StudySetting
             "The noise in GreyBox(noise=bg.Noise(...)) applies only to the posterior of the extended model"
             f"{unsampled}: the study weighs noise by itself."
         )
-
-
-def _row_warnings(subject: Subject) -> Iterator[str]:
-    model, train = subject.model, subject.train
-    simulation = model.simulator(train)
+    yield from lost
+    simulation = subject.model.simulator(train)
     yield from simulation.warnings
     for name in subject.equations if train.filter is not None else ():
-        yield from row_warnings(model.rows, train, name, simulation)
+        yield from row_warnings(subject.model.rows, train, name, simulation)

@@ -6,14 +6,12 @@ same. Rows, products and posteriors of hypotheses, on which it was weighed, are 
 
 import json
 import os
-import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Float, Int
 
 from bayes_greybox.criticism.bands import Band
 from bayes_greybox.criticism.kept.file import checked_of, save_checked
@@ -32,41 +30,18 @@ from bayes_greybox.physics.simulation.protocol import RightHandSide
 from bayes_greybox.running.errors import InputError
 
 from .answer.amendment import Amendment, Remainder
-from .answer.checks import SAMPLES_TELL
 from .answer.coefficients import Coefficients
-from .answer.equation_study import with_kinds
 from .answer.explained import Component, Explained
 from .answer.free_runs import FreePath
 from .answer.where import GapMap, GapTrace
-from .decision import reasons as codes
-from .decision.decide import AND_MORE_IN_WORDS, ONE_LAW_IN_WORDS
 from .decision.reasons import Reason
-from .regressors.columns import Cloud, Column, EvaluatedColumns, Nearer
+from .regressors.columns import Column, EvaluatedColumns
 from .sensor_errors.channels import ChannelSuspect
-from .sensor_errors.memory import Memory
 from .study import StudyResult
 
 
-class KnownColumns(EvaluatedColumns):
-    """The `EvaluatedColumns` of an `Amendment` that was read; rows and products are not kept."""
-
-
-@dataclass(frozen=True)
-class Features:
-    """Features of a discrepancy, which files of older versions hold of explanations; they are not used."""
-
-    variables: tuple[str, ...]
-    centre: Float[np.ndarray, " n_var"]
-    half_width: Float[np.ndarray, " n_var"]
-    basis: HilbertBasis
-    kept: Int[np.ndarray, " n_feature"]
-
-
 def kept_amendment(amendment: Amendment) -> Amendment:
-    """Return an amendment with the parts that equations, free runs and predictions need.
-
-    The function that removes errors of the sensors is not kept; their sizes are.
-    """
+    """Return an amendment with the parts that equations, free runs and predictions need."""
     statistics, after, f = amendment.statistics, amendment.after, amendment.discrepancy
     used = {*statistics.of_kind("free"), *after.indices, *after.inner.ravel().tolist(), *(f.indices if f else ())}
     place = {index: k for k, index in enumerate(sorted(used))}
@@ -74,10 +49,9 @@ def kept_amendment(amendment: Amendment) -> Amendment:
     def moved(indices: Sequence[int]) -> tuple[int, ...]:
         return tuple(place[int(index)] for index in indices)
 
-    # Values at rows belong to rows.
-    columns = [replace(statistics.columns[index], values=None) for index in place]
+    columns = [statistics.columns[index] for index in place]
     about = {each.name: getattr(statistics, each.name) for each in fields(EvaluatedColumns)}
-    kept = KnownColumns(**{**about, "columns": columns})
+    kept = EvaluatedColumns(**{**about, "columns": columns})
     inner = np.array([moved(draw.tolist()) for draw in after.inner], int).reshape(after.inner.shape)
     no_errors = {"suspects": (), "suspect_draws": np.zeros((len(after.draws), 0))}
     return replace(
@@ -99,46 +73,14 @@ def lost(data: Trajectories) -> Trajectories:
     )
 
 
-REASON_ENDINGS = {
-    ONE_LAW_IN_WORDS: codes.ONE_LAW, AND_MORE_IN_WORDS: codes.ONE_LAW_AND_MORE, SAMPLES_TELL: codes.UNSEEN_SHAPE
-}  # fmt: skip
-"""Codes by how the texts of reasons end."""
-
-UNPLAYED = re.compile(r"no column plays the role '(\w+)'")
-
-
-def add_codes(values: dict[str, Any]) -> None:
-    """Add codes that files of earlier versions lack, read from the texts that they have instead."""
-    if "reasons" not in values:
-        data, equations = values["train"], list(values["maps"])
-        about = {name: f"in {data.target_label(name)}: " if len(equations) > 1 else "" for name in equations}
-        values["reasons"] = tuple(_reason(text, about) for text in values["against"])
-    if "kind" not in values["memory"]:
-        values["memory"] = with_kinds(values["memory"])
-    if "lacking_roles" not in values:
-        found = {key: UNPLAYED.match(why) for key, why in values["left_out"].items()}
-        values["lacking_roles"] = {key: match[1] for key, match in found.items() if match}
-
-
-def _reason(text: str, about: Mapping[str, str]) -> Reason:
-    equation = next((name for name, start in about.items() if start and text.startswith(start)), "")
-    equation = equation or (next(iter(about)) if len(about) == 1 else "")
-    code = next((code for end, code in REASON_ENDINGS.items() if text.endswith(end)), codes.CHECK)
-    return Reason(code, text, equation)
-
-
 STUDY_FORMAT = 1
 """Format of the group; of another one the fit alone is read."""
 
 STUDY_CLASSES = (
-    Amendment, Band, BoundEffect, ChannelSuspect, Cloud, Coefficients, Column, Component, Effect, Explained,
-    Features, FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, KnownColumns, Memory, Nearer,
-    Reason, Remainder, *ROW_KINDS.values(),
+    Amendment, Band, BoundEffect, ChannelSuspect, Coefficients, Column, Component, Effect, EvaluatedColumns, Explained,
+    FreePath, GapMap, GapTrace, HiddenState, HilbertBasis, InnerParameter, Reason, Remainder, *ROW_KINDS.values(),
 )  # fmt: skip
 """Classes of the values in a file."""
-
-MODELS = ("base", "model", "fit")
-"""Attributes of a study that are kept as models."""
 
 
 def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping[str, Any]) -> None:
@@ -149,7 +91,11 @@ def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping
     """
     packer = Packer(STUDY_CLASSES, leave_out=("corrected",))
     # The data first, which others refer to.
-    ordered = {each.name: getattr(study, each.name) for each in fields(StudyResult) if each.name not in MODELS}
+    ordered = {
+        each.name: getattr(study, each.name)
+        for each in fields(StudyResult)
+        if each.name not in ("base", "model", "fit")
+    }
     ordered["amendments"] = {name: kept_amendment(each) for name, each in study.amendments.items()}
     values = {name: packer.pack(value, name) for name, value in ordered.items()}
     models = {"base": describe(study.base, study.train), "model": describe(study.model, study.corrected)}
@@ -186,7 +132,6 @@ def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -
         fit = replace(read, data=values["corrected"]) if record["same_data"] else read
         fit.memory.update(read.memory)
     values["amendments"] = {name: replace(each, corrected=lost) for name, each in values["amendments"].items()}
-    add_codes(values)
     study = StudyResult(**{**values, **models, "fit": fit})
     require_kinds(study)
     return study

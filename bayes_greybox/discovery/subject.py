@@ -26,24 +26,12 @@ from .answer.equation_study import EquationStudy
 from .decision.criteria import FEWEST_ROWS
 from .odds import Odds
 
-KNOWN_STATE = "the model or the data have a state with the name of its hidden state: the effect is in the model already"
-"""Reason why an effect that is in the model is not weighed again."""
-
-RATES_WITHOUT_PATH = (
-    "it remembers, and rows of rates follow no path along which that can be said: give samples, "
-    'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'
-)
-"""Reason why effects with memory are not weighed."""
-
 
 @dataclass(frozen=True)
 class Subject:
-    """Models and data of a study.
+    """Models and data of a study: the user's model as `given`, and about the means of stated coefficients.
 
-    Attributes:
-        given: The user's model.
-        model: The same about the means of stated coefficients.
-        train, test: Data with all states and rates that terms are evaluated on.
+    The data have all states and rates that terms are evaluated on.
     """
 
     given: Program
@@ -61,7 +49,12 @@ class Subject:
         train, test = model.started(train), None if test is None else model.started(test)
         given = _at_estimate(model, train)
         model = given.centred()
-        check_rows(model)
+        if not model.rows.studied:
+            raise InputError(
+                f"A study does not weigh explanations on {type(model.rows).__name__}: give "
+                "GreyBox(rows=bg.TrajectoryRows()), or rates from data.differentiate(); or let "
+                "GreyBox(dictionary=...).fit choose among candidate terms."
+            )
         equations = studied_equations(model, train)
         check_data(model, equations, train, test, free_runs)
         block = longest_block(train, test)
@@ -96,10 +89,7 @@ class Subject:
     def bound(
         self, name: str, catalogue: Sequence[Effect], roles: Mapping[str, str | Sequence[str]] | None
     ) -> tuple[tuple[BoundEffect, ...], dict[str, str], dict[str, str]]:
-        """Return the effects of the catalogue on the columns of an equation.
-
-        With them come the reasons why others are left out, and the roles of these that no column plays, by slug.
-        """
+        """Return the effects on the columns of an equation; reasons against others, and roles unplayed, by slug."""
         train, model = self.train, self.model
         formulas = model.simulation if readable(model.simulation) else None
         of_data = Columns(train.state_names, train.input_names, train.output_names, train.units)
@@ -108,7 +98,12 @@ class Subject:
         effects = [effect.either_way() for effect in catalogue] if train.is_output(name) else catalogue
         left_out = dict(unbound(effects, columns, train.units))
         bound, taken = [], {*train.columns, *model.states(train)}
-        no_path = self._no_path(name)
+        no_path = "" if readable(model.simulation) else NO_STATES
+        if not (model.rows.follows_path or train.is_output(name)):
+            no_path = (
+                "it remembers, and rows of rates follow no path along which that can be said: give samples, "
+                'GreyBox(rows=bg.TrajectoryRows()), in a file [rows] kind = "trajectory"'
+            )
         # Each of several outputs has hidden states of its own.
         mark = name if len(self.equations) > 1 else ""
         for effect in bind_catalogue(effects, columns, train.units):
@@ -116,16 +111,13 @@ class Subject:
             if no_path and effect.effect.hidden:
                 left_out[effect.slug] = no_path
             elif taken & set(effect.hidden()):
-                left_out[effect.slug] = KNOWN_STATE
+                left_out[effect.slug] = (
+                    "the model or the data have a state with the name of its hidden state: the effect is in the model "
+                    "already"
+                )
             else:
                 bound.append(effect)
         return tuple(bound), left_out, unplayed_roles(effects, columns)
-
-    def _no_path(self, name: str) -> str:
-        """Return the reason why effects with memory cannot be weighed; empty if they can."""
-        if not (self.model.rows.follows_path or self.train.is_output(name)):
-            return RATES_WITHOUT_PATH
-        return "" if readable(self.model.simulation) else NO_STATES
 
 
 def _at_estimate(model: Program, train: Trajectories) -> Program:
@@ -185,16 +177,6 @@ def check_settings(effects_at_most: Any, negligible: Any, odds: Any, interpolati
         raise InputError(f"odds is {type(odds).__name__}: give bg.Odds(...), such as bg.Odds(no_gap=0.5).")
     if interpolation is not None:
         check_interpolation(interpolation)
-
-
-def check_rows(model: Program) -> None:
-    """Refuse rows on which no study weighs anything."""
-    if not model.rows.studied:
-        raise InputError(
-            f"A study does not weigh explanations on {type(model.rows).__name__}: give "
-            "GreyBox(rows=bg.TrajectoryRows()), or rates from data.differentiate(); or let "
-            "GreyBox(dictionary=...).fit choose among candidate terms."
-        )
 
 
 def check_data(

@@ -21,19 +21,12 @@ from .decision.vetoes import FREE_RUN, NAMES_ALONE, worsened
 from .learned import shown_corrections
 from .linearise.near import LARGEST_ERROR
 from .sensor_errors import bends
-from .sensor_errors.channels import DELAY, DEPARTURE, DRIFT, GAIN, LAG, NOISE, OFFSET, STATES
+from .sensor_errors.channels import DELAY, DEPARTURE, DRIFT, GAIN, NOISE, OFFSET, STATES
 from .sensor_errors.noisy_inputs import noisy_inputs
 from .study import StudyResult
 
 LEAST_CLOSED, SAME_MAP = 1e-4, 0.01
-"""A gap that changes by less than this share of it is as it was; maps of the gap that differ by less than this share of
-what counts as a gap are one."""
-
-ONE_FACTOR = 0.1
-"""Coefficients whose relative changes differ by less than this share of them are off by one factor."""
-
-SAMPLER_APART = 3.0
-"""Standard deviations, of the wider posterior, from which on the sampler contradicts the closed form."""
+"""A gap that changes by less than this share of it is as it was; so are maps, of what counts as a gap."""
 
 GIVEN_ROLES = ("position", "stored", "velocity", "level", "population", "state", "current")
 """Roles whose column may well be in the data where none was recognised; another body's need not be there."""
@@ -110,10 +103,7 @@ def probability_of_answer(study: StudyResult) -> float:
 
 
 def probability_missing(study: StudyResult, equations: Iterable[str] | None = None) -> float:
-    """Return the probability that something is missing in some equation, of all or of these.
-
-    What is left are no gap, recalibration and instrument.
-    """
+    """Return the probability that something is missing in some equation, of all or of these."""
     nothing = 1.0
     for name in study.hypotheses.index.unique(0) if equations is None else equations:
         known = rows_of(study.hypotheses, name)["probability"].to_dict()
@@ -128,17 +118,13 @@ def shown_part(study: StudyResult) -> str:
 
 def free_run_part(gap: pd.DataFrame) -> str:
     """Return the part of the data that free runs are judged on: "train" also where held-out states are at rest."""
-    return "test" if "test" in _free_runs(gap).index.get_level_values("data") else "train"
+    runs = rows_of(gap, FREE_RUN, "metric").dropna(subset=["before"])
+    return "test" if "test" in runs.index.get_level_values("data") else "train"
 
 
 def free_run_errors(gap: pd.DataFrame) -> pd.DataFrame:
-    """Return the errors of the free runs by state; empty where none were integrated."""
-    return rows_of(_free_runs(gap), free_run_part(gap), "data")
-
-
-def _free_runs(gap: pd.DataFrame) -> pd.DataFrame:
-    # A state at rest has no error to speak of.
-    return rows_of(gap, FREE_RUN, "metric").dropna(subset=["before"])
+    """Return the errors of the free runs by state that moves; empty where none were integrated."""
+    return rows_of(rows_of(gap, FREE_RUN, "metric").dropna(subset=["before"]), free_run_part(gap), "data")
 
 
 def worse_runs(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, ...]:
@@ -149,19 +135,16 @@ def worse_runs(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, .
 def not_helped(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[str, ...]:
     """Return the states whose free run, on the mean, is no better after than before, though not surely worse."""
     errors, worse = free_run_errors(gap), worse_runs(gap, criteria)
-    better = dict(zip(errors.index, errors["after"] < errors["before"], strict=True))
-    return tuple(str(name) for name, good in better.items() if not good and name not in worse)
+    every = zip(errors.index, errors["after"], errors["before"], strict=True)
+    return tuple(str(name) for name, after, before in every if not after < before and name not in worse)
 
 
 @dataclass(frozen=True)
 class GapChange:
     """Change of the unexplained share, summed over the equations.
 
-    Attributes:
-        code: "none shown", "none before", "unchanged", "wider" or "closed".
-        after: Unexplained share after, by what has a name alone.
-        worse: Rows of the gap table that got worse, as `worsened` returns them.
-        idle: States whose free run does not get better.
+    The code is "none shown", "none before", "unchanged", "wider" or "closed"; `after` is what has a name alone leaves.
+    Rows that got worse, and states whose free run does not get better, are beside it.
     """
 
     code: str
@@ -178,10 +161,7 @@ def rows_by_part(study: StudyResult) -> dict[str, int]:
 
 
 def gap_change(gap: pd.DataFrame, criteria: Criteria = CRITERIA, n_rows: Mapping[str, int] | None = None) -> GapChange:
-    """Return the change of the gap, on held-out data where the rates were measured there.
-
-    `n_rows` are the numbers of rows by part, without which a gap of rates is not compared with their noise.
-    """
+    """Return the change of the gap, on held-out data if rates are there; rates need `n_rows` to have noise."""
     shares = gap.xs(SHARE, level="metric")[["before", "after"]]
     # f, which takes up anything, has no name and was not added.
     if NAMES_ALONE in gap.index.get_level_values("metric"):
@@ -216,11 +196,9 @@ def is_denied(study: StudyResult) -> bool:
 
 @dataclass(frozen=True)
 class Statement:
-    """One statement about what is missing without a name.
+    """One statement about what is missing without a name, of columns or a channel; "" if that is not known.
 
-    Attributes:
-        kind: `QUANTITY`, a kind of the noise grid (law, time, memory) or of a memory (hysteresis, relaxation, drift).
-        of: Columns or channel that it depends on; "" if that is not known.
+    Its kind is `QUANTITY`, one of the noise grid (law, time, memory) or of a memory (hysteresis, relaxation, drift).
     """
 
     kind: str
@@ -264,10 +242,7 @@ def trace_bands(trace: GapTrace) -> tuple[Float[np.ndarray, "3 n_obs"], Float[np
 
 
 def corrections_above(study: StudyResult, least: float) -> list[dict[str, Any]]:
-    """Return the corrections of coefficients that are more probable than `least` and have a sign.
-
-    One that is there for another's sake, as all are beside a gain, may come to zero.
-    """
+    """Return the corrections more probable than `least` that have a sign: one beside a gain may come to zero."""
     table = study.corrections
     likely = (table["probability"] > least) & (table["lower"] * table["upper"] >= 0)
     return shown_corrections(study)[likely].reset_index().to_dict("records")
@@ -281,12 +256,7 @@ def unclear_sign(table: pd.DataFrame) -> Bool[np.ndarray, " n_row"]:
 
 @dataclass(frozen=True)
 class CommonFactor:
-    """Coefficients of an equation that are all off by one factor.
-
-    Attributes:
-        rows: Their rows of the table of corrections.
-        gains: Rows of the measurement's table: gains of the whole rate, which do the same.
-    """
+    """Coefficients of an equation that are all off by one factor, and gains of the whole rate that do the same."""
 
     equation: str
     factor: float
@@ -305,7 +275,7 @@ def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> It
         ratios = [row["mean"] / row["nominal"] for row in rows]
         mean = sum(ratios) / len(ratios)
         whole = count == len(rows_of(study.corrections, name)) > 1
-        if not whole or max(ratios) - min(ratios) > ONE_FACTOR * abs(mean):
+        if not whole or max(ratios) - min(ratios) > 0.1 * abs(mean):
             yield from rows
             continue
         # What a sensor does to one channel does not do what this does; that of the whole rate does.
@@ -324,10 +294,7 @@ def same_as(study: StudyResult, equation: str) -> dict[str, dict[str, Any]]:
 
 
 def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
-    """Return the channels of each kind of sensor error that was weighed; none where the prior odds are not recorded.
-
-    A sensor error that is the same column as another one, or as a coefficient, in every equation counts as that.
-    """
+    """Return the channels of each kind of sensor error that was weighed, but for those with the column of another."""
     if not study.settings.get("prior odds"):
         return {}
     data, twins = study.train, [same_as(study, name) for name in study.maps]
@@ -347,14 +314,15 @@ def channels_weighed(study: StudyResult) -> dict[str, list[str]]:
         # Along a path the integration smooths an input's noise: it is weighed on rates and outputs only.
         NOISE: [error.channel for error in noisy_inputs(data)] if data.samples is None else [],
         **dict.fromkeys(bends.BEND_ERRORS, bending),
-        **{
-            kind: dict.fromkeys(row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == kind)
-            for kind in (DEPARTURE, LAG)
-        },
+        DEPARTURE: dict.fromkeys(
+            row["channel"] for row in study.instrument.to_dict("records") if row["suspect"] == DEPARTURE
+        ),
     }
-    own = {kind: [c for c in names if not all(f"{kind} of {c}" in each for each in twins)]
-           for kind, names in found.items() if names}  # fmt: skip
-    return {**own, LAG: list(found[LAG])} if found[LAG] else own
+    return {
+        kind: [channel for channel in names if not all(f"{kind} of {channel}" in each for each in twins)]
+        for kind, names in found.items()
+        if names
+    }
 
 
 def sensors_like(study: StudyResult, row: Mapping[str, Any]) -> list[str]:
@@ -371,10 +339,7 @@ def not_weighed(study: StudyResult) -> dict[str, int]:
 
 
 def added_draws(study: StudyResult, place: int) -> Float[np.ndarray, " n_draw"] | None:
-    """Return posterior draws of the coefficient of an added effect; None where the model was not sampled.
-
-    Its terms are the last of the extended dictionary, in order.
-    """
+    """Return posterior draws of the coefficient of an added effect; None where the model was not sampled."""
     if study.fit is None:
         return None
     equations = study.effects.iloc[added(study)]["equation"]
@@ -392,6 +357,6 @@ def sampler_contradictions(study: StudyResult) -> list[tuple[Mapping[str, Any], 
         if draws is None or not np.isfinite(row["mean"]):
             continue
         mean, sd = float(np.mean(draws)), float(np.std(draws))
-        if abs(mean - row["mean"]) > SAMPLER_APART * max(sd, float(row["sd"])):
+        if abs(mean - row["mean"]) > 3.0 * max(sd, float(row["sd"])):
             found.append((row, mean, sd))
     return found

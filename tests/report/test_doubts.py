@@ -267,15 +267,13 @@ def test_suspects_have_a_size_in_their_unit_and_in_samples(study):
     # The y of a linear spring that comes late is damping.
     assert spaced(weighed["Delay of d(ydot)/dt, all states together, ydot, F"]) == "0.020 each; size ± 2 samples"
     assert weighed["Delay of y"] == "as recalibration of ydot, which does the same"
-    assert suspects_weighed(replace(study, settings={})) == [] and "Lag of y" not in weighed
+    assert suspects_weighed(replace(study, settings={})) == []
     # A rate that was computed from y has no sensor of its own.
     computed = RateFilter("savgol", 11, 3, None, 0.05, (("y", "ydot"),), (("y", 1), ("ydot", 2)), (0.1,))
     behind = replace(study, train=replace(study.train, filter=computed), settings={**study.settings, "same as": {}})
     assert [key for key, _ in suspects_weighed(behind)][:3] == [
         "Delay of all states together, F", "Gain of y, F", "Offset of y, F"
     ]  # fmt: skip
-    lag = pd.DataFrame([{**DELAYED, "suspect": "lag", "channel": "y"}])
-    assert "50" in dict(suspects_weighed(replace(study, instrument=lag)))["Lag of y"]
 
 
 def test_a_free_run_that_nothing_changed_is_not_said_to_be_the_work_of_f(study):

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.discovery.answer.equation_study import KINDS_IN_WORDS
 from bayes_greybox.discovery.answer.instrument import IN_MODEL
 from bayes_greybox.discovery.decision import decide
 from bayes_greybox.discovery.decision.reasons import CHECK, ONE_LAW, UNSEEN_SHAPE, Reason
 from bayes_greybox.discovery.decision.vetoes import NAMES_ALONE
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
-from bayes_greybox.discovery.study_file import with_kinds
 from bayes_greybox.discovery.summary import probability_missing
 from bayes_greybox.report.words.sentence import headline, sentence
 
@@ -91,7 +91,9 @@ def remembers(**given):
     """Probability of what remembers, by equation and what it is."""
     rows = [(name, what, p) for name, table in given.items() for what, p in table.items()]
     table = pd.DataFrame(rows, columns=["equation", "memory", "probability"]).set_index(["equation", "memory"])
-    return with_kinds(table)
+    whole = {text: kind for kind, text in KINDS_IN_WORDS.items()}
+    kinds = [(whole[what], "") if what in whole else tuple(what.split(" of ", 1)) for _, what, _ in rows]
+    return table.assign(kind=[kind for kind, _ in kinds], channel=[channel for _, channel in kinds])
 
 
 TRAIN = Trajectories.from_arrays(np.arange(3.0), states={"x": np.arange(3.0)}, outputs={"R": np.ones(3)})

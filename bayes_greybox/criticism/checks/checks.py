@@ -42,6 +42,11 @@ class Checks:
     whiteness: Mapping[str, Whiteness]
     sensitivity: pd.DataFrame
 
+    @property
+    def pit(self) -> Mapping[str, LooPit]:
+        """`loo_pit` under its former name."""
+        return self.loo_pit
+
     def __str__(self) -> str:
         if self.ok:
             return "Every check of the model passed."

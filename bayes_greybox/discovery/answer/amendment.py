@@ -14,7 +14,6 @@ from bayes_greybox.discovery.grid.weigh import Hypothesis
 from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.columns import EvaluatedColumns
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
-from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.physics.hidden_states import HiddenState
@@ -32,11 +31,7 @@ class Remainder:
     """Posterior of the discrepancy f beside the added columns, orthogonal to them in the metric of R⁻¹.
 
     f(x) = (ψ(x) − φ(x) P) w, P the projection of the features ψ on the columns φ over the training rows. Being
-    orthogonal, w and the columns' coefficients are independent a posteriori, given η.
-
-    Attributes:
-        mean: Posterior mean of w at the mode of η, scaled.
-        root: Factor of its covariance, W with WᵀW = cov.
+    orthogonal, w, of mean `mean` and covariance WᵀW, W = `root`, is independent of the columns' coefficients, given η.
     """
 
     statistics: EvaluatedColumns
@@ -63,7 +58,7 @@ class Remainder:
         errors = table.columns[:, [hypothesis.members[k] for k in of_sensors]] @ mean[of_sensors]
         force = weighed.forces[point.shape]
         rows = np.column_stack([table.target - errors, table.columns[:, indices], table.law.rows])
-        white = force.whiten(rows, 1.0, np.zeros(1))[0][:, 0]
+        white = force.whiten_plain(rows)
         y, X, Psi = white[:, 0], white[:, 1 : 1 + len(indices)], white[:, 1 + len(indices) :]
         # (I − X X⁺) ψ
         projection = np.linalg.pinv(X, rcond=1e-12) @ Psi if indices else np.zeros((0, Psi.shape[1]))
@@ -104,7 +99,7 @@ class Amendment:
     """The addition to one equation: columns of its statistics and posterior draws of their coefficients.
 
     Attributes:
-        before: Coefficients of the user's own dictionary alone, scaled [n_free].
+        before: Coefficients of the user's own dictionary alone, scaled.
         sigma: Noise standard deviation of the rows after, user's units; with `gain` that of the sensor.
         corrected: Function that removes the sensors' errors from data of the same sensors.
         rows: Rows near the model after, if rows are linear only near one; None: those of the model before.
@@ -112,12 +107,10 @@ class Amendment:
         clock: Data whose time drifts are counted on; None: the data at hand.
         hidden: Hidden states of the model after, beside those of the model before.
         alike: Draws whose hidden states have these rates; None: all.
-        gain: Factor from rows to the sensor that they are of.
         forced: True if a latent force is part of the rows' noise.
-        parameters: Values of parameters that act through hidden states, which the model after has.
+        parameters: Values of parameters that act through hidden states.
         slopes: Sensitivities of hidden states to parameters, which columns of the draws depend on.
-        remainder: What the tangent at the values of parameters that were found adds to the simulation before, beside
-            the slopes, which are columns; with coefficients in the unit of the rate.
+        remainder: Rest of the tangent at the values of parameters that were found, in the unit of the rate.
     """
 
     statistics: EvaluatedColumns
@@ -162,7 +155,8 @@ class Amendment:
     def rates(self, columns: Mapping[str, np.ndarray], n_draw: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the rates added at rows: before [n_row], and draws of after, with f [n_draw, n_row]."""
         statistics, n_own = self.statistics, self.after.n_own
-        beta, inner = self._draws(n_draw)
+        pick = self.pick(n_draw)
+        beta, inner = self.after.draws[pick], self.after.inner[pick]
         after = beta[:, :n_own] @ statistics.evaluate(self.after.indices[:n_own], columns).T
         for k in range(inner.shape[1]):
             for index in np.unique(inner[:, k]):
@@ -180,9 +174,9 @@ class Amendment:
 
     def terms_before(self) -> list[tuple[Term, float]]:
         """Return the terms of the user's own dictionary with their coefficients."""
-        columns = [self.statistics.columns[i] for i in self.statistics.of_kind("free")]
-        scale = self.statistics.target_scale
-        return [(c.formula, float(b) * scale / c.scale) for c, b in zip(columns, self.before, strict=True)]
+        statistics, free = self.statistics, zip(self.statistics.of_kind("free"), self.before.tolist(), strict=True)
+        columns = [(statistics.columns[i], b) for i, b in free]
+        return [(c.formula, b * statistics.target_scale / c.scale) for c, b in columns]
 
     def added(self, n_before: int, n_draw: int) -> Added:
         """Return terms and features: `n_before` rows of coefficients of the model before, then draws of after.
@@ -191,7 +185,8 @@ class Amendment:
         The projection of f on the columns, −φ P w, is in the columns' coefficients.
         """
         statistics, f, n_own = self.statistics, self.discrepancy, self.after.n_own
-        beta, inner = self._draws(n_draw)
+        pick = self.pick(n_draw)
+        beta, inner = self.after.draws[pick], self.after.inner[pick]
         indices = list(dict.fromkeys([*self.after.indices[:n_own], *np.unique(inner), *(f.indices if f else ())]))
         place = {index: k for k, index in enumerate(indices)}
         values = np.zeros((n_before + n_draw, len(indices)))
@@ -215,9 +210,7 @@ class Amendment:
 
     def features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Return the features of f before projection, for an integrator; beyond their domain they are constant."""
-        statistics = self.statistics
-        position = scaled_position(columns, statistics.variables, statistics.centre, statistics.half_width)
-        return held_features(statistics.basis, position)
+        return self.statistics.features_at(columns)
 
     def orthogonal_features(self, columns: Mapping[str, Array] | Mapping[str, np.ndarray]) -> Array | np.ndarray:
         """Return the features of f less their projection on the columns, ψ − φ P; without f the features."""
@@ -227,8 +220,3 @@ class Amendment:
             phi = column.formula.evaluate(columns) / column.scale
             psi = psi - phi[:, None] * taken
         return psi
-
-    def _draws(self, n_draw: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return scaled coefficients and inner columns of draws, see `pick`."""
-        pick = self.pick(n_draw)
-        return self.after.draws[pick], self.after.inner[pick]

@@ -34,13 +34,7 @@ WHITENESS, LOO_PIT = "whiteness", "LOO-PIT"
 
 @dataclass(frozen=True)
 class Check:
-    """One check.
-
-    Attributes:
-        p: p-value; NaN of linearity.
-        text: Reason against the answer, in words; "" if there is none.
-        khat: k̂ of the weights of exact paths, of linearity.
-    """
+    """One check: p-value (NaN of linearity), k̂ of exact paths (of linearity alone), and text against the answer."""
 
     name: str
     p: float
@@ -81,12 +75,9 @@ def _whiteness(z: np.ndarray, lengths: tuple[int, ...]) -> tuple[float, float]:
     lags = np.arange(1, max(1, min(LARGEST_LAG, n // 5)) + 1)
     run = np.repeat(np.arange(len(lengths)), lengths)
     z = z - z.mean()
-    total, r, pairs = float(z @ z), [], []
-    for lag in lags:
-        within = run[lag:] == run[:-lag]
-        r.append(float(np.sum((z[lag:] * z[:-lag])[within])) / total)
-        pairs.append(max(int(within.sum()), 1))
-    r, pairs = np.array(r), np.array(pairs)
+    same = [run[lag:] == run[:-lag] for lag in lags]
+    r = np.array([np.sum((z[k:] * z[:-k])[inside]) for k, inside in zip(lags, same, strict=True)]) / float(z @ z)
+    pairs = np.array([max(int(inside.sum()), 1) for inside in same])
     q = float(np.sum(r**2 * n * (n + 2) / pairs))
     # Correlation time: the integral of |ρ| up to where it is lost in chance.
     chance = 2 / np.sqrt(pairs)
@@ -109,16 +100,15 @@ def _loo_pit(z: np.ndarray, level: float = CRITERIA.level) -> Check:
 
 @cache
 def _null_statistics(n: int) -> np.ndarray:
-    """Return the statistic of normal samples of this size, centred and scaled by their own moments."""
     draws = np.random.default_rng(n).standard_normal((NORMAL_SAMPLES, n))
     return anderson_darling((draws - draws.mean(axis=1, keepdims=True)) / draws.std(axis=1, keepdims=True))
 
 
 def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collection[str]) -> list[Check]:
-    """Return the check of rows that are linear near the answer only; nothing if rows are linear, or it is not known.
+    """Return the check of rows that are linear near the answer only; nothing where it cannot be made.
 
-    It is not known beside a latent force, beside errors of inputs, which act along the path, and for effects with
-    memory that the path was found without.
+    It cannot beside a latent force, beside errors of inputs, and for effects with memory that the path was found
+    without.
     """
     after, rows = amendment.after, regressors.rows
     sensors = [regressors.columns[i].suspect for i in after.suspects]
@@ -145,31 +135,27 @@ def check_linearity(amendment: Amendment, regressors: Regressors, inputs: Collec
 
 
 OTHER_SIZE, CLOSED_SHARE, ROWS_EACH = 10.0, 0.9, 10
-"""Factor from which on a coefficient is of another size, as is one of the other sign; share of the gap's square that
-coefficients alone have to close; least rows for each of them: any coefficients follow a few rows."""
+"""Factor from which on a coefficient is of another size, share of the gap's square that coefficients alone close then,
+and least rows for each of them: any coefficients follow a few rows."""
 
 
 def other_sizes(regressors: Regressors) -> list[str]:
-    """Return a sentence if the simulation alone would be right with coefficients of another size.
+    """Return a sentence if the simulation alone would be right with coefficients of another size, by least squares.
 
-    It is found by least squares of all of them. Their prior believes the simulation, so that a table in mm beside
-    equations in m would be explained by whatever effects look like it.
+    Their prior believes the simulation: a table in mm beside equations in m would be explained by effects like it.
     """
     free, corrections = regressors.of_kind("free"), regressors.of_kind("correction")
     if not corrections or regressors.rows.n_white < ROWS_EACH * len([*free, *corrections]):
         return []
     theta, left = regressors.least_squares([*free, *corrections])
     _, gap = regressors.least_squares(free)
-    share = 1 - left / gap if gap > 0 else 0.0
-    if share < CLOSED_SHARE:
-        return []
-    sizes = []
+    share, sizes = 1 - left / gap if gap > 0 else 0.0, []
     for value, i in zip(theta[len(free) :], corrections, strict=True):
         column = regressors.columns[i]
         ratio = 1 + float(value) * regressors.target_scale / (column.scale * column.nominal) if column.nominal else 1.0
         if not 1 / OTHER_SIZE < ratio < OTHER_SIZE:
             sizes.append(f"{column.called} {ratio:.4g} times")
-    if not sizes:
+    if not sizes or share < CLOSED_SHARE:
         return []
     return [
         f"The simulation alone would close {share:.1%} of the gap of {regressors.equation} with other coefficients, of "
@@ -177,15 +163,8 @@ def other_sizes(regressors: Regressors) -> list[str]:
     ]
 
 
-SAMPLES_TELL = "study the samples, without differentiate"
-"""End of the sentence on filtered rates: it doubts the shape of an effect, and not that it is the whole answer."""
-
-
 def at_ends(regressors: Regressors, coefficients: Coefficients, criteria: Criteria) -> list[str]:
-    """Return a sentence for each nonlinear parameter of the answer that is at an end of its range.
-
-    The range cuts off the interval of such a parameter, and the interval of its coefficient is too short.
-    """
+    """Return a sentence for each nonlinear parameter of the answer whose interval an end of its range cuts off."""
     sentences = []
     for drawn in coefficients.inner.T:
         columns = [regressors.columns[i] for i in drawn]
@@ -208,9 +187,8 @@ def at_ends(regressors: Regressors, coefficients: Coefficients, criteria: Criter
 def rounded_off(regressors: Regressors, effects: Sequence[int], criteria: Criteria) -> list[str]:
     """Return a sentence if effects jump or bend within the time that a filtered sample stands for.
 
-    A filtered row has a jump's mean over that time (`SampleSpread`), but the smoothed state itself is off where the
-    true one has a kink, and a mass that sticks has a friction that is no function of its velocity: samples, followed
-    along a path, tell.
+    The smoothed state is off where the true one has a kink, and a mass that sticks has a friction that is no function
+    of its velocity: samples, followed along a path, tell.
     """
     rows, spread, names = regressors.rows, regressors.rows.spread, []
     if spread is None:
@@ -225,5 +203,6 @@ def rounded_off(regressors: Regressors, effects: Sequence[int], criteria: Criter
             names.append(within(column.effect.name))
     if not names:
         return []
-    is_where = "is where it jumps or bends" if len(names) == 1 else "are where they jump or bend"
-    return [f"rates that a filter computed do not show how {' and '.join(names)} {is_where}: {SAMPLES_TELL}"]
+    where = "is where it jumps or bends" if len(names) == 1 else "are where they jump or bend"
+    text = f"rates that a filter computed do not show how {' and '.join(names)} {where}"
+    return [f"{text}: study the samples, without differentiate"]

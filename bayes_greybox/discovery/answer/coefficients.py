@@ -13,20 +13,15 @@ from bayes_greybox.discovery.linearise.near import Near
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, FREE, SENSOR, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
 
-LEAST_DRAWN = 1e-4
-"""Probability of a hypothesis over that of the likeliest below which no draw is taken of it."""
-
 
 class Coefficients(NamedTuple):
-    """Posterior draws for a set of columns.
+    """Posterior draws for a set of columns: free, corrections, effects.
 
     Attributes:
-        indices: Columns: free, corrections, effects.
-        draws: Scaled coefficients [n_draw, n_column], exactly zero for corrections that are out.
+        draws: Scaled coefficients, exactly zero for corrections that are out.
         inner: For each draw, the index of the column that stands for each added effect [n_draw, n_effect].
-        sigma: Noise SD, scaled [n_draw].
-        suspects: Columns of the sensor errors in the model.
-        suspect_draws: Their scaled coefficients [n_draw, n_suspect].
+        sigma: Noise standard deviations, scaled.
+        suspects: Columns of the sensor errors in the model, of scaled coefficients `suspect_draws`.
     """
 
     indices: tuple[int, ...]
@@ -43,10 +38,9 @@ class Coefficients(NamedTuple):
 
 
 def draw_coefficients(near: Near, verdict: Verdict, n_draw: int, seed: int) -> Coefficients:
-    """Return posterior draws given the effects and the sensor errors of an answer; all else is averaged.
+    """Return posterior draws given the effects and the sensor errors of an answer.
 
-    Values of nonlinear parameters, patterns of corrections and noise points are drawn by their posterior. Beside a
-    recalibration some coefficient is off; where nothing is missing, none is.
+    Values of nonlinear parameters, patterns of corrections and noise points are drawn by their posterior.
     """
     rng, regressors, grid = np.random.default_rng(seed), near.regressors, near.weighed.grid
     names = [column.called for column in regressors.columns]
@@ -96,7 +90,7 @@ def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
         )
 
     kept = [h for h in near.weighed.hypotheses if answers(h)] or [without_sensors(near, verdict)]
-    return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(LEAST_DRAWN)]
+    return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(1e-4)]
 
 
 def without_sensors(near: Near, verdict: Verdict) -> Hypothesis:

@@ -11,7 +11,6 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayes_greybox.data.trajectories import Trajectories
-from bayes_greybox.discovery.decision.criteria import Criteria
 from bayes_greybox.discovery.decision.decide import Place, Verdict
 from bayes_greybox.discovery.decision.probabilities import EFFECTS, STOPS, UNKNOWN_KIND, Probabilities, Share
 from bayes_greybox.discovery.grid.points import LATENT_FORCE, LAW, MEMORY
@@ -21,7 +20,6 @@ from bayes_greybox.discovery.linearise.source import Source
 from bayes_greybox.discovery.regressors.columns import Column
 from bayes_greybox.discovery.regressors.regressors import CORRECTION, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import fault_kind
-from bayes_greybox.discovery.sensor_errors.memory import kind_and_channel
 from bayes_greybox.discovery.ties import likeliest_first
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import coefficient_unit, target_unit
@@ -44,8 +42,6 @@ EFFECT_COLUMNS = (
     "equation", "slug", "name", "expression", "probability", *MOMENTS, "unit", "tied_with", "inner", "hidden",
     "quantity", "status", "reverse", "agreement", "family",
 )  # fmt: skip
-
-CORRECTION_COLUMNS = ("equation", "term", "nominal", "probability", *MOMENTS, "unit", "agreement", "parameter")
 
 UNUSUAL = "the opposite of what such an effect usually does"
 """Words for a reversed effect where the catalogue has none of its own."""
@@ -84,11 +80,6 @@ class EquationStudy:
         return self.verdict.probabilities
 
     @property
-    def criteria(self) -> Criteria:
-        """Return the numbers that decide."""
-        return self.probabilities.criteria
-
-    @property
     def counted(self) -> int:
         """Return the number of rows that count."""
         return self.regressors.rows.n_white
@@ -102,20 +93,17 @@ class EquationStudy:
         }  # fmt: skip
 
     def effects(self, data: Trajectories) -> pd.DataFrame:
-        """Return effects of the answer, then their rivals, then all others.
-
-        Those of the answer, and the same on other columns, have the probability to act there; others to act anywhere.
-        """
+        """Return effects of the answer, with their probabilities there, then their rivals, then all others."""
         rows = [self._added_row(data, k, place) for k, place in enumerate(self.verdict.places)]
         return pd.DataFrame([*rows, *self._other_rows(data)], columns=list(EFFECT_COLUMNS))
 
     def _added_row(self, data: Trajectories, k: int, place: Place) -> dict[str, Any]:
         # Each draw has its own values of nonlinear parameters, and with them its own column.
-        inner, n_own = self.coefficients.inner[:, k], self.coefficients.n_own
-        draws = self.coefficients.draws[:, n_own + k] * np.array([self._in_units(int(i)) for i in inner])
-        values = [self.near.column(int(i)).inner for i in inner]
-        column = self.near.column(int(inner[0]))
-        mean_values = {name: float(np.mean([each[name] for each in values])) for name in column.inner}
+        inner, n_own = self.coefficients.inner[:, k].tolist(), self.coefficients.n_own
+        draws = self.coefficients.draws[:, n_own + k] * np.array([self._in_units(i) for i in inner])
+        columns = [self.near.column(i) for i in inner]
+        column = columns[0]
+        mean_values = {name: float(np.mean([each.inner[name] for each in columns])) for name in column.inner}
         moments = (float(np.mean(draws)), float(np.std(draws)), *map(float, np.quantile(draws, INTERVAL_ENDS)))
         row = self._row(data, column, mean_values, place.share, moments)
         return row | {"tied_with": place.tied, "status": "added", "reverse": self._reverse(column, draws)}
@@ -125,7 +113,7 @@ class EquationStudy:
         # The same effect on other columns may stand in its place as others do.
         moved = {name: by_place[name] for place in places for name in place.tied if name in by_place}
         rivals = {name for place in places for name in place.tied} if self.verdict.code == "one of" else set()
-        least = self.criteria.tied * max((share.probability for share in by_effect.values()), default=0.0)
+        least = self.probabilities.criteria.tied * max((share.probability for share in by_effect.values()), default=0.0)
         tied = [name for name, share in by_effect.items() if not places and share.probability >= least]
         for name, share in {**moved, **by_effect}.items():
             likeliest = None if name in {place.slug for place in places} else self._likeliest(name)
@@ -173,10 +161,14 @@ class EquationStudy:
     def memory(self) -> pd.DataFrame:
         """Return the probabilities of the kinds of discrepancy, then of the laws that remember."""
         p = self.probabilities
-        shares = {text: p.by_discrepancy[kind] for kind, text in KINDS_IN_WORDS.items()}
-        shares |= {name: value for name, value in p.by_memory.items() if value > 0}
-        table = pd.DataFrame({"probability": list(shares.values())}, self._index("memory", shares), dtype=float)
-        return with_kinds(table)
+        rows = [(text, p.by_discrepancy[kind], kind, "") for kind, text in KINDS_IN_WORDS.items()]
+        for name, value in p.by_memory.items():
+            if value > 0:
+                kind, _, channel = name.partition(" of ")
+                rows.append((name, value, kind, channel))
+        names, *values = zip(*rows, strict=True)
+        columns = dict(zip(("probability", "kind", "channel"), values, strict=True))
+        return pd.DataFrame(columns, self._index("memory", names))
 
     def instrument(self, data: Trajectories) -> pd.DataFrame:
         """Return the suspected errors of the measurement."""
@@ -188,20 +180,17 @@ class EquationStudy:
         return pd.DataFrame(rows, self._index("check", [c.name for c in self.checks]), names)
 
     def corrections(self, data: Trajectories) -> pd.DataFrame:
-        """Return the changes of the simulation's own coefficients: how likely, and how large if there is one.
-
-        A parameter of the simulation stands by its name, and `parameter` is true.
-        """
+        """Return the changes of the simulation's coefficients and parameters: how likely, and how large if so."""
         rows, by_correction = [], self.probabilities.by_correction
         for index in self.regressors.of_kind(CORRECTION):
             column, unit = self.near.column(index), self._in_units(index)
             share, moments = by_correction[column.called], _interval(*self._correction(index), unit)
-            term = column.formula
+            term, named = column.formula, bool(column.parameter)
             about = (self.equation, term.name, column.nominal, share.probability)
-            named = bool(column.parameter)
-            measured_in = self._unit_of_parameter(column.parameter) if named else self._unit(data, term)
-            rows.append((*about, *moments, measured_in, share.agreement, named))
-        return pd.DataFrame(rows, columns=list(CORRECTION_COLUMNS)).set_index(["equation", "term"])
+            own = self.source.model.parameters[column.parameter].unit or "" if named else self._unit(data, term)
+            rows.append((*about, *moments, own, share.agreement, named))
+        columns = ["equation", "term", "nominal", "probability", *MOMENTS, "unit", "agreement", "parameter"]
+        return pd.DataFrame(rows, columns=columns).set_index(["equation", "term"])
 
     def _correction(self, index: int) -> tuple[float, float]:
         """Return the scaled mean and standard deviation of a correction over the hypotheses that have it."""
@@ -242,7 +231,7 @@ class EquationStudy:
         kind = self.probabilities.kind_of(hypothesis)
         if kind == EFFECTS:
             return " + ".join(sorted(self._slugs(hypothesis)))
-        return kind if self.probabilities.remains(hypothesis) <= self.criteria.missing else UNKNOWN_KIND
+        return kind if self.probabilities.remains(hypothesis) <= self.probabilities.criteria.missing else UNKNOWN_KIND
 
     def ties(self, data: Trajectories) -> list[dict[str, Any]]:
         """Return tied effects and the experiment that would tell them apart."""
@@ -262,10 +251,7 @@ class EquationStudy:
         return [column.effect.slug for column in columns if column.effect is not None]
 
     def _likeliest(self, name: str) -> tuple[Column, float, float] | None:
-        """Return the column of an effect, by slug or label, with its coefficient in its likeliest hypothesis.
-
-        An effect that is in no hypothesis has its first column, and its coefficient alone.
-        """
+        """Return the column of an effect, by slug or label, with its coefficient where it is likeliest."""
         columns, table = self.regressors.columns, self.near.weighed.table
         named = [i for i, c in enumerate(columns) if c.effect is not None and name in (c.effect.slug, c.effect.label)]
         if not named:
@@ -292,25 +278,14 @@ class EquationStudy:
     def _reverse(self, column: Column, draws: Float[np.ndarray, " n_draw"]) -> str:
         """Return the meaning of an effect whose coefficient surely has the unusual sign; "" of all others."""
         assert column.effect is not None
-        if not column.sign or np.mean(column.sign * draws < 0) <= self.criteria.reversed:
+        if not column.sign or np.mean(column.sign * draws < 0) <= self.probabilities.criteria.reversed:
             return ""
         return column.effect.effect.reverse or UNUSUAL
-
-    def _unit_of_parameter(self, name: str) -> str:
-        return self.source.model.parameters[name].unit or ""
 
     def _unit(self, data: Trajectories, term: Term) -> str:
         unit = unit_if_known(target_unit(self.equation, data), term, data)
         # That of a power which is learned is another one for each of its values.
         return "" if FRACTIONAL_POWER.search(unit or "") else unit
-
-
-def with_kinds(memory: pd.DataFrame) -> pd.DataFrame:
-    """Return a table of what remains with its index as codes, `kind` and `channel`; a whole kind has no channel."""
-    whole = {text: kind for kind, text in KINDS_IN_WORDS.items()}
-    names = [str(name) for name in memory.index.get_level_values(-1)] if len(memory) else []
-    pairs = [(whole[name], "") if name in whole else kind_and_channel(name) for name in names]
-    return memory.assign(kind=[kind for kind, _ in pairs], channel=[channel for _, channel in pairs])
 
 
 def unit_if_known(target: str, term: Term, data: Trajectories) -> str:

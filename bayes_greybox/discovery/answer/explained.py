@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -22,20 +21,14 @@ JOINED, COMPONENTS = 32, 3
 """Largest numbers of joint explanations of several equations, and of hypotheses of one explanation."""
 
 PREDICTING = (NO_GAP, RECALIBRATE)
-"""Explanations without an effect whose columns predict a run: an error of these sensors predicts nothing."""
+"""Explanations without an effect that predict a run: an error of these sensors predicts nothing."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """One hypothesis: terms whose coefficients are Gaussian.
+    """One hypothesis, with a share of its explanation: terms, each in the rate of a state, and Gaussian coefficients.
 
-    Attributes:
-        weight: Share of its explanation.
-        equations: State whose rate each term is in.
-        terms: Terms; those of effects at values of their nonlinear parameters.
-        mean: Means of the coefficients, user's units; in files of older versions weights of features follow.
-        root: W with WᵀW their covariance.
-        features: Features of a discrepancy, by state, in files of older versions; they are not used.
+    The mean is in the user's units, the covariance WᵀW with W the `root`; effects are at values of their parameters.
     """
 
     weight: float
@@ -43,17 +36,11 @@ class Component:
     terms: tuple[Term, ...]
     mean: Float[np.ndarray, " n_coefficient"]
     root: Float[np.ndarray, "n_latent n_coefficient"]
-    features: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Explained:
-    """One explanation.
-
-    Attributes:
-        name: Name in the study's table of hypotheses; of several equations each with its own.
-        sigma: Noise standard deviation of the rows by equation, user's units.
-    """
+    """One explanation, with its name in the table of hypotheses and the noise of the rows by equation, user's units."""
 
     name: str
     probability: float
@@ -80,10 +67,7 @@ def explained(study: EquationStudy) -> tuple[Explained, ...]:
 
 
 def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
-    """Return the likeliest explanations of all equations together, which are independent given the data.
-
-    The unknown predicts nothing, whatever a file of an older version holds of it.
-    """
+    """Return the likeliest explanations of all equations together, which are independent given the data."""
     likeliest = [Explained("", 1.0, (), (Component(1.0, (), (), np.zeros(0), np.zeros((0, 0))),))]
     for equation, group in each.items():
         label = f"{equation}: " if len(each) > 1 else ""
@@ -92,7 +76,7 @@ def joined(each: Mapping[str, Sequence[Explained]]) -> tuple[Explained, ...]:
                 name="; ".join(filter(None, (before.name, label + one.name))),
                 probability=before.probability * one.probability,
                 slugs=before.slugs + one.slugs,
-                components=() if one.name == UNKNOWN_KIND else _together(before.components, one.components),
+                components=_together(before.components, one.components),
                 sigma={**before.sigma, **one.sigma},
             )
             for before in likeliest
@@ -136,9 +120,8 @@ def _together(parts: Sequence[Component], others: Sequence[Component]) -> tuple[
             weight=a.weight * b.weight / total,
             equations=a.equations + b.equations,
             terms=a.terms + b.terms,
-            # Weights of features come after those of terms, and go.
-            mean=np.append(a.mean[: len(a.terms)], b.mean[: len(b.terms)]),
-            root=np.asarray(block_diag(a.root[:, : len(a.terms)], b.root[:, : len(b.terms)])),
+            mean=np.append(a.mean, b.mean),
+            root=np.asarray(block_diag(a.root, b.root)),
         )
         for a, b in pairs
     )

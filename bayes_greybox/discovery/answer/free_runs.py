@@ -15,15 +15,8 @@ from bayes_greybox.data.samples.clipping import clipped_states
 from bayes_greybox.data.samples.starts import Starts, estimate_starts
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.decision.vetoes import FAILURE, FREE_RUN
-from bayes_greybox.discovery.sensor_errors.channels import (
-    STATES,
-    ChannelSuspect,
-    Sizes,
-    as_shown,
-    calibrated,
-    late_by,
-    shifted,
-)
+from bayes_greybox.discovery.sensor_errors import channels
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect, Sizes
 from bayes_greybox.discovery.sensor_errors.noisy_inputs import without_noise
 from bayes_greybox.model.program import Program
 
@@ -36,13 +29,10 @@ PATH_DRAWS = 40
 
 @dataclass(frozen=True)
 class FreePath:
-    """One state in free run from the start of each run: measured, and bands before and after.
+    """One state in free run from the start of each run: bands before, of the start alone, and after; the measurement.
 
-    The band before holds the uncertainty of the start alone.
-
-    Attributes:
-        measured: The state, as its sensor showed it; without a sensor, on the path through the samples put right.
-        holds: Sources of the band after, in words: "90 % band: coefficients, nonlinear parameters, f, start".
+    `measured` is as the sensor showed it; without a sensor, on the path through the samples put right. `holds` says
+    what the band after holds: "90 % band: coefficients, nonlinear parameters, f, start".
     """
 
     time: np.ndarray
@@ -54,10 +44,7 @@ class FreePath:
 
 
 class FreeRuns:
-    """Free runs of the model before and after, compiled once for all data with the same columns.
-
-    Inputs are interpolated as `criticism.free_run.FreeRunner` does, by default as the rows do.
-    """
+    """Free runs of the model before and after, compiled once for all data with the same columns."""
 
     def __init__(
         self, model: Program, amendments: Mapping[str, Amendment], interpolation: str | Sequence[str] | None = None
@@ -110,7 +97,7 @@ class FreeRuns:
             ]
             states, failed_at = np.concatenate([x for x, _ in both]), np.concatenate([t for _, t in both], axis=1)
             for i, name in enumerate(data.state_names):
-                states[n_before:, :, i] = as_shown(states[n_before:, :, i], name, data, sensors, clock)
+                states[n_before:, :, i] = channels.as_shown(states[n_before:, :, i], name, data, sensors, clock)
         else:
             states, failed_at = runner(data, parameters, np.concatenate([first[:n_before], first]))
         # A state without a sensor is compared with the path through the samples put right.
@@ -143,7 +130,7 @@ class FreeRuns:
         clock = data
         for amendment in self.amendments.values():
             for suspect, size in amendment.sensors.items():
-                if suspect.channel not in (*data.columns, STATES):
+                if suspect.channel not in (*data.columns, channels.STATES):
                     continue
                 if by_key.setdefault(suspect.key, size) != size:
                     return {}, data
@@ -154,8 +141,8 @@ class FreeRuns:
         """Return the data without sensor errors, with as many rows. Samples have a path of their own."""
         if not sensors:
             return data
-        right = calibrated(without_noise(data.samples or data, sensors), "", sensors, clock)
-        right = shifted(right, late_by(right, sensors))
+        right = channels.calibrated(without_noise(data.samples or data, sensors), "", sensors, clock)
+        right = channels.shifted(right, channels.late_by(right, sensors))
         if data.samples is None:
             return right
         return self.model.rows.complete_all(right, tuple(self.amendments), self.model.simulator(right))
@@ -199,8 +186,7 @@ class FreeRuns:
 
 
 def relative(errors: Any, size: float) -> Any:
-    """Return errors over the size of a measurement; NaN of data at rest, which have none."""
-    # A free run that blew up may be off by more than numbers can say.
+    """Return errors, of which some may be beyond all numbers, over the size of a measurement; NaN of data at rest."""
     with np.errstate(over="ignore"):
         return errors / size if size > 0 else np.full(np.shape(errors), np.nan)
 

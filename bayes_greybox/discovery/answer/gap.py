@@ -1,6 +1,6 @@
 """The gap table: errors of the simulation, and of the extended model, against the measurements."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,9 +25,6 @@ RATE_DRAWS = 200
 
 SHARE, NMSES = "unexplained share", ("derivative NMSE", "output NMSE", "sample NMSE")
 """Metrics: share of the measurement that neither model nor noise explains, and mean square error over its variance."""
-
-AT_REST = 1e-12
-"""A measurement whose range is below this share of its largest value is at rest, but for rounding."""
 
 NO_SHARES = (FAILURE, MISFIT)
 """Metrics whose fall is no share of the gap."""
@@ -79,10 +76,10 @@ def within_noise(gap: pd.DataFrame, part: str, equation: str, n_row: int | None)
     """Return whether the gap of an equation was within the noise before: then there was none to close.
 
     The mean square of n normal errors of variance σ² has the standard deviation σ² (2/n)^½: an excess of up to two of
-    these is no gap. The excess before is what the mean square error loses per unexplained share, times that share; the
-    rest of the error is noise. Samples have a misfit instead, which is 1 of noise alone.
+    these is no gap. Samples have a misfit instead, which is 1 of noise alone.
     """
-    rows = {key[1]: (row["before"], row["after"]) for key, row in _of(gap, part, equation)}
+    every = zip(gap.index, gap["before"], gap["after"], strict=True)
+    rows = {key[1]: (before, after) for key, before, after in every if (key[0], key[2]) == (part, equation)}
     if MISFIT in rows:
         return bool(rows[MISFIT][0] <= 1.0)
     error = next((rows[name] for name in NMSES if name in rows), None)
@@ -95,20 +92,10 @@ def within_noise(gap: pd.DataFrame, part: str, equation: str, n_row: int | None)
     return bool(excess <= 2.0 * (error_before - excess) * np.sqrt(2.0 / n_row))
 
 
-def _of(gap: pd.DataFrame, part: str, equation: str) -> Iterator[tuple[Any, dict[Any, Any]]]:
-    """Yield the rows of one equation on one part of the data, by their keys."""
-    for key, row in zip(gap.index, gap.to_dict("records"), strict=True):
-        if (key[0], key[2]) == (part, equation):
-            yield key, row
-
-
 def _figures(
     model: Program, amendment: Amendment, data: Trajectories, equation: str, names_matter: bool, criteria: Criteria
 ) -> dict[str, tuple[float, ...]]:
-    """Return one equation's errors by metric: before, after, and the interval after.
-
-    Before, nothing is known of the sensors. Rows that are linear only near a model are near the one compared with them.
-    """
+    """Return one equation's errors by metric: before (where no sensor's error is known), after, and interval after."""
     raw = replace(model, rows=model.rows.around(amendment.terms_before())).equation_rows(data, equation)
     after = amendment.model(model)
     rows = after.equation_rows(after.started(amendment.corrected(data)), equation)
@@ -149,18 +136,16 @@ class _Sizes:
         allowed = max(noise, _sample_variance(data)) * (criteria.forced**2 if amendment.forced else 1.0)
         allowed += gain * float(np.mean(np.var(draws, axis=0)))
         # A measurement at rest has the variance of its rounding.
-        at_rest = np.ptp(rows.measured) <= AT_REST * np.max(np.abs(rows.measured))
+        at_rest = np.ptp(rows.measured) <= 1e-12 * np.max(np.abs(rows.measured))
         variance = 0.0 if at_rest else float(np.var(rows.measured))
         # The zero of a sensor is arbitrary; that of a rate is not.
         square = variance if rows.output else float(np.mean(rows.measured**2))
         return cls(variance * gain, square * gain, noise, allowed)
 
     def nmse(self, squares: Squares) -> Any:
-        """Return the mean square over the variance of the measurement."""
         return relative(np.mean(squares, axis=-1), self.variance)
 
     def share(self, squares: Squares) -> Any:
-        """Return the unexplained share."""
         return relative(np.maximum(np.mean(squares, axis=-1) - self.noise, 0.0), self.square)
 
     def misfit(self, squares: Squares) -> Any:
@@ -169,7 +154,6 @@ class _Sizes:
 
 
 def _draws(rows: EquationRows, amendment: Amendment) -> Float[np.ndarray, "n_draw n_row"]:
-    """Return draws of the rates that an amendment adds, as rows show them."""
     return _on_rows(rows, amendment, lambda at: amendment.rates(at, RATE_DRAWS)[1].T, RATE_DRAWS).T
 
 

@@ -44,17 +44,11 @@ INSTRUMENT_COLUMNS = (
     "lower_samples", "upper_samples", "status", "text",
 )  # fmt: skip
 
-LIKE_ENDS = 0.8
-"""Ratio of the distances of a range's ends from the centre of a bend from which on the upper end is reported."""
-
 
 def instrument_table(
     source: Source, near: Near, verdict: Verdict, coefficients: Coefficients, data: Trajectories
 ) -> pd.DataFrame:
-    """Return the suspected errors of the measurement, by probability.
-
-    A delay is positive if its channel is late, and stated in time units and in samples; a gain is relative.
-    """
+    """Return the suspected errors of the measurement, by probability; a delay is positive if its channel is late."""
     rows = [*_sensor_rows(near, verdict, coefficients, data), *_noise_rows(near, verdict, data)]
     for suspect, known in source.known.items():
         error = _error(suspect, known.size, known.sd, near, data)
@@ -74,7 +68,6 @@ def _noisy(name: str, sd: float, unit: str) -> str:
 
 
 def _row(kind: str, channel: str, probability: float, in_model: bool, text: str = "") -> dict[str, Any]:
-    """Return a row whose figures are not known."""
     about = {"suspect": kind, "channel": channel, "probability": min(probability, 1.0), "unit": ""}
     return dict.fromkeys(INSTRUMENT_COLUMNS, np.nan) | about | {"status": IN_MODEL if in_model else "", "text": text}
 
@@ -100,7 +93,6 @@ def _sensor_rows(near: Near, verdict: Verdict, coefficients: Coefficients, data:
 
 
 def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Trajectories) -> dict[str, Any]:
-    """Return size, unit and text of a sensor error."""
     low, high = mean - INTERVAL_REACH * sd, mean + INTERVAL_REACH * sd
     row: dict[str, Any] = {"mean": mean, "sd": sd, "lower": low, "upper": high}
     channel, are = ("all states", "are") if suspect.channel == STATES else (suspect.channel, "is")
@@ -137,7 +129,7 @@ def _bend(suspect: ChannelSuspect, mean: float, samples: Trajectories, unit: str
     """Return unit and text of a bend: the error at the end of the range where it is largest, the upper of like ends."""
     power, values = BEND_POWERS[suspect.kind], samples.column(suspect.channel)[seen_samples(samples)]
     low, high = float(np.min(values)), float(np.max(values))
-    x = high if high - suspect.center >= LIKE_ENDS * (suspect.center - low) else low
+    x = high if high - suspect.center >= 0.8 * (suspect.center - low) else low
     off = mean * (x - suspect.center) ** power
     size, place = (f"{value:.3g} {unit}".rstrip() for value in (abs(off), x))
     return {

@@ -13,7 +13,7 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.data.writing import unit_text
 
 MAP_POINTS, MAP_WIDTH = 41, 0.05
-"""Points of a map along each variable, and width of the Gaussian that smooths it, over the range: two of the points."""
+"""Points of a map along each variable, and width of the Gaussian that smooths it, over the range."""
 
 MOST_SEARCHED, CUTS = 5000, 19
 """Largest number of rows that are searched, evenly thinned, and cut points along each variable, at even quantiles."""
@@ -30,12 +30,8 @@ LEAST_WINDOW = 40
 class GapMap:
     """The gap over one or two variables, before and after the model was extended; the others at their median.
 
-    Attributes:
-        axes: Grid positions, user's units.
-        before, after: Posterior mean of the gap [n_0, n_1] (or [n_0]), user's units.
-        probability, after_probability: P(|gap| > threshold).
-        threshold: One noise standard deviation, or that of the gap where it is larger.
-        unit: Unit of the gap; "" if it is not known.
+    Means [n_0, n_1] (or [n_0]) and P(|gap| > threshold) on a grid; the threshold is one noise standard deviation, or
+    that of the gap where it is larger; user's units, "" where one is not known.
     """
 
     equation: str
@@ -90,10 +86,7 @@ class Along(NamedTuple):
 
 
 def exceedance(mean: np.ndarray, sd: np.ndarray, threshold: float) -> np.ndarray:
-    """Return P(|gap| > threshold) for a Gaussian gap, on the likelier side of zero.
-
-    A gap of which nothing is known exceeds any threshold on either side, but not surely on one.
-    """
+    """Return P(|gap| > threshold) of a Gaussian gap, on the likelier side of zero alone."""
     return ndtr((np.abs(mean) - threshold) / np.maximum(sd, 1e-12 * threshold))
 
 
@@ -130,14 +123,10 @@ def gap_trace(along: Along, before: Gap, after: Gap, threshold: float, unit: str
 
 
 def where_table(data: Trajectories, along: Along, variables: Sequence[str], trace: GapTrace) -> pd.DataFrame:
-    """Return regions of state space and windows of time in which the gap exceeds the threshold.
+    """Return regions of state space and windows of time in which the gap exceeds the threshold, by share of the gap.
 
-    A region is a rule on one variable, or on two, that gathers as many rows of high probability and as few of low as
-    any other: it maximises Σ (p − ½) over its rows.
-
-    Returns:
-        Columns equation, kind, description, probability (mean over the rows), gap_share (of the gap's square),
-        sample_share; largest share of the gap first within each kind.
+    A region is a rule on one variable, or on two, that maximises Σ (p − ½) over its rows. Columns are equation, kind,
+    description, probability (mean over the rows), gap_share (of the gap's square) and sample_share.
     """
     thin, _ = along.thinned(Gap(along.time, along.time))
     p, square = trace.probability, trace.before**2

@@ -28,12 +28,10 @@ AND_MORE_IN_WORDS = f"{ONE_LAW_IN_WORDS}, and something is left besides"
 
 @dataclass(frozen=True)
 class Place:
-    """One effect of the answer.
+    """One effect of the answer, with its share on these columns.
 
-    Attributes:
-        share: Probability of the effect on these columns, with agreement.
-        tied: Rivals in its place, likeliest first: effects by their slugs, the same effect on other columns by its
-            label, and sensor errors by their keys.
+    Rivals in `tied`, likeliest first, are effects by slugs, the same on other columns by its label, sensor errors by
+    keys.
     """
 
     label: str
@@ -49,8 +47,7 @@ class Verdict:
     Attributes:
         code: One of `VERDICTS`.
         hypothesis: Likeliest hypothesis behind the verdict.
-        remains: Probability of a discrepancy beside the answer.
-        left: RMS of this discrepancy, scaled.
+        remains, left: Probability of a discrepancy beside the answer, and its RMS, scaled.
         negligible: True if a discrepancy remains that is too small to matter in practice.
     """
 
@@ -99,7 +96,6 @@ def decide(probabilities: Probabilities, rate_size: float, put_right: bool = Fal
 
 
 def _of_hypotheses(probabilities: Probabilities, rate_size: float) -> Verdict:
-    """Return the verdict on the data as they were weighed."""
     criteria, by_kind = probabilities.criteria, probabilities.by_kind
     if by_kind[EFFECTS] + by_kind[UNKNOWN_KIND] <= criteria.missing:
         code = max(STOPS[:-1], key=lambda kind: by_kind[kind])
@@ -121,10 +117,7 @@ def _of_hypotheses(probabilities: Probabilities, rate_size: float) -> Verdict:
 
 
 def _nothing_stands_out(probabilities: Probabilities) -> bool:
-    """Return whether no effect is likely, and the unknown is not merely names that are not to be trusted.
-
-    An unknown that stands for discounted effects is as large as these effects.
-    """
+    """Return whether no effect is likely, and the unknown does not stand for effects that were discounted."""
     p, criteria = probabilities, probabilities.criteria
     nameless = sum(h.probability * p.remains(h) for h in p.weighed.hypotheses if not p.effects(h))
     likeliest_effect = max((share.probability for share in p.by_effect.values()), default=0.0)
@@ -132,10 +125,9 @@ def _nothing_stands_out(probabilities: Probabilities) -> bool:
 
 
 def _answering_set(probabilities: Probabilities) -> tuple[str, ...]:
-    """Return the set of effects to answer with.
+    """Return, of the sets tied with the likeliest and of its size, the one whose effects are likeliest in sum.
 
-    Of the sets that are tied with the likeliest and have its size, it is the one whose effects are likeliest in sum: an
-    effect may be likelier than its rival although its likeliest set is not.
+    An effect may be likelier than its rival although its likeliest set is not.
     """
     by_set, by_place = probabilities.by_set, probabilities.by_place
     first = next(iter(by_set))
@@ -150,13 +142,11 @@ def _sensor_names(probabilities: Probabilities, hypothesis: Hypothesis) -> list[
 
 
 def _likely_sensors(probabilities: Probabilities, hypothesis: Hypothesis) -> tuple[str, ...]:
-    """Return the sensor errors of a hypothesis that are likelier than not."""
     by_sensor, names = probabilities.by_sensor, _sensor_names(probabilities, hypothesis)
     return tuple(name for name in names if by_sensor[name].probability >= probabilities.criteria.missing)
 
 
 def _without_effects(probabilities: Probabilities, code: str, part: Part) -> Verdict:
-    """Return the likeliest answer of a kind without effects."""
 
     def log_weight(h: Hypothesis) -> float:
         if code not in (UNKNOWN_KIND, probabilities.kind_of(h)):

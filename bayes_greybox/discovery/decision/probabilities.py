@@ -5,7 +5,7 @@ therefore discounted by the share of the two that it closes, see `trusted`; so i
 is not discounted: its term is in the simulation anyway.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -53,8 +53,11 @@ class Probabilities:
         ]
         if kind != EFFECT or not stacking:
             return discounted
-        effects, discount = [each for each, _ in discounted], 1 - self.criteria.stacked
-        return [(each, trust * (discount if _is_stacked(each, effects) else 1.0)) for each, trust in discounted]
+        # Three effects of one quantity, or two of which one bends, may be one law without a name.
+        alike = [[other for other, _ in discounted if other.quantity == each.quantity] for each, _ in discounted]
+        stacked = [len(same) > 2 or (len(same) == 2 and any(one.bends for one in same)) for same in alike]
+        less = 1 - self.criteria.stacked
+        return [(each, trust * (less if one else 1.0)) for (each, trust), one in zip(discounted, stacked, strict=True)]
 
     def effects(self, hypothesis: Hypothesis) -> tuple[str, ...]:
         """Return the labels of a hypothesis's effects, sorted."""
@@ -153,12 +156,6 @@ class Probabilities:
             for share, point in zip(h.points, self.weighed.grid.points, strict=True):
                 shares[point.shape] = shares.get(point.shape, 0.0) + h.probability * float(share)
         return shares
-
-
-def _is_stacked(effect: Regressor, effects: Iterable[Regressor]) -> bool:
-    """Return whether three effects of one quantity, or two of which one bends, may be one law without a name."""
-    same = [each for each in effects if each.quantity == effect.quantity]
-    return len(same) > 2 or (len(same) == 2 and any(each.bends for each in same))
 
 
 def trusted(own: float, left: float, against: float = 0.0) -> float:

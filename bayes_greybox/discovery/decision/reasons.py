@@ -20,13 +20,7 @@ OF_SHAPE = (ONE_LAW, UNSEEN_SHAPE)
 
 @dataclass(frozen=True)
 class Reason:
-    """One reason against a verdict.
-
-    Attributes:
-        code: One of the constants of this module.
-        text: The reason in words; in a study of several equations with the equation before it.
-        equation: Equation that it is about; "" if it is about the whole study.
-    """
+    """One reason against a verdict: code, text, and the equation that it is about, "" of the whole study."""
 
     code: str
     text: str

@@ -1,7 +1,6 @@
 """The verdict of a study over all its equations: held-out samples and free runs may veto that something is *named*."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -50,17 +49,17 @@ def verdict_of(
 def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[str, str, str], ...]:
     """Return the rows of the gap table, (data, metric, variable), whose free run is worse after than before.
 
-    The free-run NRMSE of a state has grown if the error of the mean path exceeds the error before by more than a share
-    `worse` of it. The time to failure has fallen if the median draw fails sooner by more than that share, and so does
-    the upper end of the interval, or the model before never failed; its variable is "all". Free runs on held-out data
-    are compared, or those on training data if there are none.
+    The error of the mean path has grown by more than a share `worse`, or the median draw fails sooner by more than
+    that, and so does the upper end of its interval, or the model before never failed. Held-out data count where there
+    are any.
     """
+    records = zip(gap.index, gap.to_dict("records"), strict=True)
+    every = [((str(key[0]), str(key[1]), str(key[2])), row) for key, row in records]
     # A state at rest has no error to speak of.
-    at_rest = [key for key, row in _rows(gap) if key[1] == FREE_RUN and np.isnan(row["before"])]
-    rows = [(key, row) for key, row in _rows(gap) if key[1] in (FREE_RUN, FAILURE) and key not in at_rest]
-    rows = [each for each in rows if each[0][0] == "test"] or rows
+    rows = [each for each in every if each[0][1] == FREE_RUN and not np.isnan(each[1]["before"])]
+    rows += [each for each in every if each[0][1] == FAILURE]
     keys = []
-    for key, row in rows:
+    for key, row in [each for each in rows if each[0][0] == "test"] or rows:
         before, after = row["before"], row["after"]
         if key[1] == FREE_RUN:
             worse = after > before + max(criteria.worse * before, criteria.integrator)
@@ -74,17 +73,15 @@ def worsened(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> tuple[tuple[st
 
 
 def left_over(gap: pd.DataFrame, criteria: Criteria = CRITERIA) -> dict[str, float]:
-    """Return the misfit of held-out samples, for each equation that explains the training samples alone.
-
-    A right model explains both; one that bends to the training data does not. Rates have no misfit.
-    """
+    """Return the misfit of held-out samples, for each equation that explains the training samples alone."""
     train, test = misfits(gap, "train"), misfits(gap, "test")
     return {name: left for name, left in test.items() if left > criteria.misfit * max(1.0, train.get(name, 1.0))}
 
 
 def misfits(gap: pd.DataFrame, part: str) -> dict[str, float]:
     """Return the misfit of samples after, by equation, on the data "train" or "test"."""
-    return {key[2]: float(row["after"]) for key, row in _rows(gap) if key[:2] == (part, MISFIT)}
+    records = zip(gap.index, gap.to_dict("records"), strict=True)
+    return {str(key[2]): float(row["after"]) for key, row in records if (key[0], key[1]) == (part, MISFIT)}
 
 
 def worse_in_words(key: tuple[str, str, str]) -> str:
@@ -96,8 +93,3 @@ def worse_in_words(key: tuple[str, str, str]) -> str:
 def left_in_words(misfit: float) -> str:
     """Return the sentence for a misfit of `left_over`."""
     return f"held-out samples are left {misfit:.2g} times as far off as their noise allows"
-
-
-def _rows(gap: pd.DataFrame) -> Iterator[tuple[tuple[str, str, str], dict[str, Any]]]:
-    for key, row in zip(gap.index, gap.to_dict("records"), strict=True):
-        yield (str(key[0]), str(key[1]), str(key[2])), {str(name): value for name, value in row.items()}

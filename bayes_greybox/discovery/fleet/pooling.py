@@ -17,9 +17,6 @@ from scipy.special import ndtr
 
 from bayes_greybox.running.errors import InputError
 
-SPREADS, LEAST_SPREAD, LARGEST_SPREAD = 800, 1e-4, 8.0
-"""Number of values of τ that are summed over; the least over the smallest s_i, the largest over the prior's scale."""
-
 DIFFER = 1 / 3
 """Scale of the prior of τ over r, the size of the coefficients: assets of one kind differ by less than they have."""
 
@@ -32,7 +29,7 @@ class Pooled:
         mean, sd, lower, upper: Moments and interval of μ, the mean coefficient.
         between, between_lower, between_upper: Median and interval of τ, the standard deviation between assets.
         same: Probability that all have one coefficient, τ = 0, which has 0.5 beforehand.
-        each: Posterior mean of each asset's own β_i.
+        each, each_sd: Moments of each asset's own β_i.
     """
 
     mean: float
@@ -48,11 +45,7 @@ class Pooled:
 
 
 def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
-    """Pool a coefficient partially.
-
-    Args:
-        mean: Posterior mean in each asset, one unit for all.
-        sd: Posterior standard deviation in each asset, as under a flat prior as nearly as may be.
+    """Pool the posterior means and standard deviations of a coefficient in each asset, in one unit, partially.
 
     Raises:
         InputError: Fewer than two assets, or one without a finite mean and a standard deviation above zero.
@@ -63,7 +56,7 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     if not (np.all(np.isfinite(b)) and np.all(s > 0) and np.all(np.isfinite(s))):
         raise InputError("Every asset needs a finite mean and a standard deviation above zero to be pooled.")
     scale = DIFFER * max(float(np.sqrt(np.mean(b**2))), float(np.min(s)))
-    tau = np.concatenate([[0.0], np.geomspace(LEAST_SPREAD * float(np.min(s)), LARGEST_SPREAD * scale, SPREADS)])
+    tau = np.concatenate([[0.0], np.geomspace(1e-4 * float(np.min(s)), 8.0 * scale, 800)])
     variance = s**2 + tau[:, None] ** 2
     precision = np.sum(1 / variance, axis=1)
     # μ | τ, b ~ N(μ̂, V)  (5.20)
@@ -79,7 +72,12 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     weight[0] += same
     on_the_whole = float(weight @ centre)
     spread = float(np.sqrt(weight @ (V + (centre - on_the_whole) ** 2)))
-    lower, upper = (_quantile(p, weight, centre, np.sqrt(V)) for p in (0.05, 0.95))
+    # Quantiles of a mixture of Gaussians.
+    ends = float(np.min(centre - 8 * np.sqrt(V))), float(np.max(centre + 8 * np.sqrt(V)))
+    lower, upper = (
+        float(cast(float, brentq(lambda x, p=p: weight @ ndtr((x - centre) / np.sqrt(V)) - p, *ends)))
+        for p in (0.05, 0.95)
+    )
     low, middle, high = np.interp([0.05, 0.5, 0.95], np.cumsum(weight), np.concatenate([[0.0], edges[2:]]))
     # β_i | τ, b: a share s_i²/(s_i² + τ²) of the whole's
     share = s**2 / variance
@@ -89,9 +87,3 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     each_sd = np.sqrt(weight @ (own_variance + (own - each) ** 2))
     whole = (on_the_whole, spread, lower, upper, float(middle), float(low), float(high), same)
     return Pooled(*whole, tuple(each.tolist()), tuple(each_sd.tolist()))
-
-
-def _quantile(p: float, weight: np.ndarray, centre: np.ndarray, sd: np.ndarray) -> float:
-    """Return a quantile of a mixture of Gaussians."""
-    ends = float(np.min(centre - 8 * sd)), float(np.max(centre + 8 * sd))
-    return float(cast(float, brentq(lambda x: weight @ ndtr((x - centre) / sd) - p, *ends)))

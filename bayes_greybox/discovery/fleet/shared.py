@@ -11,26 +11,24 @@ import pandas as pd
 
 from bayes_greybox.discovery.decision.criteria import CRITERIA
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, RECALIBRATE, UNKNOWN_KIND
-from bayes_greybox.discovery.fleet.pooling import Pooled, pooled
 from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.physics.units import same_unit
 from bayes_greybox.running.errors import InputError
 
+from .pooling import Pooled, pooled
+
 SHARE, FAILED = "unexplained share", "failed"
 """Metric by which assets are ranked, and verdict on an asset that could not be studied."""
 
-ADDED, POSSIBLE = "added", "one of"
-"""Status of an effect that is in a study's model, and of a rival of one."""
-
-LARGEST_RATIO = 1.25
-"""Largest over smallest value of a nonlinear parameter up to which coefficients beside it are of one kind."""
+ADDED = "added"
+"""Status of an effect that is in a study's model."""
 
 LACKING = ("named", "one of", "partly named", UNKNOWN_KIND)
 """Verdicts on an asset that lacks something."""
 
 ONE_CAUSE = 0.9
-"""Share of the assets that lack something from which on it is one cause; and the probability from which on its
-coefficient is said to be one, or to differ."""
+"""Share of the lacking assets from which on it is one cause, and probability that its coefficient is one, or
+differs."""
 
 _NUMBER = re.compile(r"(?<![\w.])\d+\.?\d*(?:[eE][+-]?\d+)?")
 
@@ -40,19 +38,15 @@ class Shared:
     """An effect that several assets lack, or may lack.
 
     Attributes:
-        equation, slug, name: The effect.
         expression: Formula; numbers that differ between the assets are nonlinear parameters by their names.
         unit: Unit of the coefficient; "" if it is not known, or differs.
-        one_unit: True if the coefficients of all assets have one unit.
         inner: Range over the assets of each nonlinear parameter.
         assets: Assets that surely lack it.
         possible: Assets that may lack it: their data do not tell it from something else.
         likely: Probability of the effect in each possible asset to whose model it was added.
         faults: Faults of sensors that may stand in its place in these, such as "delay of F".
-        expressions, units: Formula with its own numbers, and unit, in each of `assets`.
-        mean, sd: Coefficient in each of `assets`; NaN if it is not known.
-        whole: Pooled coefficient; None if there is one alone, if units or nonlinear parameters differ too much for the
-            coefficients to be of one kind, or if one of them has no standard deviation.
+        expressions, units, mean, sd: Formula, unit and coefficient in each of `assets`; NaN if it is not known.
+        whole: Pooled coefficient; None if there is one alone, or if they cannot be pooled.
     """
 
     equation: str
@@ -75,7 +69,7 @@ class Shared:
     @property
     def differing(self) -> tuple[str, ...]:
         """Return nonlinear parameters that differ too much for the coefficients beside them to be of one kind."""
-        return tuple(name for name, (low, high) in self.inner.items() if high > LARGEST_RATIO * low)
+        return tuple(name for name, (low, high) in self.inner.items() if high > 1.25 * low)
 
     @property
     def unsized(self) -> tuple[str, ...]:
@@ -86,15 +80,10 @@ class Shared:
 
 @dataclass(frozen=True)
 class AssetStudy:
-    """Outcome of one asset.
+    """Outcome of one asset: verdict ("failed" if it could not be studied), what it lacks or may lack, and a sentence.
 
-    Attributes:
-        verdict: Verdict of its study; "failed" if there is none.
-        may_lack: Names of added effects of which its study is not sure.
-        gap: Unexplained share before, of held-out data if there are any; NaN if it is not known.
-        left: The same after.
-        sentence: Sentence of its study, or the reason why there is none.
-        converged: True if the sampler converged; None if nothing was sampled.
+    `gap` and `left` are the unexplained share before and after, of held-out data if there are any; NaN if not known.
+    `converged` is None if nothing was sampled.
     """
 
     asset: str
@@ -191,8 +180,6 @@ def _study(name: str, record: Mapping[str, Any]) -> AssetStudy:
 
 
 class _Lack(NamedTuple):
-    """An effect in one asset's record."""
-
     asset: str
     effect: Mapping[str, Any]
     sure: bool
@@ -219,7 +206,7 @@ def _shared(records: Mapping[str, Mapping[str, Any]]) -> list[Shared]:
             if effect["status"] == ADDED:
                 tied[effect["equation"]].update(effect["tied_with"])
         for effect in record["effects"]:
-            if effect["status"] not in (ADDED, POSSIBLE) and effect["slug"] not in tied[effect["equation"]]:
+            if effect["status"] not in (ADDED, "one of") and effect["slug"] not in tied[effect["equation"]]:
                 continue
             alike = groups[effect["equation"], effect["slug"], tuple(sorted(effect["inner"])), _formula(effect)[0]]
             group = next((group for group in alike if _one_formula(group[0].effect, effect)), None)
@@ -302,6 +289,5 @@ def _number(value: Any) -> float:
 
 
 def _size(value: Any) -> float:
-    """Return a number for ordering: unknown ones come after known ones."""
     number = _number(value)
     return -1.0 if math.isnan(number) else number

@@ -15,18 +15,12 @@ from jaxtyping import Array, Bool, Float
 from bayes_greybox.physics.integration.sensitivity import filled_length
 from bayes_greybox.running.compiling import compiled
 
-COLUMN_MULTIPLE = 32
-"""Tables are filled up to a multiple of so many columns."""
-
 
 class Process(NamedTuple):
-    """A linear process that sensors show, one sample after the other.
+    """A linear process that sensors show, one sample after the other, in stretches that start afresh.
 
-    Attributes:
-        F: Transition to each sample from the one before; to the first of a stretch from its start.
-        Q: Covariance that the process of unit intensity adds on the way.
-        start: Covariance at the start of a stretch, beside that of the process.
-        started: Covariance at the start of the process of unit intensity.
+    F leads to each sample from the one before, Q is what unit intensity adds on the way; `started` is the covariance of
+    the process of unit intensity at a start, `start` that of all else.
     """
 
     F: Float[np.ndarray, "n d d"]
@@ -56,7 +50,7 @@ def smoothed(
 
 def _filled(process: Process, z: np.ndarray) -> tuple[Process, np.ndarray]:
     """Return process and table filled up behind the record, where nothing sees it."""
-    rows, columns = filled_length(len(z)) - len(z), -z.shape[2] % COLUMN_MULTIPLE
+    rows, columns = filled_length(len(z)) - len(z), -z.shape[2] % 32
 
     def longer(values: np.ndarray, by: float = 0.0) -> np.ndarray:
         return np.concatenate([values, np.full((rows, *values.shape[1:]), by, dtype=values.dtype)])
@@ -76,7 +70,6 @@ def _updated(P: Array, H: Array, noise: Array) -> tuple[Array, Array, Array]:
 
 
 def _gains(process: Any, ratios: Array) -> tuple[Array, Array]:
-    """Return gains and the variances of the innovations, which are the same for all columns of a table."""
     F, Q, H, noise, fresh, start, started = process
     square = (ratios**2)[:, None, None]
     begun = start + square * started

@@ -45,7 +45,6 @@ class LatentForce(ABC):
         gap: RMS of the gap as a force, over that of the target: the scale of what remains.
         effect_size: Prior standard deviation of an effect's RMS, over that of the target.
         forced: True if a latent force is weighed on these rows.
-        sensor_scales: Time scales of a sensor's noise, in periods.
     """
 
     period: float
@@ -58,10 +57,7 @@ class LatentForce(ABC):
 
     @abstractmethod
     def whiten(self, table: Table, scale: float, ratios: Ratios, sensor: bool = False) -> Whitened:
-        """Return innovations in units of their standard deviations, and the logarithms of their variances.
-
-        Ratios of 0 are no force. If `sensor`, w is correlated noise of the sensors, which moves nothing.
-        """
+        """Return innovations over their standard deviations, and log variances; if `sensor`, w is sensor noise."""
 
     @abstractmethod
     def smooth(self, residual: Table, scale: float, ratio: float) -> Smoothed:
@@ -83,10 +79,9 @@ class LatentForce(ABC):
         self, point: NoisePoint, table: Float[np.ndarray, "n_row k"]
     ) -> tuple[Float[np.ndarray, "n_white k"], Float[np.ndarray, "n_white 1"]]:
         """Return rows whitened at a noise point, but for a law or a memory there, and their log variances."""
-        if point.kind in (LATENT_FORCE, SENSOR_NOISE):
-            white, logs = self.whiten(table, point.scale, np.array([point.ratio]), point.kind == SENSOR_NOISE)
-        else:
-            white, logs = self.whiten(table, 1.0, np.zeros(1))
+        forced = point.kind in (LATENT_FORCE, SENSOR_NOISE)
+        scale, ratio = (point.scale, point.ratio) if forced else (1.0, 0.0)
+        white, logs = self.whiten(table, scale, np.array([ratio]), point.kind == SENSOR_NOISE)
         return white[:, 0], logs
 
 
@@ -168,35 +163,25 @@ class KnownNoise(LatentForce):
 
 
 def rough_noise(target: Float[np.ndarray, " n"]) -> float:
-    """Return a first guess of the noise over the size of a target, by its second differences over √6.
-
-    White noise has all of its variance in them, anything smooth next to nothing.
-    """
+    """Return a first guess of the noise over the size of a target, by its second differences over √6."""
     spread = float(np.sqrt(np.mean(target**2)))
     rough = np.abs(np.diff(target, 2)) / np.sqrt(6.0)
     return min(float(np.median(rough)) / MEDIAN_ABSOLUTE_NORMAL / spread, 1.0) if len(rough) and spread > 0 else 1.0
 
 
 FORCE_SIZES = 10.0 ** np.arange(-6.0, 0.6, 0.5)
-"""Standard deviations of the force, over that of the target, that are tried: from a millionth to all of it. Half a step
-is worth 0.6 nats to the prior of an effect."""
-
-MOTION_SCALES = TIME_SCALES[1:3]
-"""Time scales of the force, in periods of the motion: those of the grid that are next to the motion's own."""
-
-PLAUSIBLE = 2.0
-"""Nats behind the likeliest size within which a size is plausible: two standard deviations."""
+"""Standard deviations of the force, over that of the target, that are tried."""
 
 
 def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Float[np.ndarray, "n_row n_free"]) -> float:
-    """Return the RMS that the gap may have as a force, over that of the target.
+    """Return the RMS that the gap may have as a force, over that of the target; 1 where the residual is zero.
 
     √(mean(E[w]² + Var[w])) of a latent force w beside the user's model without effects, whose free coefficients are at
-    their likeliest: the largest value over plausible time scales and sizes. If nothing is missing, it is the largest
-    force that the noise can hide. It is 1 where the residual is zero.
+    their likeliest: the largest value over plausible time scales and sizes.
     """
     table, ratios, tried = np.column_stack([target, free]), FORCE_SIZES / force.noise, []
-    for scale in (force.period * share for share in MOTION_SCALES):
+    # Those next to the motion's own, and sizes from a millionth of the target to all of it.
+    for scale in (force.period * share for share in TIME_SCALES[1:3]):
         white, logs = force.whiten(table, scale, ratios)
         for k, ratio in enumerate(ratios.tolist()):
             y, X = white[:, k, 0], white[:, k, 1:]
@@ -207,7 +192,8 @@ def gap_size(force: LatentForce, target: Float[np.ndarray, " n_row"], free: Floa
                 tried.append((log_evidence, scale, ratio, theta, v))
     best, sizes = max((log_evidence for log_evidence, *_ in tried), default=0.0), []
     for log_evidence, scale, ratio, theta, v in tried:
-        if log_evidence >= best - PLAUSIBLE:
+        # Two nats are two standard deviations.
+        if log_evidence >= best - 2.0:
             mean, variance = force.smooth((target - free @ theta)[:, None], scale, ratio)
             sizes.append(float(np.sqrt(np.mean(mean[:, 0] ** 2 + v * variance))))
     size = max(sizes, default=1.0)

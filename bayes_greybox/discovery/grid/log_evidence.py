@@ -28,14 +28,10 @@ TINY = 1e-10
 
 @dataclass(frozen=True)
 class Gram:
-    """Products under every noise point; the target comes first, then the regressors.
+    """Products [y X]ᵀ R⁻¹ [y X] and log|R| under every noise point.
 
-    Attributes:
-        products: [y X]ᵀ R⁻¹ [y X] of each point.
-        log_det: log|R| of each point.
-        n_obs: Number of white values that the rows carry.
-        most: Largest standard deviation of the discrepancy, in units of the target: it is a part of the gap. A larger
-            one would need effects that happen to cancel it.
+    `n_obs` white values are in the rows. `most` is the largest standard deviation of the discrepancy, over the target:
+    it is a part of the gap, or would need effects that happen to cancel it.
     """
 
     points: tuple[NoisePoint, ...]
@@ -49,13 +45,8 @@ class Gram:
 class Basis:
     """Whitened features of a discrepancy, rotated so that they are independent under every ratio.
 
-    Its standard deviation is 1 on average over the rows; with eigenvalues a of the features' products and ratio r, R⁻¹
-    shrinks direction k by r²/(1 + r² a_k).
-
-    Attributes:
-        features: Rotated, whitened features.
-        acting: Rotated features as forces at the samples, of unit size all together.
-        eigenvalues: a.
+    With eigenvalues a of the features' products and ratio r, R⁻¹ shrinks direction k by r²/(1 + r² a_k). Their standard
+    deviation, as forces `acting` at the samples, is 1 on average.
     """
 
     features: Float[np.ndarray, "n_white n_kept"]
@@ -75,10 +66,7 @@ class Basis:
         return self.shrunk(ratio)[:, None] * (self.features.T @ white)
 
     def whiten(self, white: Float[np.ndarray, "n_white k"], ratio: float) -> Float[np.ndarray, "n_white k"]:
-        """Return (I − F s Fᵀ)^½ of rows that are white but for the discrepancy, s = r²/(1 + r² a).
-
-        Along each direction F of square a the factor is 1/√(1 + r² a).
-        """
+        """Return (I − F s Fᵀ)^½ of rows that are white but for the discrepancy, s = r²/(1 + r² a)."""
         carried = self.eigenvalues > 1e-12 * np.max(self.eigenvalues)
         a = self.eigenvalues[carried]
         unit = self.features[:, carried] / np.sqrt(a)
@@ -104,7 +92,7 @@ def discrepancy_basis(table: RegressorTable, point: NoisePoint, force: LatentFor
 def law_variances(table: RegressorTable, length: float) -> Float[np.ndarray, " n_feature"]:
     """Return the prior variances of the weights of an f whose mean variance at the samples is one.
 
-    The spectral density of the squared-exponential kernel up to a factor (Solin & Särkkä 2020, eq. 20).
+    The squared-exponential kernel's spectral density up to a factor (Solin & Särkkä 2020, eq. 20).
     """
     log_density = -0.5 * np.sum((table.frequency * length) ** 2, axis=1)
     density = np.exp(log_density - np.max(log_density))
@@ -144,15 +132,11 @@ def gram(table: RegressorTable, points: Sequence[NoisePoint], forces: Sequence[L
     return Gram(tuple(points), products, log_det, float(n_white), table.force.gap)
 
 
-BATCH_VALUES = 400_000
-"""Largest number of values in a batch's arrays, some 3 MB: they stay in the cache."""
-
 UNIT_RIDGE = 1e-13
 """Added to the diagonal of products of unit columns, of which two may be equal."""
 
 SCALE_STEPS = 3
-"""Number of steps to the mode of v, from that of the fit without a prior: the shift by D is of order k/n smaller in
-each."""
+"""Number of steps to the mode of v; the shift by D is of order k/n smaller in each."""
 
 FIRST_SCALE = 1e-8
 """First v, over the target's: small enough for the fit to be that without a prior, and above its rounding."""
@@ -165,7 +149,8 @@ def log_evidences(
     out = np.empty((len(sets), len(gram.points)))
     for places, index in _by_size(sets):
         k = index.shape[1]
-        batch = max(1, BATCH_VALUES // (len(gram.points) * max(k * (k + 1) // 2 + k, 1)))
+        # Arrays of some 3 MB stay in the cache.
+        batch = max(1, 400_000 // (len(gram.points) * max(k * (k + 1) // 2 + k, 1)))
         for start in range(0, len(places), batch):
             rows = slice(start, start + batch)
             out[places[rows]] = _of_one_size(gram, precision, index[rows], floor)
@@ -208,14 +193,11 @@ def _of_one_size(gram: Gram, precision: np.ndarray, index: Int[np.ndarray, "n_se
     log_prior = sum((np.log(d) for d in D), 0.0)
     misfit = np.maximum(remaining, 0.0) / v_used
     value = -0.5 * ((n - k) * np.log(v_used) + log_det - log_prior + gram.log_det + misfit)
-    return value - 0.5 * n * np.log(2 * np.pi) + 0.5 * np.log(4 * np.pi / n) + _log_within_gap(gram, v_used)
-
-
-def _log_within_gap(gram: Gram, v: Float[np.ndarray, "n_set n_point"]) -> Float[np.ndarray, "n_set n_point"]:
-    """Return the log share of each point's cell of the grid in which the discrepancy is no larger than the gap."""
+    # Share of each point's cell of the grid in which the discrepancy is no larger than the gap.
     with np.errstate(divide="ignore"):
-        decades = np.log10([point.ratio if point.unnamed else 0.0 for point in gram.points]) + 0.5 * np.log10(v)
-        return np.log(np.clip((np.log10(gram.most) - decades) / RATIO_DECADES + 0.5, 0.0, 1.0))
+        decades = np.log10([point.ratio if point.unnamed else 0.0 for point in gram.points]) + 0.5 * np.log10(v_used)
+        within = np.log(np.clip((np.log10(gram.most) - decades) / RATIO_DECADES + 0.5, 0.0, 1.0))
+    return value - 0.5 * n * np.log(2 * np.pi) + 0.5 * np.log(4 * np.pi / n) + within
 
 
 class Modes(NamedTuple):

@@ -14,17 +14,11 @@ from jaxtyping import Bool, Float, Int
 from .kalman import Process, innovations, smoothed
 from .latent_force import LatentForce, Ratios, Smoothed, Table, Whitened
 
-MOST_TRANSITIONS = 12
-"""Largest number of time scales whose transitions are kept."""
-
 
 class PathSteps(NamedTuple):
-    """Steps of the linear equation along a path, with the steps that lead to each sample.
+    """Steps of the linear equation along a path: transitions M, and responses b to the force at start, middle and end.
 
-    Attributes:
-        M: Transition of each step of each segment.
-        b: Response to the force at the start, the middle and the end of a step.
-        end: Segment, and end of a step, of each sample.
+    `end` has the segment, and the end of the step, of each sample.
     """
 
     M: Float[np.ndarray, "n_segment n_step d d"]
@@ -37,9 +31,7 @@ class PathSteps(NamedTuple):
 class ForcedPath(LatentForce):
     """Rows of samples along a path, ordered by sensor, then by sample.
 
-    Attributes:
-        outputs: Numbers of the states that have a sensor.
-        start_sd: Prior standard deviation of each state at the start of a segment, over that of the noise.
+    `outputs` are the states that have a sensor, `start_sd` the prior standard deviations at starts over the noise's.
     """
 
     steps: PathSteps
@@ -106,7 +98,7 @@ class ForcedPath(LatentForce):
             steps = self.steps._replace(b=np.zeros_like(self.steps.b)) if sensor else self.steps
             moved = _discretised(steps, self.fresh, scale)
             # Other threads take from it meanwhile.
-            if len(self._moved) > MOST_TRANSITIONS:
+            if len(self._moved) > 12:
                 self._moved.clear()
             self._moved[key] = moved
         return moved

@@ -27,11 +27,10 @@ TIME_SCALES = (0.05, 0.2, 1.0, 4.0)
 """Time scales of the latent force, in periods of the motion."""
 
 SENSOR_SCALES = (0.05, 0.2)
-"""Time scales of a sensor's noise, in periods: what is about as slow as the motion may be a force on the machine."""
+"""Time scales of a sensor's noise, in periods; slower noise may be a force on the machine."""
 
 OUTPUT_SCALES = (0.05, 0.13, 0.32, 0.8)
-"""Time scales of the noise of an output, which no force reaches through the motion, in periods; 0.4 decades apart like
-the ratios. Noise slower than the motion is a drift, which has a regressor."""
+"""Time scales of an output's noise, which no force reaches through the motion, in periods; slower noise is a drift."""
 
 LENGTH_SCALES = (0.3, 0.6, 1.2)
 """Length scales of f, in half-widths of the box that the data fill."""
@@ -41,9 +40,6 @@ RATIO_DECADES = 0.4
 
 GAP_RATIOS = 10.0 ** np.arange(-2.4, 0.41, RATIO_DECADES)
 """Standard deviations of the discrepancy, over the RMS of the gap."""
-
-LEAST_SCALE_STEPS = 0.7
-"""Time scales below so many sampling steps are white noise."""
 
 
 @dataclass(frozen=True)
@@ -72,14 +68,9 @@ class NoisePoint:
 
 @dataclass(frozen=True)
 class NoiseGrid:
-    """Settings of a noise grid.
+    """Settings of a noise grid: standard deviations over that of the white noise, and time scales in periods.
 
-    Attributes:
-        ratios: Standard deviations of the discrepancy over that of the noise.
-        sensor_ratios: Standard deviations of correlated sensor noise over that of the white noise.
-        correlated: Prior probability that a sensor's noise is correlated; None where that is known, and no latent force
-            is weighed.
-        sensor_scales: Time scales of correlated sensor noise, in periods.
+    `correlated` is the prior probability that a sensor's noise is; None where that is known, and no force is weighed.
     """
 
     period: float
@@ -116,5 +107,5 @@ class NoiseGrid:
         return tuple(points)
 
     def _scales(self, shares: Sequence[float]) -> list[float]:
-        """Return time scales that are no white noise; the step itself where there are none."""
-        return [self.period * s for s in shares if self.period * s > LEAST_SCALE_STEPS * self.step] or [self.step]
+        """Return time scales of at least 0.7 sampling steps: shorter noise is white; the step itself without any."""
+        return [self.period * s for s in shares if self.period * s > 0.7 * self.step] or [self.step]

@@ -33,10 +33,8 @@ def bagged(
 ) -> Float[np.ndarray, " n_hypothesis"]:
     """Return probabilities averaged over bagged records, to first order (Huggins & Miller 2023).
 
-    Evidence of models that are all a little wrong is overconfident and not reproducible: its differences grow like √n
-    at random. They differ from one record of blocks drawn with replacement to the next; the average does not pretend.
-    Each hypothesis's log weight changes by Σ_b (c_b − 1) ℓ_b, with c the multinomial counts of the blocks and ℓ the log
-    likelihood of a block at the hypothesis's mode.
+    Evidence of models that are all a little wrong is overconfident: its differences grow like √n at random. Each log
+    weight changes by Σ_b (c_b − 1) ℓ_b, c the multinomial counts of the blocks and ℓ their log likelihood at the mode.
     """
     n = logs.shape[1]
     counts = np.random.default_rng(seed).multinomial(n, np.full(n, 1 / n), size=BAGGED_RECORDS)
@@ -60,10 +58,7 @@ class Band:
         self._left = self._shares(self._transformed(left))
 
     def share(self, number: int, members: Sequence[int], mixed: Float[np.ndarray, "k k"]) -> Float[np.ndarray, " k"]:
-        """Return the share of one hypothesis's discrepancy that has the spectrum of each of some sums of forces.
-
-        Each row of `mixed` has the coefficients of one sum. A sum that is zero has a share of 1.
-        """
+        """Return the share of a hypothesis's discrepancy with the spectrum of sums of its forces, rows of `mixed`."""
         p = self._shares(self._forces[..., list(members)] @ mixed.T)
         q, square = self._left[:, number], np.sum(p**2, axis=0)
         return np.clip(np.where(square > 0, (q @ p) / np.where(square > 0, square, 1.0), 1.0), 0.0, 1.0)

@@ -6,7 +6,7 @@ mean of w over its prior mean.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import log, log1p
 from typing import NamedTuple
@@ -26,16 +26,11 @@ SURELY_WRONG = 1e-6
 
 @dataclass(frozen=True)
 class SetPrior:
-    """Log prior of sets.
+    """Log prior of sets, P(number of effects) · P(which) · Π sensor errors · P(corrections).
 
-    P(S) = P(number of effects) · P(which) · Π sensor errors · P(corrections). P(which) is shared equally by names, and
-    the share of a name by its places. Where samples of two sensors disagree, sets without any error that may be why are
-    as unlikely as such samples are of sensors that are right.
-
-    Attributes:
-        by_size: Log prior of each number of effects, over the summed weights of the sets of that size.
-        ways: Log number of groups of each name.
-        sure: Names of errors of which one at least is sure to be there.
+    P(which) is shared equally by names, and the share of a name by its places, whose log number is in `ways`. `by_size`
+    is the log prior of each number of effects, over the summed weights of the sets of that size. `sure` are names of
+    errors of which one at least is there: sets without any are as unlikely as such samples of sensors that are right.
     """
 
     regressors: tuple[Regressor, ...]
@@ -43,10 +38,6 @@ class SetPrior:
     by_size: tuple[float, ...]
     ways: Mapping[str, float]
     sure: tuple[str, ...] = ()
-
-    def among(self, regressors: Sequence[Regressor]) -> "SetPrior":
-        """Return the same prior for fewer effects and sensor errors, with all free terms and corrections."""
-        return replace(self, regressors=tuple(regressors))
 
     @classmethod
     def of(cls, regressors: Sequence[Regressor], odds: Odds, most: int) -> "SetPrior":
@@ -101,8 +92,7 @@ class SetPrior:
 class Window(NamedTuple):
     """Names that alone are weighed until the likeliest hypothesis stays, with the prior and the memories of all.
 
-    Attributes:
-        complete: If true, only hypotheses without discrepancy are weighed.
+    If `complete`, only hypotheses without discrepancy are weighed.
     """
 
     called: frozenset[str]
@@ -118,8 +108,8 @@ Sets = Sequence[Set]
 OfSets = Float[np.ndarray, " n_set"]
 
 WRONG_SIGN, EXPECTED_SPREAD = 0.1, 0.3
-"""Prior probability that an effect that dissipates or restores does the opposite; prior standard deviation, over its
-size, of a coefficient whose size is known."""
+"""Prior probability that an effect that dissipates or restores does the opposite; prior standard deviation of a
+coefficient whose size is known, over it."""
 
 
 def log_ranges(regressor: Regressor, mean: OfSets, sd: OfSets) -> OfSets:
@@ -161,18 +151,11 @@ def _log_near_size(mean: np.ndarray, variance: np.ndarray, expected: float, prio
 
 @dataclass(frozen=True)
 class Reach:
-    """Limits of a search.
+    """Limits of a search: largest numbers of effects, of sensor errors, of regressors not free, and of sets kept.
 
-    Attributes:
-        effects: Largest number of effects.
-        sensors: Largest number of errors of sensors and inputs. One that is refused is taken for an effect: beside a
-            delay and a drift an offset was a constant force and a quadratic spring.
-        members: Largest number of regressors that are not free.
-        beam: Number of the likeliest sets whose neighbours are weighed.
-        swapped: Number of the likeliest sets of which one regressor is exchanged for any other, once nothing else
-            changes.
-        window: Nats behind the likeliest set within which sets are kept.
-        kept: Largest number of sets that are kept.
+    The neighbours of the `beam` likeliest sets are weighed, and one regressor of the `swapped` likeliest is exchanged
+    for any other. Sets are kept within a `window` of nats. A sensor error that is refused is taken for an effect:
+    beside a delay and a drift an offset was a constant force and a quadratic spring.
     """
 
     effects: int = 3
@@ -188,10 +171,7 @@ def search(
     regressors: Sequence[Regressor], log_weights: Callable[[Sets], OfSets], reach: Reach,
     among: Sequence[int] | None = None,
 ) -> list[Set]:  # fmt: skip
-    """Return the sets within the window, likeliest first; among equal ones those of earlier regressors come first.
-
-    Only the regressors `among` may be in them, beside the user's terms; None for all.
-    """
+    """Return the sets of all or some regressors within the window, likeliest first; of equals the earlier first."""
     space = _Space(regressors, reach, range(len(regressors)) if among is None else sorted(among))
     weights: dict[Set, float] = {}
 
@@ -244,7 +224,6 @@ class _Space:
         return [each for each in sets if self._fits(each)]
 
     def swaps(self, members: Set) -> list[Set]:
-        """Return the sets with any other regressor in the place of one."""
         every = [other for _, without in self._without_one(members) for other in self.neighbours(without)]
         return [other for other in every if len(other) == len(members)]
 
@@ -252,9 +231,6 @@ class _Space:
         return [(i, tuple(j for j in members if j != i)) for i in members if self.regressors[i].kind != FREE]
 
     def _fits(self, members: Set) -> bool:
-        kinds = [self.regressors[i].kind for i in members]
-        return (
-            len(members) - len(self.free) <= self.reach.members
-            and kinds.count(EFFECT) <= self.reach.effects
-            and kinds.count(SENSOR) <= self.reach.sensors
-        )
+        kinds, reach = [self.regressors[i].kind for i in members], self.reach
+        few = kinds.count(EFFECT) <= reach.effects and kinds.count(SENSOR) <= reach.sensors
+        return few and len(members) - len(self.free) <= reach.members

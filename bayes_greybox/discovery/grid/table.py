@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,8 +11,7 @@ from jaxtyping import Float, Int
 from .latent_force import LatentForce
 
 FREE, CORRECTION, SENSOR, EFFECT = "free", "correction", "suspect", "effect"
-"""Kinds of regressors, as files have them: the user's terms, the simulation's coefficients, errors of sensors and
-inputs, effects of the catalogue."""
+"""Kinds of regressors, as files have them: own terms, the simulation's coefficients, errors of channels, effects."""
 
 
 FREE_SCALE = 10.0
@@ -28,9 +27,8 @@ class Regressor:
         name: Name in the tables of probabilities: an effect's slug, else the group.
         sd: Prior standard deviation of its coefficient, in the unit of the target per unit of the column.
         log_weight: Log prior weight of this value of the nonlinear parameters among those of its group.
-        sign: Sign that physics expects of its coefficient; 0 where it expects none.
-        expected: Expected size of its coefficient; 0 where nothing is known.
-        limits: Least and largest value of its coefficient, in prior standard deviations; infinite where there is none.
+        sign, expected: Sign and size that physics expects of its coefficient; 0 where it expects none.
+        limits: Least and largest value of its coefficient, in prior standard deviations.
         sure: Name that it shares with other errors of sensors, of which one at least is sure to be there; "" for none.
     """
 
@@ -54,27 +52,17 @@ class Regressor:
 
 @dataclass(frozen=True)
 class Features:
-    """Features of a discrepancy.
-
-    Attributes:
-        rows: Effects of the features on the rows.
-        acting: Features at the samples, in the unit of the force; the very rows where these are rates.
-    """
+    """Features of a discrepancy: their effects on the rows, and themselves at the samples, in the unit of the force."""
 
     rows: Float[np.ndarray, "n_row n_feature"]
     acting: Float[np.ndarray, "n_sample n_feature"]
 
-    def beside(self, other: "Features") -> "Features":
-        """Return these features with others."""
-        return Features(np.hstack([self.rows, other.rows]), np.hstack([self.acting, other.acting]))
-
 
 @dataclass(frozen=True)
 class RegressorTable:
-    """Target and regressors at rows in order of time, each run by itself.
+    """Target, of unit size, and regressors at rows in order of time, each run by itself.
 
     Attributes:
-        target: y, of unit size.
         acting: Regressors at the samples, in the unit of the force; zero for those that act on a sensor alone.
         law: Features of f; none where no f is weighed.
         frequency: Square roots of the Laplacian's eigenvalues of the features.
@@ -101,21 +89,6 @@ class RegressorTable:
         return tuple(i for i, each in enumerate(self.regressors) if each.kind == kind)
 
 
-@runtime_checkable
-class HasPrior(Protocol):
-    """A regressor, or a column that will be one."""
-
-    @property
-    def kind(self) -> str:
-        """Kind of the regressor."""
-        ...
-
-    @property
-    def sd(self) -> float:
-        """Prior standard deviation of its coefficient."""
-        ...
-
-
-def of_any_size(regressors: Sequence[HasPrior]) -> list[int]:
-    """Return the places of the user's own terms without a stated prior."""
+def of_any_size(regressors: Sequence[Any]) -> list[int]:
+    """Return the places of the user's own terms without a stated prior, among regressors or columns."""
     return [i for i, each in enumerate(regressors) if each.kind == FREE and each.sd >= FREE_SCALE]

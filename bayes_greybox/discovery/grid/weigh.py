@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.ties import ranked
@@ -18,8 +18,7 @@ from .sets import Reach, Set, SetPrior, Sets, Window, log_ranges, search
 from .table import FREE, RegressorTable
 
 LEAST_NOISE, RANGES_WINDOW = 1e-6, 30.0
-"""Least first guess of the noise, over the RMS of the gap; nats below the likeliest set within which signs and limits
-are weighed: far beyond the window of the search."""
+"""Least first guess of the noise over the RMS of the gap; nats within which signs and limits are weighed."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +27,8 @@ class Hypothesis:
 
     Attributes:
         agreement: Probability averaged over bagged records.
-        kinds: Probability of each kind of discrepancy beside it, given the set.
-        memories: Probability of each memory, given the set.
-        points: Probability of each noise point, given the set.
-        point: Number of its likeliest noise point.
-        noise: Standard deviation of the sensor's noise there.
-        mean: Posterior means of its coefficients there.
+        kinds, memories, points: Probabilities of each discrepancy, memory and noise point, given the set.
+        point: Its likeliest noise point, where `noise`, `mean` and `covariance` are taken.
         sizes: RMS of the part of each regressor's contribution that the others of the set cannot explain.
         left: RMS of the smoothed discrepancy, apart from the user's own terms of any size, times the root of the
             probability that there is one.
@@ -137,10 +132,7 @@ class Weighed:
         return next(h for h in self.hypotheses if h.members == free)
 
     def white(self, hypothesis: Hypothesis) -> Float[np.ndarray, " n_white"]:
-        """Return the whitened residual of a hypothesis at its likeliest noise point with white, normal noise.
-
-        It is white and of unit variance where the model is right.
-        """
+        """Return the whitened residual of a hypothesis at its likeliest noise point with white, normal noise."""
         number, residual, v = self._likeliest(hypothesis, [point.shape == 0 for point in self.grid.points])
         return self._residuals.white(number, residual)[0][:, 0] / np.sqrt(v)
 
@@ -157,10 +149,7 @@ class Weighed:
         return white[:, 0] / (hypothesis.noise * np.sqrt(1 - leverage))
 
     def latent_force(self, hypothesis: Hypothesis) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return mean and standard deviation of the smoothed latent force beside a hypothesis, at the samples, scaled.
-
-        It is that of the likeliest noise point with a latent force, or with a law where no latent force is weighed.
-        """
+        """Return mean and SD of the smoothed force beside a hypothesis (a law, where none is weighed), scaled."""
         kinds = [point.kind for point in self.grid.points]
         wanted = LATENT_FORCE if LATENT_FORCE in kinds else LAW
         number, residual, v = self._likeliest(hypothesis, [kind == wanted for kind in kinds])
@@ -183,12 +172,11 @@ def weigh(
     table: RegressorTable, odds: Odds, reach: Reach, floor: float, shapes: Sequence[tuple[LatentForce, float]] = (),
     seed: int = 0, window: Window | None = None,
 ) -> Weighed:  # fmt: skip
-    """Return the hypotheses of a table; `shapes` are forces and added log priors of further noise shapes.
-
-    The floor is the least variance of the noise, in units of the target's; the seed is that of the bagged records.
-    """
+    """Return the hypotheses of a table; `shapes` are forces and log priors of noise shapes, `floor` the least v."""
     forces, regressors = (table.force, *(force for force, _ in shapes)), table.regressors
-    prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior.among(regressors)
+    prior = SetPrior.of(regressors, odds, reach.effects) if window is None else window.prior
+    # Fewer effects and sensor errors have the prior of all.
+    prior = replace(prior, regressors=regressors)
     points = _noise_grid(table, odds, floor, window).points((0.0, *(log_prior for _, log_prior in shapes)))
     if window is not None and window.complete:
         points = tuple(point for point in points if not point.unnamed)
@@ -200,7 +188,6 @@ def weigh(
 
 
 def _weighed(weight: "_Weight", forces: tuple[LatentForce, ...], reach: Reach, seed: int) -> Weighed:
-    """Return the hypotheses that a search among their weights keeps."""
     table, precision, floor, prior = weight.table, weight.precision, weight.floor, weight.prior
     regressors, points = table.regressors, weight.products.points
     sets = search(regressors, weight.total, reach)
@@ -277,7 +264,6 @@ class _Weight:
         return log_prior - np.logaddexp.reduce(log_prior[~unnamed]), unnamed
 
     def by_point(self, sets: Sets) -> Float[np.ndarray, "n_set n_point"]:
-        """Return the log weight of each set under each point."""
         on_grid, unnamed = self._on_grid
         log_prior = self.prior.logs(sets)
         logs = log_evidences(self.products, self.precision, sets, self.floor)
@@ -285,7 +271,6 @@ class _Weight:
         return logs + self._ranges(sets, logs)[:, None]
 
     def total(self, sets: Sets) -> Float[np.ndarray, " n_set"]:
-        """Return the log weight of each set."""
         return np.logaddexp.reduce(self.by_point(sets), axis=1)
 
     def _ranges(self, sets: Sets, logs: np.ndarray) -> np.ndarray:
@@ -298,23 +283,18 @@ class _Weight:
             places = np.flatnonzero(waiting & (totals + added > np.max(totals + added) - RANGES_WINDOW))
             if not len(places):
                 return added
-            added[places] = self._ranged([sets[k] for k in places.tolist()], np.argmax(logs[places], axis=1))
+            chosen = [sets[k] for k in places.tolist()]
+            mode = modes(self.products, self.precision, chosen, np.argmax(logs[places], axis=1), self.floor)
+            by_regressor: dict[int, list[tuple[int, float, float]]] = {}
+            for k, members, mean, covariance in zip(places.tolist(), chosen, mode.mean, mode.covariance, strict=True):
+                for place, i in enumerate(members):
+                    if regressors[i].ranged:
+                        sd = float(np.sqrt(max(covariance[place, place], 0.0)))
+                        by_regressor.setdefault(i, []).append((k, float(mean[place]), sd))
+            for i, items in by_regressor.items():
+                rows, mean, sd = (np.array(x) for x in zip(*items, strict=True))
+                added[rows] += log_ranges(regressors[i], mean, sd)
             waiting[places] = False
-
-    def _ranged(self, sets: Sets, best: Int[np.ndarray, " n_set"]) -> Float[np.ndarray, " n_set"]:
-        """Return the change due to signs and limits, each set at its own point."""
-        regressors, added = self.table.regressors, np.zeros(len(sets))
-        mode = modes(self.products, self.precision, sets, best, self.floor)
-        by_regressor: dict[int, list[tuple[int, float, float]]] = {}
-        for k, (members, mean, covariance) in enumerate(zip(sets, mode.mean, mode.covariance, strict=True)):
-            for place, i in enumerate(members):
-                if regressors[i].ranged:
-                    sd = float(np.sqrt(max(covariance[place, place], 0.0)))
-                    by_regressor.setdefault(i, []).append((k, float(mean[place]), sd))
-        for i, items in by_regressor.items():
-            rows, mean, sd = (np.array(x) for x in zip(*items, strict=True))
-            added[rows] += log_ranges(regressors[i], mean, sd)
-        return added
 
 
 def _apart(products: np.ndarray, members: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -30,19 +30,13 @@ from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.parameters import step_to
 from bayes_greybox.physics.terms import Term
 
-LEAST_SHAPE_ODDS, LEAST_WHITE_SCALE = -3.0, 1e-6
-"""Log posterior odds of a shape over white noise below which it is not added; least scale of whitened residuals."""
-
-
 AtRows = Float[np.ndarray, " n_row"]
 
 
 class Shape(NamedTuple):
-    """One shape of the noise.
+    """One shape of the noise: relative standard deviations of the rows as they came.
 
-    Attributes:
-        spread: Relative standard deviation of the noise of each row as it came.
-        log_prior: Log prior that it adds to a noise point: its prior odds, and its parameters' cost.
+    `log_prior` is added to that of a noise point: the prior odds of the shape, and its parameters' cost.
     """
 
     name: str
@@ -52,10 +46,10 @@ class Shape(NamedTuple):
 
 
 def noise_shapes(white: AtRows, quantities: Mapping[str, AtRows], odds: Odds) -> tuple[Shape, ...]:
-    """Return the shapes that a residual speaks for."""
+    """Return the shapes that a residual speaks for, down to log posterior odds of −3 over white noise."""
     if len(white) < LEAST_ROWS or not np.all(np.isfinite(white)):
         return ()
-    plain, prior = NoiseModel(WhiteNoise((len(white),))), NoisePrior(LEAST_WHITE_SCALE, 1.0)
+    plain, prior = NoiseModel(WhiteNoise((len(white),))), NoisePrior(1e-6, 1.0)
     log_odds = math.log(odds.noise) - math.log1p(-odds.noise)
 
     def grows(model: NoiseModel) -> Any:
@@ -65,7 +59,7 @@ def noise_shapes(white: AtRows, quantities: Mapping[str, AtRows], odds: Odds) ->
         return heavy(white, model, prior)
 
     def likely(suspicion: Any) -> bool:
-        return suspicion is not None and suspicion.log_bayes_factor + log_odds > LEAST_SHAPE_ODDS
+        return suspicion is not None and suspicion.log_bayes_factor + log_odds > -3.0
 
     worth = [s for s in (grows(plain), has_tails(plain)) if likely(s)]
     if len(worth) == 2:
@@ -85,8 +79,8 @@ SETTLED_SHARE = 0.3
 """Coefficients that move by less than this share of their posterior standard deviation stay."""
 
 MATTERS = 1e-3
-"""Least probability of an effect, an error or a memory that is weighed, and whose values are refined, until the
-likeliest hypothesis stays."""
+"""Least probability of an effect, an error or a memory to be weighed and refined until the likeliest hypothesis
+stays."""
 
 LARGEST_ERROR, LARGEST_DELAY = 3.0, 2.0
 """An error of a sensor is small: at most so many of its prior standard deviations, or it is no such error."""
@@ -124,10 +118,9 @@ class Point:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Rows and regressors near a point.
+    """Rows and regressors near a point, on data that are free of the sensor errors there.
 
     Attributes:
-        data: Training data, free of the sensor errors of the point.
         place: Places of these rows among all: a delay takes some out of their run.
         floor: Least variance of the noise, scaled: rounding.
         unit: Log of the scaled rows' unit in that of the readings, so that evidences near different points compare.
@@ -160,8 +153,7 @@ class Near:
     @property
     def log_evidence(self) -> float:
         """Return the log evidence of all hypotheses together, of the readings in their own units."""
-        logs = [hypothesis.log_weight for hypothesis in self.weighed.hypotheses]
-        return float(np.logaddexp.reduce(logs)) - self.log_unit
+        return float(np.logaddexp.reduce([h.log_weight for h in self.weighed.hypotheses])) - self.log_unit
 
     @property
     def log_unit(self) -> float:
@@ -181,15 +173,9 @@ class Near:
         return sums
 
     def log_weight_alone(self, label: str, reach: Reach) -> float:
-        """Return the log weight of the likeliest hypothesis without discrepancy and with no effect but one.
-
-        It is −∞ if that hypothesis has not even this one. Errors of sensors are those of the linearisation point.
-        """
-        of_effect = self.regressors.group(label)
-        own, errors = [], self.rows.point.sensors
-        for i, column in enumerate(self.regressors.columns):
-            if column.effect is None and (column.suspect is None or column.suspect.key in errors):
-                own.append(i)
+        """Return the log weight of the likeliest hypothesis that leaves nothing, with this effect alone; −∞ without."""
+        columns, of_effect = enumerate(self.regressors.columns), self.regressors.group(label)
+        own = [i for i, column in columns if column.effect is None and column.suspect is None]
         members, log_weight = self.weighed.likeliest_among([*own, *of_effect], reach)
         has = not label or set(members).intersection(of_effect)
         return log_weight - self.log_unit if has else -np.inf

@@ -14,19 +14,9 @@ from jaxtyping import Float, Int
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
+from bayes_greybox.discovery.sensor_errors import channels
 from bayes_greybox.discovery.sensor_errors.bends import BEND_POWERS
-from bayes_greybox.discovery.sensor_errors.channels import (
-    DELAY,
-    GAIN,
-    ErrorColumns,
-    Rate,
-    Sizes,
-    calibrated,
-    delays_of,
-    measured_at,
-    shifted,
-    slope_along,
-)
+from bayes_greybox.discovery.sensor_errors.channels import ErrorColumns, Rate, Sizes
 from bayes_greybox.discovery.sensor_errors.sensors import bent_by, input_columns, sensor_columns
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
@@ -37,38 +27,29 @@ from bayes_greybox.running.errors import InputError
 
 from .near import Point
 
-IDENTIFIABLE = 1e-3
-"""Least share of a sensor error's column that no start of the path can take over; below it the error cannot be
-identified."""
-
 SCALED, PROPORTIONAL = 1.01, 1e-6
-"""Factor of states in another unit, near enough to one for them to stay where equations are defined, and relative
-tolerance of columns that are proportional."""
+"""Factor of states in another unit, near one for them to stay where equations are defined, and relative tolerance."""
 
 
 def freed(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
     """Return samples without the errors of sensors and inputs, but for the delays of several sensors.
 
-    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it. The clock's
-    data are those that drifts were found on.
+    Where the only sensor is late, the path is that of its clock, and inputs are taken as much later to it.
     """
-    right, late = calibrated(samples, equation, sensors, clock), Shifts.of(samples, sensors)
+    right, late = channels.calibrated(samples, equation, sensors, clock), Shifts.of(samples, sensors)
     if not np.all(seen := seen_samples(samples)):
         # Put right, a sensor at its end does not stay at one value.
         right = replace(right, unseen=~seen)
-    moved = shifted(right, late.inputs) if any(late.inputs.values()) else right
+    moved = channels.shifted(right, late.inputs) if any(late.inputs.values()) else right
     return replace(moved, time=moved.time - late.clock) if late.clock else moved
 
 
 def put_right(samples: Trajectories, equation: str, sensors: Sizes, clock: Trajectories) -> Trajectories:
-    """Return samples without any errors: delays of several sensors are undone by splines, see `freed`.
-
-    Rows that were not measured at those times are left out.
-    """
+    """Return samples without any errors, where all were measured; delays of several sensors are undone by splines."""
     right, late = freed(samples, equation, sensors, clock), Shifts.of(samples, sensors)
     moved = {*late.inputs.values(), *late.states.values()} - {0.0}
     # The very samples where nothing moved: their path is known.
-    return shifted(right, late.states).keep(measured_at(samples, moved)) if moved else right
+    return channels.shifted(right, late.states).keep(channels.measured_at(samples, moved)) if moved else right
 
 
 class Shifts(NamedTuple):
@@ -81,19 +62,16 @@ class Shifts(NamedTuple):
     @classmethod
     def of(cls, samples: Trajectories, sensors: Sizes) -> "Shifts":
         """Return the shifts; the clock is that of the only sensor."""
-        late, names = delays_of(sensors), samples.state_names
+        late, names = channels.delays_of(sensors), samples.state_names
         clock = late.get(names[0], 0.0) if len(names) == 1 else 0.0
         inputs = {name: late.get(name, 0.0) - clock for name in samples.input_names}
         return cls(clock, inputs, {name: late[name] for name in names if name in late and len(names) > 1})
 
 
 class PathErrors(NamedTuple):
-    """Errors of sensors and inputs on rows near a model, in samples that are free of the errors so far.
+    """Errors of sensors, at the rows in the sensors' units, and of inputs, as forces at the nodes of the path.
 
-    Attributes:
-        sensors: Errors with their columns at the rows, in the sensors' units.
-        inputs: Errors with their forces along the path, at the nodes.
-        shown: Effect of the errors so far on the rows, each as its size times its column.
+    `shown` is the effect of the errors so far on the rows, each as its size times its column.
     """
 
     sensors: ErrorColumns
@@ -120,23 +98,25 @@ class PathErrors(NamedTuple):
         alone = [u for u in nodes.input_names if not any(_drives(u, simulation, name, nodes) for name in others)]
         inputs = input_columns(nodes, alone, _followed(rate, point.hidden, alone), step)
         by_key = {error.key: size for error, size in sizes.items()}
-        if not (len(samples.state_names) > 1 or nodes.input_names or _dated(simulation, nodes, step)):
+        later = replace(nodes, time=nodes.time + step)
+        dated = any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
+        if not (len(samples.state_names) > 1 or nodes.input_names or dated):
             # Nothing is late against anything: nothing was undone.
-            by_key = {key: 0.0 if key.startswith(DELAY) else size for key, size in by_key.items()}
+            by_key = {key: 0.0 if key.startswith(channels.DELAY) else size for key, size in by_key.items()}
         force = sum((by_key.get(error.key, 0.0) * column for error, column in inputs), np.zeros(nodes.n_obs))
         straight = [(error, column) for error, column in sensors if error.kind not in BEND_POWERS]
         shown = sum((by_key.get(error.key, 0.0) * column for error, column in straight), np.zeros(rows.n_row))
         # Straightened samples are bent again: noise at the ends of a range is that of the sensor again.
         shown = shown + bent_by(samples, sizes)[at_rows]
         # A delay is no product of size and column: the rest of a late sensor's reading is taken off.
-        before = shifted(modelled, {name: -by for name, by in late.items()})
+        before = channels.shifted(modelled, {name: -by for name, by in late.items()})
         moved = [before.column(name) - modelled.column(name) for name in samples.state_names]
         shown = shown - np.concatenate(moved)[at_rows]
         shown = shown + rows.gain * rows.operator(force[:, None])[:, 0]
         return cls(sensors, inputs, shown, nodes, samples, simulation)
 
     def identifiable(self, regressors: Regressors) -> ErrorColumns:
-        """Return the errors of sensors that samples identify, in the unit of the rows.
+        """Return the errors whose column no start of the path takes over to a thousandth, in the unit of the rows.
 
         Where nothing drives a system its clock may start at any time: a late sensor is another start.
         """
@@ -145,8 +125,8 @@ class PathErrors(NamedTuple):
         return [
             (error, column / gain)
             for error, column in self.sensors
-            if np.linalg.norm(noise.without_starts(column[:, None])) > IDENTIFIABLE * np.linalg.norm(column)
-            and not (error.kind == GAIN and unitless)
+            if np.linalg.norm(noise.without_starts(column[:, None])) > 1e-3 * np.linalg.norm(column)
+            and not (error.kind == channels.GAIN and unitless)
         ]
 
 
@@ -164,10 +144,7 @@ def _followed(rate: Rate, hidden: Sequence[HiddenState], inputs: Sequence[str]) 
 
 
 def _modelled(rows: EquationRows, data: Trajectories, added: Sequence[tuple[Term, float]]) -> Trajectories:
-    """Return data whose sampled states are those of the model, without the unknown force that moves the path.
-
-    The path follows the samples, noise and all: a gain of it would explain the samples by themselves.
-    """
+    """Return data whose sampled states are those of the model: the path itself follows the samples' noise."""
     samples = data.samples
     assert samples is not None and rows.operator is not None
     n_node = len(next(iter(rows.columns.values())))
@@ -188,10 +165,7 @@ def _at_rows(rows: EquationRows, samples: Trajectories) -> Int[np.ndarray, " n_r
 
 
 def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulation) -> bool:
-    """Return true if states in another unit are states of the same model with other coefficients, all of them learned.
-
-    A gain of the only sensor is then no more than its unit, and where it comes in it stands for something else.
-    """
+    """Return true if a gain of the only sensor is no more than its unit: learned coefficients make up for it."""
     scaled = replace(nodes, states={name: SCALED * x for name, x in nodes.states.items()})
 
     def factor(values: Callable[[Trajectories], np.ndarray]) -> float | None:
@@ -215,11 +189,6 @@ def _unitless(regressors: Regressors, nodes: Trajectories, simulation: Simulatio
     return all(f is not None and abs(f - SCALED) < PROPORTIONAL for f in simulated) and None not in free
 
 
-def _dated(simulation: Simulation, nodes: Trajectories, step: float) -> bool:
-    later = replace(nodes, time=nodes.time + step)
-    return any(not np.array_equal(simulation.on(nodes, k), simulation.on(later, k)) for k in simulation.equations)
-
-
 def _drives(name: str, simulation: Simulation, equation: str, data: Trajectories) -> bool:
-    slope = slope_along(data, lambda at: simulation.on(at, equation), name, np.ones(data.n_obs))
+    slope = channels.slope_along(data, lambda at: simulation.on(at, equation), name, np.ones(data.n_obs))
     return bool(np.any(slope != 0))

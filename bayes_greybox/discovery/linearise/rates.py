@@ -14,36 +14,9 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import ForcedRates, KnownNoise, LatentForce, rough_noise
 from bayes_greybox.discovery.grid.points import OUTPUT_SCALES, SENSOR_SCALES
-from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import Regressors
-from bayes_greybox.discovery.sensor_errors.channels import (
-    DELAY,
-    DEPARTURE,
-    DRIFT,
-    GAIN,
-    ChannelSuspect,
-    ErrorColumns,
-    Rate,
-    Sizes,
-    calibrated,
-    delays_of,
-    measured_at,
-    run_slices,
-    slope_along,
-    suspect_columns,
-    undone,
-    with_columns,
-    within,
-)
-from bayes_greybox.discovery.sensor_errors.kinematics import (
-    departing,
-    disagreeing,
-    free_of,
-    in_step,
-    known_errors,
-    sizes_of,
-    without_departures,
-)
+from bayes_greybox.discovery.sensor_errors import channels, kinematics
+from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect, ErrorColumns, Rate, Sizes
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
 from bayes_greybox.discovery.sensor_errors.noisy_inputs import noise_columns, noisy_inputs, without_noise
 from bayes_greybox.discovery.sensor_errors.samples import Smoother, integrated, known_rates, misread
@@ -53,10 +26,7 @@ from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 
 from .near import Point, Rows
-from .source import Source, modelled_rate, period_of
-
-CHANGE_OF = "change of {}"
-"""Name of the change of the rate, or of an output, with which noise grows where the time stamps jitter."""
+from .source import Source, modelled_rate, period_of, regressors_of, with_hidden_states
 
 ByChannel = dict[str, Bool[np.ndarray, " n_obs"]]
 """True at some rows, by channel."""
@@ -77,19 +47,19 @@ class RateRows(Source):
         noise = {name: each.left for name, each in self.sample_noise.items()}
         if train.filter is not None:
             noise = train.filter.noise_of_states(train.row_steps)
-        self.known = known_errors(smooth, simulation, noise)
+        self.known = kinematics.known_errors(smooth, simulation, noise)
         self._measured = self._right(smooth)
-        self._in_step = in_step(self._measured, simulation, noise)
+        self._in_step = kinematics.in_step(self._measured, simulation, noise)
         # What smoothing, or the integral of a rate, makes of channels whose samples have something besides.
-        self._better = {**noisy_inputs(self._measured), **departing(self._measured, simulation, noise)}
-        self._sure = disagreeing(self._measured, simulation, noise)
+        self._better = {**noisy_inputs(self._measured), **kinematics.departing(self._measured, simulation, noise)}
+        self._sure = kinematics.disagreeing(self._measured, simulation, noise)
         self._out = (*self.clipped.values(), *self.misread.values(), *self._beyond(train))
         self._gap = 0.0
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
-        delays = delays_of(point.sensors)
-        whole = undone(self._measured, self.equation, delays)
+        delays = channels.delays_of(point.sensors)
+        whole = channels.undone(self._measured, self.equation, delays)
         used = _usable(self._measured, self.equation, delays, self._out)
         model = with_hidden_states(self.model.at(point.parameters), point.hidden, whole)
         # Hidden states follow the inputs as these were.
@@ -102,18 +72,22 @@ class RateRows(Source):
         own = () if point.added else regressors.own_terms()
         rate = modelled_rate(model, whole, self.equation, (*added, *own))
         columns, known = [], {error.key for error in self.known}
-        driven = _driven(model, self.equation, rate)
+
+        def driven(at: Trajectories) -> np.ndarray:
+            """Return the rate with hidden states that follow the columns."""
+            return rate(model.rows.complete(at, self.equation, model.simulator(at)) if model.starts else at)
+
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
-        quiet = undone(with_columns(self._measured, {e.channel: x for e, x in noisy.items()}), self.equation, delays)
-        noise = noise_columns(whole, quiet, noisy, driven)
-        drifting = [replace(error, kind=DRIFT) for error in noisy if error.kind == DEPARTURE]
-        drifting += [error for error in self._sure.values() if error.kind == DRIFT]
-        drifts = _drifts(whole, drifting, driven)
-        for error, column in (*drifts, *suspect_columns(whole, self.equation, driven), *noise):
+        better = channels.with_columns(self._measured, {error.channel: x for error, x in noisy.items()})
+        noise = noise_columns(whole, channels.undone(better, self.equation, delays), noisy, driven)
+        others = channels.suspect_columns(whole, self.equation, driven)
+        drifting = [replace(error, kind=channels.DRIFT) for error in noisy if error.kind == channels.DEPARTURE]
+        drifting += [error for error in self._sure.values() if error.kind == channels.DRIFT]
+        for error, column in (*_drifts(whole, drifting, driven), *others, *noise):
             error = self._sure.get(error.key, error)
-            if error.sure and error.kind == GAIN:
+            if error.sure and error.kind == channels.GAIN:
                 column = _secant(whole, driven, error)
-            if error.kind == DELAY:
+            if error.kind == channels.DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
             # No sensor reads what follows from its start.
@@ -122,7 +96,7 @@ class RateRows(Source):
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [*(error.key for error in point.sensors), *self._sure])
         # Delays were undone, and each is added again as its size times its column.
-        late = {error.key: size for error, size in point.sensors.items() if error.kind == DELAY}
+        late = {error.key: size for error, size in point.sensors.items() if error.kind == channels.DELAY}
         regressors.freed = [*regressors.freed, *late]
         for k, column in enumerate(regressors.columns):
             if column.called in late:
@@ -148,9 +122,9 @@ class RateRows(Source):
         data = rows.data
         simulated = self.model.simulator(data).on(data, self.equation)
         quantities = {**data.columns, f"simulated {rows.regressors.rows.label}": simulated}
-        values, runs = rows.rate(data), run_slices(data.run)
+        values, runs = rows.rate(data), channels.run_slices(data.run)
         if all(each.stop - each.start > 1 for each in runs):
-            name = CHANGE_OF.format(data.target_in_words(self.equation, article="the "))
+            name = f"change of {data.target_in_words(self.equation, article='the ')}"
             quantities[name] = np.concatenate([np.gradient(values[each], data.time[each]) for each in runs])
         operator = rows.regressors.rows.operator
         return quantities if operator is None else {k: column[operator.sample] for k, column in quantities.items()}
@@ -159,34 +133,26 @@ class RateRows(Source):
         self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories, hidden: Sequence[HiddenState] = ()
     ) -> Trajectories:
         """See `Source.put_right`."""
-        delays = delays_of(point.sensors)
+        delays = channels.delays_of(point.sensors)
         out: tuple[np.ndarray, ...] = ()
         if self.equation in data.derivatives:
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})
             out = (*_at_end(data, self.equation).values(), *slips.values())
         quiet = without_noise(self._right(self._smooth(data)), sensors)
-        quiet = without_departures(quiet, self.model.simulator(data), sensors)
-        right = calibrated(undone(quiet, self.equation, delays), self.equation, sensors, clock)
+        quiet = kinematics.without_departures(quiet, self.model.simulator(data), sensors)
+        right = channels.calibrated(channels.undone(quiet, self.equation, delays), self.equation, sensors, clock)
         # Hidden states follow the right inputs, also where rows are left out.
         model = self.model.at(point.parameters).remembering(hidden, right)
         right = model.rows.complete(right, self.equation, model.simulator(right))
         return right.keep(_usable(data, self.equation, delays, (*out, *self._beyond(data))))
 
     def _right(self, data: Trajectories) -> Trajectories:
-        """Return the data without the errors that are known."""
-        return free_of(data, sizes_of(self.known))
+        return kinematics.free_of(data, kinematics.sizes_of(self.known))
 
     def _beyond(self, data: Trajectories) -> list[Bool[np.ndarray, " n_obs"]]:
         """Return rows at ends of runs that a late state was not measured at."""
-        late = delays_of(sizes_of(self.known)).values()
-        return [~measured_at(data, set(late))] if late and _separable(data) else []
-
-
-def _driven(model: Program, equation: str, rate: Rate) -> Rate:
-    """Return a rate whose hidden states follow the columns that it is asked at."""
-    if not model.starts:
-        return rate
-    return lambda data: rate(model.rows.complete(data, equation, model.simulator(data)))
+        late = channels.delays_of(kinematics.sizes_of(self.known)).values()
+        return [~channels.measured_at(data, set(late))] if late and _separable(data) else []
 
 
 def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) -> ErrorColumns:
@@ -195,13 +161,13 @@ def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) ->
     if not span > 0:
         return []
     along = (data.time - np.mean(data.time)) / span
-    return [(each, -slope_along(data, rate, each.channel, along)) for each in errors]
+    return [(each, -channels.slope_along(data, rate, each.channel, along)) for each in errors]
 
 
 def _secant(data: Trajectories, rate: Rate, error: ChannelSuspect) -> np.ndarray:
     """Return the change of the rate per unit of a gain, between none and the expected one: units may be mistaken."""
     right = data.column(error.channel) / (1.0 + error.expected)
-    return (rate(with_columns(data, {error.channel: right})) - rate(data)) / error.expected
+    return (rate(channels.with_columns(data, {error.channel: right})) - rate(data)) / error.expected
 
 
 def _gap(regressors: Regressors, floor: float) -> float:
@@ -245,16 +211,16 @@ def _mended(data: Trajectories, equation: str, rate: Rate) -> tuple[Trajectories
     for name, values in data.columns.items():
         if name in data.computed:
             continue
-        slope = slope_along(data, rate, name, ones)
+        slope = channels.slope_along(data, rate, name, ones)
         out, better = misread(values, data.run, data.rate(equation), slope)
         if np.any(out):
             slips[name], columns[name] = out, better
-    return (with_columns(data, columns) if slips else data), slips
+    return (channels.with_columns(data, columns) if slips else data), slips
 
 
 def _usable(data: Trajectories, equation: str, delays: Mapping[str, float], out: Sequence[np.ndarray]) -> np.ndarray:
     """Return true for rows that are not out, and whose states and inputs were measured where delays take them."""
-    used = within(data, equation, delays) if _separable(data) else np.ones(data.n_obs, bool)
+    used = channels.within(data, equation, delays) if _separable(data) else np.ones(data.n_obs, bool)
     return np.logical_and.reduce([used, *(~rows for rows in out)])
 
 

@@ -30,24 +30,15 @@ LARGEST_SHARE = 0.2
 """Posterior probability of the likeliest value below which values are near enough for intervals to be smooth."""
 
 MOST_ZOOMS, ZOOM_VALUES = 5, 9
-"""Largest number of times that the grid of one parameter is refined around its best value, and the number of new
-values each time."""
+"""Most refinements of the grid of one parameter around its best value, and new values each time."""
 
 MOST_CLOUDS, ENOUGH_VALUES = 16, 12.0
-"""Largest number of clouds of values of several parameters, each at the posterior mode after the one before, and
-effective number of values, 1/Σp², from which on intervals are smooth. A cloud is no narrower than half of the one
-before: sixteen reach a millionth of the range, where a resonance is known to a few parts in ten thousand."""
-
-LEAST_WIDTH = 1e-3
-"""Least standard deviation, as a share of the range, of the first cloud around values refined before: they may lie on a
-line, or be one. Weights are right around any cloud: it only saves some of the halvings from the first grid's width."""
-
-MOST_COMPANIONS = 3
-"""Number of companions, likeliest first, beside which an effect's values are refined."""
+"""Most clouds of values of several parameters, each at the mode after the one before and no narrower than half of it,
+and effective number of values, 1/Σp², from which on intervals are smooth."""
 
 CARRIED_SHARE, LEAST_KEPT, KEPT_NATS = 0.99, 8, 12.0
-"""Share of the posterior that the kept values carry: without the rest the evidence loses 0.01 nats; with less,
-intervals are too narrow. At least so many are kept within the nats behind the best, for rows that will move."""
+"""Share of the posterior that the kept values carry: without the rest the evidence loses 0.01 nats. At least so many
+are kept within the nats behind the best, for rows that will move."""
 
 
 class Ground(NamedTuple):
@@ -84,8 +75,8 @@ def refined(
 ) -> tuple[dict[str, Values], frozenset[Company]]:
     """Return finer values of the effects that need them, by their labels, and the companies they were refined in.
 
-    The likeliest value depends on the regressors beside an effect: its values are refined alone at first, then beside
-    its likeliest companions.
+    The likeliest value depends on the regressors beside an effect: it is refined alone first, then beside the
+    likeliest.
     """
     searched: dict[str, list[_Context]] = {}
     companies = set(before)
@@ -95,19 +86,17 @@ def refined(
         if any((label, names) not in before for names in contexts):
             searched[label] = list(contexts.values())
             companies |= {(label, names) for names in contexts}
-    rival = _best_alone(ground) if searched and not hypotheses else -np.inf
+    rival = -np.inf
+    if searched and not hypotheses:
+        # The likeliest regressor beside the user's terms alone, at the first noise point.
+        table, free = ground.table, ground.table.of_kind(FREE)
+        singles = [(*free, i) for i in range(len(table.regressors)) if i not in free]
+        precision = np.array([each.sd**-2.0 for each in table.regressors])
+        products = replace(gram(table, ground.points[:1], ground.forces), log_det=np.zeros(1))
+        rival = float(np.max(log_evidences(products, precision, singles, ground.floor), initial=-np.inf))
     found = in_threads(lambda label: _Search(regressors, ground, label, rival).values(searched[label]), searched)
     finer = {label: values for label, values in zip(searched, found, strict=True) if values is not None}
     return finer, frozenset(companies)
-
-
-def _best_alone(ground: Ground) -> float:
-    """Return the log evidence of the likeliest regressor beside the user's terms alone, at the first noise point."""
-    table, free = ground.table, ground.table.of_kind(FREE)
-    singles = [(*free, i) for i in range(len(table.regressors)) if i not in free]
-    precision = np.array([each.sd**-2.0 for each in table.regressors])
-    products = replace(gram(table, ground.points[:1], ground.forces), log_det=np.zeros(1))
-    return float(np.max(log_evidences(products, precision, singles, ground.floor), initial=-np.inf))
 
 
 class _Context(NamedTuple):
@@ -118,10 +107,7 @@ class _Context(NamedTuple):
 
 
 def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesis]) -> dict[tuple[str, ...], _Context]:
-    """Return the likeliest contexts of an effect by the names in them, none that is unlikely.
-
-    Values that fit one which has no probability would stand for the effect in all.
-    """
+    """Return the likeliest contexts of an effect by the names in them, none that is unlikely."""
     free, group = tuple(regressors.of_kind(FREE)), set(regressors.group(label))
     if not hypotheses:
         freed = [i for i, column in enumerate(regressors.columns) if column.called in regressors.freed]
@@ -136,15 +122,14 @@ def _contexts(regressors: Regressors, label: str, hypotheses: Sequence[Hypothesi
         # The likeliest comes first.
         contexts.setdefault(names, _Context(others, hypothesis.point))
         probability[names] = probability.get(names, 0.0) + hypothesis.probability
-    likely = sorted(contexts, key=lambda names: -probability[names])[:MOST_COMPANIONS]
+    likely = sorted(contexts, key=lambda names: -probability[names])[:3]
     return {names: contexts[names] for names in likely if probability[names] > MATTERS}
 
 
 class _Search:
-    """Search for values of one effect's parameters; columns are evaluated once, and bases whitened once.
+    """Search for values of one effect's parameters, each time from the first ones, which stand for the whole prior.
 
-    Every search begins at the first values, which stand for the whole prior. Values that were refined before stand for
-    the posterior then: they say where to look now.
+    Values that were refined before stand for the posterior then: they say where to look now.
     """
 
     def __init__(self, regressors: Regressors, ground: Ground, label: str, rival: float) -> None:
@@ -213,11 +198,11 @@ class _Search:
                 # At a peak the best of a cloud is nearer to its top than to the cloud's middle.
                 if cloud is not None and 2 * np.max(logs) - np.median(inside) < self._rival - KEPT_NATS:
                     break
-                # Values that were refined before are in no cloud yet: one around them comes first.
+                # Values that were refined before are in no cloud yet: one around these, or this one, comes first.
                 centre = known[int(np.argmax(tabled))] if behind else shares[int(np.argmax(posterior))]
                 if cloud is None and behind:
                     away = known - centre
-                    covariance = 1.5**2 * (away.T * _shares(tabled)) @ away + LEAST_WIDTH**2 * unit
+                    covariance = 1.5**2 * (away.T * _shares(tabled)) @ away + 1e-3**2 * unit
                 elif cloud is None:
                     # Between neighbours of the first grid, which has as many values of each parameter.
                     covariance = (0.5 / n_each) ** 2 * unit

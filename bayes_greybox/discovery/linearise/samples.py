@@ -13,7 +13,6 @@ from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.latent_force import gap_size
 from bayes_greybox.discovery.grid.path_force import ForcedPath, PathSteps
-from bayes_greybox.discovery.linearise.source import regressors_of, with_hidden_states
 from bayes_greybox.discovery.regressors.regressors import FREE, Regressors
 from bayes_greybox.discovery.sensor_errors.channels import Sizes
 from bayes_greybox.discovery.sensor_errors.memory import drift_columns, memory_columns
@@ -28,11 +27,7 @@ from bayes_greybox.running.errors import InputError
 
 from .near import Point, Rows
 from .path_sensors import PathErrors, freed, put_right
-from .source import Source, modelled_rate, period_of
-
-INSIDE_SDS, MOST_INSIDE = 3.0, 0.5
-"""A path is inside a sensor's range by more than so many standard deviations of its noise; it contradicts an answer
-at more than this share of the samples at which the sensor was at its end."""
+from .source import Source, modelled_rate, period_of, regressors_of, with_hidden_states
 
 
 class SampleRows(Source):
@@ -106,7 +101,8 @@ class SampleRows(Source):
         for name, at_end in self.clipped.items():
             end, path = samples.states[name][at_end], rows.data.column(name)[at_end]
             distance = np.where(end == np.max(samples.states[name]), end - path, path - end)
-            if np.mean(distance > INSIDE_SDS * noise[name]) > MOST_INSIDE:
+            # Inside by more than three standard deviations, at most of these samples.
+            if np.mean(distance > 3.0 * noise[name]) > 0.5:
                 doubts.append(name)
         text = "{} stays at the end of its sensor's range at samples where its path does not reach it"
         return [text.format(name) for name in doubts]

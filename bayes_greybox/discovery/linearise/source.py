@@ -30,8 +30,7 @@ class Source(ABC):
     """Rows of one equation.
 
     Attributes:
-        clipped: True at rows where a channel's sensor was at its end, by channel.
-        misread: True at rows where a state's or an input's sensor slipped, by channel.
+        clipped, misread: True at rows where a channel's sensor was at its end, or slipped, by channel.
         known: Errors of states that these and their rates tell; they are put right first.
         sample_noise: Noise on samples that terms are evaluated at.
         n_sensor: Number of sensors that the rows are of.
@@ -99,10 +98,6 @@ def modelled_rate(model: Program, data: Trajectories, equation: str, added: Sequ
     return rate
 
 
-TURN_SHARE = 0.1
-"""Share of its range that a state moves between two turns; less is noise and no turn."""
-
-
 def period_of(data: Trajectories, equation: str) -> float:
     """Return the time in which the studied state goes to and fro; the longest run if it does not."""
     names = [equation] if equation in data.state_names else list(data.state_names) or list(data.input_names)
@@ -114,7 +109,8 @@ def period_of(data: Trajectories, equation: str) -> float:
 
 def _turns(values: np.ndarray) -> int:
     """Return the number of turns of values by more than a share of their range."""
-    least = TURN_SHARE * np.ptp(values)
+    # Less is noise and no turn.
+    least = 0.1 * np.ptp(values)
     if least <= 0:
         return 0
     turns, rising, extreme = 0, 0, values[0]
@@ -130,11 +126,7 @@ def _turns(values: np.ndarray) -> int:
 
 
 LAW_FEATURES = {1: 32, 2: 12, 3: 8}
-"""Features per variable when the user names none: finer than in a fit, since the gap may be finer than the discrepancy
-beside the effects that close it, and no chain has to pay for them."""
-
-INPUT_ROLE = "input"
-"""Role of a drive: the usual signs of its effects are relative to the simulation's own."""
+"""Features per variable by default: finer than in a fit, as the gap may be finer, and no chain has to pay for them."""
 
 
 def regressors_of(
@@ -142,9 +134,7 @@ def regressors_of(
     values: Mapping[str, Values] | None = None, shown: Float[np.ndarray, " n_row"] | float = 0.0,
     whole: Trajectories | None = None, kept: Bool[np.ndarray, " n_obs"] | None = None,
 ) -> Regressors:  # fmt: skip
-    """Return free terms, corrections and effects of one equation.
-
-    Where the data are the rows `kept` of whole runs, what remembers goes along these.
+    """Return free terms, corrections and effects of an equation; of rows `kept` memory goes along `whole` runs.
 
     Raises:
         InputError: The simulation equals the measurement exactly; a variable of f that is constant or unknown.
@@ -188,7 +178,7 @@ def regressors_of(
         if effect in idle:
             continue
         nominal = nominals.get(effect.names.get(effect.effect.nominal, ""), 0.0)
-        about = {"nominal": nominal, "direction": -1 if nominals.get(effect.names.get(INPUT_ROLE, ""), 0.0) < 0 else 1}
+        about = {"nominal": nominal, "direction": -1 if nominals.get(effect.names.get("input", ""), 0.0) < 0 else 1}
         if not effect.effect.inner:
             items.append((effect.term(), {"effect": effect, **about}))
             continue

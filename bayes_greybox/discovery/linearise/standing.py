@@ -13,44 +13,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_greybox.discovery.grid.sets import Reach, SetPrior, Window
-from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.discovery.grid.sets import SetPrior, Window
 from bayes_greybox.discovery.ties import ranked
-from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.threads import in_threads
 
 from .near import Near, Point
 from .refine import Ground, refined
-from .source import Source
-from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, weighed_on
+from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, Weigher
 
 LIKELIER = 1.0
-"""Nats of log evidence that make a difference to a search: six coefficients that move by 0.6 standard deviations do so.
-It ends searches, and decides no name."""
+"""Nats of log evidence that make a difference to a search, of which it decides no name."""
 
 FOLLOWED_TOGETHER = 4
-"""Number of effects that are followed before the next are compared with them: one number, whatever the cores are."""
+"""Number of effects that are followed before the next are compared with them, whatever the cores are."""
 
 NO_EFFECT = ""
 """Label of the hypothesis with corrections alone, among those of effects."""
 
 
-def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: int) -> Visit | None:
+def standing_visit(near: Near, weigher: Weigher) -> Visit | None:
     """Return rows near a hypothesis without discrepancy, if the likeliest on them has none either.
 
-    The likeliest that leaves nothing on the first rows is taken if on rows near itself it is the likeliest, leaves
-    nothing, and has lost less than a nat: else the first path flattered it. If another one is the likeliest there, that
-    is followed in the same way, and so on. Where none is taken, every effect is weighed by itself, those with memory,
-    whose paths take longest, only if no other stands. If something remains along the best of these paths, the likeliest
-    hypotheses there are followed, each on rows near the one before. A wrong one leaves something along its path, and a
-    discrepancy is likelier: then no rows are returned.
+    The likeliest that leaves nothing is followed from one set of rows to the next. Where none stands, every effect is
+    weighed by itself, those with memory, whose paths take longest, only if no other stands; if something remains along
+    the best of these paths, the likeliest hypotheses there are followed. A wrong one leaves something along its path.
     """
     complete = near.likeliest.complete
     nothing = complete and near.likeliest.members == near.weighed.before.members
     if nothing or not near.rows.model.rows.follows_path:
         return None
-    search = _Standing(source, odds, reach, seed, Window(frozenset(), near.weighed.prior, (), complete=True))
-    leaving_nothing = near if complete else replace(near, weighed=near.weighed.without_discrepancy(reach, seed))
+    search = Standing(weigher, near.weighed.prior)
+    leaving_nothing = near if complete else search.without_discrepancy(near)
     # A large table is weighed whole at the end anyway: on the way there what is likely is enough.
     large = near.weighed.table.columns.size > SMALL_TABLE
     likely = near.window._replace(called=near.window.called | leaving_nothing.window.called) if large else None
@@ -66,19 +59,12 @@ def standing_visit(near: Near, source: Source, odds: Odds, reach: Reach, seed: i
         first = max(alone, key=lambda each: each.visit.log_weight).visit if alone else None
         if first is None or best is not None and first.hypothesis == best.hypothesis:
             continue
-        best = search.whole(first)
+        whole = weigher.tried(replace(first.near.rows.point, window=None))
+        best = None if whole is None else first._replace(near=whole)
         if best is not None and _stands(best):
             return best
     gains += [each.gain for each in alone]
     return search.followed(near if best is None else best.near, gains)
-
-
-def followed_alone(
-    point: Point, source: Source, odds: Odds, reach: Reach, seed: int, prior: SetPrior, rival: float
-) -> Visit | None:
-    """Return rows near the likeliest hypothesis with a point's errors alone; see `_Standing.by_itself`."""
-    search = _Standing(source, odds, reach, seed, Window(frozenset(), prior, (), complete=True))
-    return search.by_itself(point, NO_EFFECT, rival)
 
 
 def _stands(visit: Visit) -> bool:
@@ -95,23 +81,22 @@ class _Alone(NamedTuple):
 
     @property
     def gain(self) -> float:
-        """Return what its own path adds to its log weight."""
         return self.visit.log_weight - self.before
 
 
 @dataclass(frozen=True)
-class _Standing:
-    source: Source
-    odds: Odds
-    reach: Reach
-    seed: int
-    window: Window
+class Standing:
+    """Search for a hypothesis that leaves nothing; the prior is that of all hypotheses on the first rows."""
+
+    weigher: Weigher
+    prior: SetPrior
+
+    def without_discrepancy(self, near: Near) -> Near:
+        """Return the hypotheses on the same rows that leave nothing, weighed among themselves."""
+        return replace(near, weighed=near.weighed.without_discrepancy(self.weigher.reach, self.weigher.seed))
 
     def from_one_to_the_next(self, near: Near, window: Window | None) -> tuple[Visit | None, list[float]]:
-        """Return rows near the first hypothesis that stands and has not lost a nat, and the gains on the way there.
-
-        The likeliest on the given rows is followed, then the likeliest on each new set of rows.
-        """
+        """Return rows near the first that stands and has not lost a nat, by which a path flatters, and all gains."""
         gains: list[float] = []
         followed: set[tuple[str, ...]] = set()
         for _ in range(MOST_OUTER_ITERATIONS):
@@ -128,42 +113,32 @@ class _Standing:
         return None, gains
 
     def each_by_itself(self, near: Near, labels: Sequence[str], others: Sequence[_Alone]) -> list[_Alone]:
-        """Return rows near the likeliest hypotheses with one effect each; see `by_itself`.
+        """Return rows near the likeliest hypotheses with one effect each, the likeliest on the first rows first.
 
-        The likeliest on the first rows come first. An effect that would have to gain more than any before, to catch up
-        with the likeliest of these or with an unknown force alone, is left out.
+        One that would have to gain more than any before, to catch up with these or an unknown force alone, is left out.
         """
-        weights = {label: near.log_weight_alone(label, self.reach) for label in labels}
+        weights = {label: near.log_weight_alone(label, self.weigher.reach) for label in labels}
         in_order, found = ranked(labels, weights.__getitem__), list(others)
         force = near.weighed.before.log_weight - near.log_unit
         for at in range(0, len(in_order), FOLLOWED_TOGETHER):
             rival = max([force, *(each.visit.log_weight for each in found)])
             gain = max((each.gain for each in found), default=np.inf)
-            worth = [
-                label
-                for label in in_order[at : at + FOLLOWED_TOGETHER]
-                if weights[label] + gain > rival - self.reach.window
-            ]
+            least, together = rival - self.weigher.reach.window, in_order[at : at + FOLLOWED_TOGETHER]
+            worth = [label for label in together if weights[label] + gain > least]
             followed = in_threads(partial(self.by_itself, near.rows.point, rival=rival), worth)
             found += [_Alone(visit, weights[label]) for label, visit in zip(worth, followed, strict=True) if visit]
         return found[len(others) :]
 
-    def weighed(self, point: Point) -> Near:
-        """Return all hypotheses on rows near a point."""
-        return weighed_on(self.source.near(point), self.odds, self.reach, self.seed)
-
     def by_itself(self, point: Point, label: str, rival: float) -> Visit | None:
-        """Return rows near the likeliest hypothesis with one effect, and no discrepancy.
+        """Return rows near the likeliest hypothesis with one effect and no discrepancy; None without it or a path.
 
-        It is None if the effect is in no likely hypothesis, and if no path follows the samples. Steps end early where
-        one more that gains as much as the last, which steps to a mode do not, would stay behind a rival's log weight.
+        Steps end early where one more that gains as much as the last would stay behind a rival's log weight.
         """
         called = frozenset({label, *(error.key for error in point.sensors)})
-        try:
-            near = self.weighed(replace(point, window=self.window._replace(called=called)))
-        except (InputError, np.linalg.LinAlgError):
-            return None
+        near = self.weigher.tried(replace(point, window=Window(called, self.prior, (), complete=True)))
         visit: Visit | None = None
+        if near is None:
+            return None
         for _ in range(MOST_OUTER_ITERATIONS):
             has = label in (NO_EFFECT, *near.names(near.likeliest))
             following = self.step(near, near.rows.point.window) if has else None
@@ -171,24 +146,16 @@ class _Standing:
                 return None
             before, visit, near = visit, following, following.near
             gain = np.inf if before is None else visit.log_weight - before.log_weight
-            if abs(gain) < LIKELIER or visit.log_weight + gain < rival - self.reach.window:
+            if abs(gain) < LIKELIER or visit.log_weight + gain < rival - self.weigher.reach.window:
                 break
         return visit
 
-    def whole(self, visit: Visit) -> Visit | None:
-        """Return the same rows with all hypotheses on them."""
-        try:
-            return visit._replace(near=self.weighed(replace(visit.near.rows.point, window=None)))
-        except (InputError, np.linalg.LinAlgError):
-            return None
-
     def step(self, near: Near, window: Window | None) -> Visit | None:
         """Return rows near the likeliest hypothesis; None if no path of it follows the samples."""
-        try:
-            there = self.weighed(replace(_following(near), window=window))
-            return Visit(there, near.names(near.likeliest), near)
-        except (InputError, np.linalg.LinAlgError):
-            return None
+        finer, _ = refined(near.regressors, Ground.of(near.weighed), near.weighed.hypotheses)
+        point = near.point_of(near.likeliest)
+        there = self.weigher.tried(replace(point, values={**point.values, **finer}, window=window))
+        return None if there is None else Visit(there, near.names(near.likeliest), near)
 
     def followed(self, near: Near, gains: Sequence[float]) -> Visit | None:
         """Return rows near one of the likeliest hypotheses without discrepancy, each followed from the one before.
@@ -198,21 +165,14 @@ class _Standing:
         names: list[tuple[str, ...]] = []
         gain = max(gains, default=np.inf)
         for _ in range(MOST_OUTER_ITERATIONS):
-            alone = replace(near, weighed=near.weighed.without_discrepancy(self.reach, self.seed))
+            alone = self.without_discrepancy(near)
             names.append(alone.names(alone.likeliest))
             before = alone.likeliest.log_weight - near.log_unit
             # Two that lead to each other lead nowhere.
-            if names[-1] in names[:-2] or before + gain < near.log_evidence - self.reach.window:
+            if names[-1] in names[:-2] or before + gain < near.log_evidence - self.weigher.reach.window:
                 return None
             visit = self.step(alone, None)
             if visit is None or _stands(visit):
                 return visit
             near, gain = visit.near, max(gain, visit.log_weight - before)
         return None
-
-
-def _following(near: Near) -> Point:
-    """Return the point at the likeliest hypothesis, with values of parameters that were refined beside it."""
-    finer, _ = refined(near.regressors, Ground.of(near.weighed), near.weighed.hypotheses)
-    point = near.point_of(near.likeliest)
-    return replace(point, values={**point.values, **finer})

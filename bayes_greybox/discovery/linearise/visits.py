@@ -1,7 +1,7 @@
 """Hypotheses weighed on rows near one of them, and the likeliest of several that were visited."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -11,23 +11,22 @@ from bayes_greybox.discovery.grid.sets import Reach
 from bayes_greybox.discovery.grid.table import Features, RegressorTable
 from bayes_greybox.discovery.grid.weigh import weigh
 from bayes_greybox.discovery.odds import Odds
+from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, Rows, as_regressor
+from .source import Source
 
 MOST_OUTER_ITERATIONS = 6
-"""Largest number of times that rows are taken anew on the way to a hypothesis that stays."""
+"""Largest number of times that rows are taken anew."""
 
 SMALL_TABLE = 100_000
-"""Number of values of a table that is weighed in a fraction of a second. It only saves time: the final table has
-everything."""
+"""Number of values of a table that is weighed in a fraction of a second; it only saves time."""
 
 
 class Visit(NamedTuple):
-    """Rows near a hypothesis, where it is weighed accurately; the others are linearised far from their modes.
+    """Rows near a hypothesis, where it is weighed accurately, or near none; others are linearised far from their modes.
 
-    Attributes:
-        hypothesis: Names of that hypothesis's regressors; None if the rows are near none.
-        turn: Number of visits before; values of nonlinear parameters are finer in later ones.
+    `turn` counts the visits before: values of nonlinear parameters are finer in later ones.
     """
 
     near: Near
@@ -37,10 +36,7 @@ class Visit(NamedTuple):
 
     @property
     def log_weight(self) -> float:
-        """Return the log weight of the hypothesis that the rows are near, for readings in their own units.
-
-        On its own rows the hypothesis may no longer be kept: then it has the upper bound of those that are not.
-        """
+        """Return the log weight of its hypothesis, or the bound of those not kept, for readings in their own units."""
         if self.hypothesis is None:
             return -np.inf
         return self.near.log_weights().get(self.hypothesis, self.near.weighed.outside) - self.near.log_unit
@@ -57,12 +53,15 @@ class Visit(NamedTuple):
     def corrected(self, others: Sequence["Visit"], seed: int) -> "Visit":
         """Return the rows, with log weights of hypotheses from the rows near the visited ones that differ least.
 
-        Rows are linear near the hypothesis that was visited, and with a further small effect that is nearly the same.
-        Of earlier visits, where values are coarser, that very hypothesis alone is known. One that is no longer kept
-        there has the upper bound of those that are not.
+        Rows are linear near the hypothesis that was visited, and with a further small effect. Of earlier visits, where
+        values are coarser, that very hypothesis alone is known.
         """
         near, shifts = self.near, []
-        there = [(other, other.near.log_weights(), other.called) for other in others if other.hypothesis is not None]
+        there = [
+            (other, other.near.log_weights(), {column.called for column in other.near.regressors.columns})
+            for other in others
+            if other.hypothesis is not None
+        ]
         logs = near.log_weights()
         for hypothesis in near.weighed.hypotheses:
             names = near.names(hypothesis)
@@ -80,11 +79,6 @@ class Visit(NamedTuple):
         """Return the number of regressors in which a hypothesis differs from the visited one; infinite without one."""
         return np.inf if self.hypothesis is None else float(len({*self.hypothesis}.symmetric_difference(names)))
 
-    @property
-    def called(self) -> frozenset[str]:
-        """Return the names that were weighed there."""
-        return frozenset(column.called for column in self.near.regressors.columns)
-
 
 def best_of(visits: Sequence[Visit], seed: int) -> Visit:
     """Return the rows near the likeliest of the visited hypotheses, corrected by the rows near the others."""
@@ -92,10 +86,31 @@ def best_of(visits: Sequence[Visit], seed: int) -> Visit:
     return best.corrected([other for other in visits if other is not best], seed)
 
 
-def weighed_on(rows: Rows, odds: Odds, reach: Reach, seed: int) -> Near:
-    """Return the hypotheses on rows; the seed is that of the bagged records."""
-    shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
-    return Near(rows, weigh(table_of(rows), odds, reach, rows.floor, shapes, seed, rows.point.window))
+@dataclass(frozen=True)
+class Weigher:
+    """Rows of an equation, and how hypotheses are weighed on them; the seed is that of the bagged records."""
+
+    source: Source
+    odds: Odds
+    reach: Reach
+    seed: int
+
+    def near(self, point: Point) -> Near:
+        """Return the hypotheses on rows near a point."""
+        return self.on(self.source.near(point))
+
+    def on(self, rows: Rows) -> Near:
+        """Return the hypotheses on rows."""
+        shapes = [(rows.force.weighted(shape.spread[rows.place]), shape.log_prior) for shape in rows.point.shapes]
+        window = rows.point.window
+        return Near(rows, weigh(table_of(rows), self.odds, self.reach, rows.floor, shapes, self.seed, window))
+
+    def tried(self, point: Point) -> Near | None:
+        """Return the hypotheses on rows near a point; None if no path of the model there follows the samples."""
+        try:
+            return self.near(point)
+        except (InputError, np.linalg.LinAlgError):
+            return None
 
 
 def table_of(rows: Rows) -> RegressorTable:
@@ -107,10 +122,10 @@ def table_of(rows: Rows) -> RegressorTable:
     if n_white != regressors.rows.n_row and not rows.force.forced:
         block = blocks(n_white)
     # A coefficient that settles, at whatever rate, is one kind of memory.
-    memories: dict[str, Features] = {}
+    elements: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for memory, (at_rows, at_samples) in regressors.memories.items():
-        elements = Features(at_rows, at_samples[:n_sample])
-        memories[memory.text] = memories[memory.text].beside(elements) if memory.text in memories else elements
+        elements.setdefault(memory.text, []).append((at_rows, at_samples[:n_sample]))
+    memories = {text: Features(*map(np.hstack, zip(*parts, strict=True))) for text, parts in elements.items()}
     if (window := rows.point.window) is not None and window.complete:
         # No f is weighed there, and its features cost as much as the rest.
         law = Features(np.zeros((regressors.rows.n_row, 0)), np.zeros((n_sample, 0)))

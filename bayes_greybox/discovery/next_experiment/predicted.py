@@ -85,7 +85,6 @@ class Responses:
     Attributes:
         bands: Quantiles 5, 50 and 95 % of each channel without noise; NaN where runs have failed.
         labels: State that each channel shows, or its rate.
-        units: Units by channel, and the time's under "t".
         fails: Largest share of runs that fail under an explanation.
         reach: Distance of runs from the middle of the data's range, over half of it (95 % quantile), by column.
         resolved: True if the steps follow its paths.
@@ -105,12 +104,9 @@ class Responses:
 
 @dataclass(frozen=True)
 class Predictor:
-    """Predicts candidates under explanations, each by its likeliest hypothesis.
+    """Predicts candidates under explanations, each by its likeliest hypothesis with `outcomes` runs.
 
-    Attributes:
-        simulation: The model before, its jumps rounded for an integrator.
-        rates: If true, sensors show rates, from known starts; if false, samples of states, from starts that they show.
-        outcomes: Runs with coefficients from the posterior, for each.
+    With `rates` sensors show rates, from known starts; else samples of states, from starts that they show.
     """
 
     explanations: Sequence[Explained]

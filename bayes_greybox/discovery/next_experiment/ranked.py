@@ -105,7 +105,6 @@ class NextExperiment:
         information: Information of all chosen together.
         entropy: Bits that tell all explanations with a prediction apart.
         explanations: Name and probability of each explanation in the study, and true if it predicts anything.
-        sentence: The answer in words.
         responses: Prediction of each chosen experiment, or of the best if none is worth doing.
     """
 
@@ -140,13 +139,10 @@ def rank(
     study: StudyResult, candidates: Sequence[Candidate] | None, *, batch: int, threshold: float, outcomes: int,
     seed: int, **usual: Any,
 ) -> NextExperiment:  # fmt: skip
-    """Rank candidates by their expected information about the explanation; one whose runs fail is not chosen.
-
-    Explanations without a prediction (unknown, an error of these sensors) are left out, as the sentence says. The
-    arguments are those of `Study.next_experiment`.
+    """Rank candidates by their expected information about the explanation; arguments as of `Study.next_experiment`.
 
     Raises:
-        InputError: A study of outputs or of an older file, impossible numbers, or what cannot be simulated.
+        InputError: A study of outputs, impossible numbers, or what cannot be simulated.
     """
     usual = {name: value for name, value in usual.items() if name != "sensors" or value}
     _check_ranking(study, batch, outcomes, threshold, () if candidates is None else usual)
@@ -244,7 +240,6 @@ def _sentence(chosen: Sequence[Candidate], names: str, bits: float, worth: str, 
 
 
 def _check_ranking(study: StudyResult, batch: int, outcomes: int, threshold: float, described: Collection[str]) -> None:
-    """Refuse a study of outputs or of an older file, impossible numbers, and settings without effect."""
     if not study.explanations:
         raise InputError("The study holds no explanations, as in files of before: run find_missing_effects again.")
     if any(study.train.is_output(name) for name in study.explanations):
@@ -256,7 +251,6 @@ def _check_ranking(study: StudyResult, batch: int, outcomes: int, threshold: flo
 
 
 def _check_candidate(candidate: Candidate, simulation: Simulation) -> None:
-    """Refuse a candidate with a start, an input or a sensor that is missing or unknown."""
     states, inputs, of = simulation.states, simulation.inputs, f"of candidate {candidate.name!r}"
     for what, given, needed in (("start", candidate.start, states), ("inputs", candidate.inputs, inputs)):
         if lacking := [name for name in needed if name not in given]:

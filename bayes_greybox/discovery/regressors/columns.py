@@ -22,7 +22,6 @@ from scipy.stats import norm, qmc
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect
-from bayes_greybox.discovery.sensor_errors.memory import Memory
 from bayes_greybox.model.frame import held_features, scaled_position
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.rows.equation_rows import Columns
@@ -70,20 +69,12 @@ def weights_of(at: Float[np.ndarray, "n d"], drawn: Sequence[Cloud | None]) -> F
 
 
 @dataclass(frozen=True)
-class Nearer:
-    """Gain of a set, on rows near itself, by a column that replaces another; of files of earlier versions."""
-
-    gain: float
-    beside: frozenset[str] = frozenset()
-
-
-@dataclass(frozen=True)
 class Column:
     """One column of the table.
 
     Attributes:
         kind: "free" (a term of the user's dictionary), "correction" (a term of the simulation), "suspect" (an error of
-            a sensor or an input), "effect", and in files of earlier versions "memory" and "law".
+            a sensor or an input), or "effect".
         term: Formula over the data's columns and its hidden states; None for a sensor error, which is known at the rows
             only.
         sd: Prior standard deviation of its coefficient, scaled units.
@@ -93,8 +84,6 @@ class Column:
             the effects of a drive with the other sign.
         parameter: Name of the simulation's parameter whose slope the term is, and whose change its coefficient.
         limits: Least and largest value of its coefficient, in prior standard deviations.
-        memory, values, drawn, nearer, law: Of files of earlier versions; `values` are those of a sensor error at the
-            rows, scaled.
     """
 
     kind: str
@@ -108,11 +97,6 @@ class Column:
     inner: Mapping[str, float] = field(default_factory=dict)
     log_weight: float = 0.0
     suspect: ChannelSuspect | None = None
-    memory: Memory | None = None
-    values: np.ndarray | None = None
-    drawn: Cloud | None = None
-    nearer: Nearer | None = None
-    law: BoundEffect | None = None
     parameter: str = ""
     limits: tuple[float, float] = (-math.inf, math.inf)
 
@@ -146,10 +130,7 @@ class Values:
 
 
 def first_values(effect: BoundEffect, columns: Columns, path: Trajectories | None = None) -> Values | None:
-    """Return the first values of an effect's nonlinear parameters: middles of parts of equal prior probability.
-
-    The values are None where a parameter is a share of nothing.
-    """
+    """Return first values of an effect's nonlinear parameters, equally likely; None where one is a share of nothing."""
     least, most = limits(effect, columns, path)
     if not np.all(most > 0):
         return None
@@ -168,10 +149,7 @@ def at_values(effect: BoundEffect, values: Values, /, **about: Any) -> list[tupl
 
 
 def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return log prior weights of increasing values of a nonlinear parameter, whose prior is log-uniform.
-
-    They are trapezoidal, so that grids of any spacing can be mixed.
-    """
+    """Return trapezoidal log prior weights of increasing values of a log-uniform parameter, on any grid."""
     position = np.log(np.asarray(values) / low) / np.log(high / low)
     edges = np.clip(np.concatenate([[0.0], (position[1:] + position[:-1]) / 2, [1.0]]), 0.0, 1.0)
     return np.log(np.maximum(np.diff(edges), 1e-12))
@@ -180,10 +158,7 @@ def log_weights(values: np.ndarray, low: float, high: float) -> np.ndarray:
 def limits(
     effect: BoundEffect, columns: Columns, path: Trajectories | None = None
 ) -> tuple[Float[np.ndarray, " n_inner"], Float[np.ndarray, " n_inner"]]:
-    """Return the least and the largest values of an effect's nonlinear parameters, which are shares of its columns.
-
-    Parameters that are times or frequencies need the path, whose columns are taken, with their times.
-    """
+    """Return the ends of an effect's nonlinear parameters, shares of its columns; times need the path instead."""
     time, run, columns = (None, None, columns) if path is None else (path.time, path.run, path.columns)
     inner = effect.effect.inner
     ends = np.array([each.ends(columns[effect.names[each.of]], time, run) for each in inner]).reshape(-1, 2)
@@ -195,9 +170,7 @@ class EvaluatedColumns:
     """Columns of an equation and features of its f, at any samples: equations and free runs are made of these.
 
     Attributes:
-        columns: Terms of the model before and after.
-        centre: Middle of the box that they fill in the data, user's units.
-        half_width: Half the sides of that box.
+        centre, half_width: Middle of the box that the columns fill in the data, and half its sides, user's units.
         target_scale: RMS of the measured rate less the simulation, user's units.
         path: States and inputs where terms are evaluated, in order of time, on rows of samples.
     """
@@ -219,10 +192,13 @@ class EvaluatedColumns:
         """Return chosen columns at any samples, scaled; sensor errors are known at the rows only."""
         return evaluated([(self.columns[i].formula, self.columns[i].scale) for i in indices], columns)
 
+    def features_at(self, columns: Mapping[str, Any]) -> Any:
+        """Return the features of f at any samples, of JAX or NumPy; beyond their domain they are constant."""
+        return held_features(self.basis, scaled_position(columns, self.variables, self.centre, self.half_width))
+
     def evaluate_features(self, columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n_row n_basis"]:
-        """Return the features of f at any samples."""
-        x = scaled_position(columns, self.variables, self.centre, self.half_width)
-        return np.asarray(held_features(self.basis, x))
+        """Return the features of f at any samples, of NumPy."""
+        return np.asarray(self.features_at(columns))
 
 
 def evaluated(chosen: Sequence[tuple[Term, float]], columns: Mapping[str, np.ndarray]) -> Float[np.ndarray, "n k"]:

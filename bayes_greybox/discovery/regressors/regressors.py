@@ -22,12 +22,11 @@ from bayes_greybox.running.errors import InputError
 from .columns import Column, EvaluatedColumns, evaluated
 
 CORRECTION_SCALE, EFFECT_SCALE = 0.3, 1.0
-"""Prior standard deviations of coefficients: of a correction, over the simulation's own coefficient; of an effect,
-scaled units: its RMS in units of the gap's RMS."""
+"""Prior standard deviations of a correction, over the coefficient, and of an effect, over the gap's RMS."""
 
 COLLINEAR, PARALLEL = 1e-9, 1e-4
-"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own; share
-of a sensor error's square outside another column's span below which the two are one."""
+"""Share of a column's square outside the span of the model's own terms below which it is no effect of its own; the same
+of sensor errors and another column."""
 
 
 ALWAYS_ZERO, NOT_FINITE = "zero on all the data", "not finite on all the data"
@@ -106,10 +105,8 @@ class Regressors(EvaluatedColumns):
     def add(self, kind: str, items: Sequence[tuple[Term, dict]]) -> None:
         """Evaluate terms and add their columns; a term that cannot serve is left out, with a reason.
 
-        Args:
-            kind: Kind of the columns.
-            items: Terms, with further fields of their columns (nominal, effect, inner, log_weight), or the prior
-                standard deviation of their coefficients (spread), or of a correction its limits, both in user's units.
+        With the terms come fields of their columns, and the prior standard deviation of coefficients (spread) or the
+        limits of a correction, both in user's units.
 
         Raises:
             InputError: A free term that is zero or not finite on the data.
@@ -175,12 +172,10 @@ class Regressors(EvaluatedColumns):
         return at_rows
 
     def add_sensor_errors(self, suspects: ErrorColumns, found: Collection[str] = (), at_rows: bool = False) -> None:
-        """Add sensor errors; those that another column stands for already are left out.
+        """Add sensor errors, columns of the rate per unit of their size, but for those that another column stands for.
 
-        Args:
-            suspects: Each error with its column at the samples, user's units of the rate per unit of its size.
-            found: Keys of errors of the linearisation point, which stay whatever else has the same column now.
-            at_rows: If true, the columns are those of the rows: errors of a sensor's reading, which are no force.
+        Errors `found` so far stay whatever else has the same column; `at_rows` are errors of a reading, which are no
+        force.
         """
         for suspect, value in suspects:
             size = float(np.sqrt(np.mean(value**2)))
@@ -189,7 +184,7 @@ class Regressors(EvaluatedColumns):
                 continue
             scaled = value / size if at_rows else self.rows.operate((value / size)[:, None])[:, 0]
             sd = suspect.sd * size / self.target_scale
-            column = Column(SENSOR, None, size, sd, suspect=suspect, values=scaled)
+            column = Column(SENSOR, None, size, sd, suspect=suspect)
             before = len(self.columns)
             force = np.zeros(self.rows.n_row) if at_rows else (value / size)[self._place]
             self._extend([column], scaled[:, None], force[:, None])

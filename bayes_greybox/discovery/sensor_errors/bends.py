@@ -21,9 +21,6 @@ BEND_POWERS = {QUADRATIC: 2, CUBIC: 3}
 BEND_SD = 0.05
 """Prior standard deviation of a bend where the measured state is furthest from c, over that distance."""
 
-HALVINGS, NEWTON_STEPS = 30, 2
-"""Numbers of halvings of the interval that a reading's state is sought in, and of steps that give the last digits."""
-
 
 @dataclass(frozen=True)
 class Curve:
@@ -62,12 +59,12 @@ class Curve:
         while self.shown(ends)[1] < np.max(reading[finite], initial=-np.inf):
             ends[1] += reach
         low, high = (np.full(len(reading), end) for end in ends)
-        for _ in range(HALVINGS):
+        for _ in range(30):
             middle = 0.5 * (low + high)
             above = self.shown(middle) > reading
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         x = 0.5 * (low + high)
-        for _ in range(NEWTON_STEPS):
+        for _ in range(2):
             slope = self.gain + self.slope(x)
             steep = slope > 1e-6 * self.gain
             x = x + np.where(

@@ -41,18 +41,12 @@ DEPARTURE = "departure"
 ERRORS = (DELAY, GAIN, OFFSET, DRIFT, NOISE, DEPARTURE, *BEND_ERRORS)
 """Kinds of errors of a channel."""
 
-LAG = "lag"
-"""Lag of a machine's only sensor, in files of earlier versions: it may stand in the place of an actuator's lag."""
-
 STATES = "states"
 """Channel that stands for all states together."""
 
 DELAY_STEPS, GAIN_SD, OFFSET_SD, ZERO_SD = 2.0, 0.03, 0.03, 0.1
 """Prior standard deviations of a delay, in sampling steps; of a relative gain error; of an offset or drift of a rate,
 over its RMS; of the zero of a state's or an input's sensor, over the RMS of its channel."""
-
-NEAR_ZERO = 0.2
-"""Share of its range that a sensor may stay away from zero, and still bend about it."""
 
 AtRows = Float[np.ndarray, " n_obs"]
 
@@ -62,14 +56,10 @@ Rate = Callable[[Trajectories], AtRows]
 
 @dataclass(frozen=True)
 class ChannelSuspect:
-    """One error that one channel may have.
+    """One error of one channel: the rate ("d(x)/dt"), a state, an input or an output, or `STATES`.
 
-    Attributes:
-        channel: Name of the rate ("d(x)/dt"), of a state, an input or an output, or `STATES`.
-        sd: Prior standard deviation of its size, in the unit of the size.
-        center: Middle of a bend, see `bends`.
-        expected: Size that it has if it is there; 0 where nothing is known.
-        sure: Name that it shares with other errors, of which one at least is sure to be there; "" where none is.
+    `sd` is the prior standard deviation of its size, `center` the middle of a bend, see `bends`, `expected` its
+    size if it is there, and `sure` a name that it shares with other errors, of which one at least is there.
     """
 
     kind: str
@@ -94,9 +84,9 @@ ErrorColumns = list[tuple[ChannelSuspect, Float[np.ndarray, " n"]]]
 
 
 def fault_kind(name: str) -> str:
-    """Return the kind of a sensor error, one of `ERRORS` or `LAG`, from its key ("offset of y"); "" for a slug."""
+    """Return the kind of a sensor error, one of `ERRORS`, from its key ("offset of y"); "" for a slug."""
     kind, _, channel = name.partition(" of ")
-    return kind if channel and kind in (*ERRORS, LAG) else ""
+    return kind if channel and kind in ERRORS else ""
 
 
 def run_slices(run: np.ndarray) -> list[slice]:
@@ -113,33 +103,20 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     states, inputs, same_sensor = data.state_names, data.input_names, _one_sensor(data, equation)
     apart = tuple(name for name in states if name not in same_sensor)
 
-    def taken(names: tuple[str, ...], by: float, clock: bool) -> np.ndarray:
-        return rate(shifted(data, dict.fromkeys(names, by), by if clock else 0.0))
+    def delay(channel: str, names: tuple[str, ...], early: bool = False) -> tuple[ChannelSuspect, np.ndarray]:
+        """Return a delay for which channels, and of a late rate the clock in G with them, are taken later, or earlier.
 
-    def along(names: tuple[str, ...], clock: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return dG/dd for channels taken d later, for d above and below zero, and the clock with them if it is in G.
-
-        An input that leaps goes in straight lines, with a kink at each sample: beside a leap the two differ.
+        An input that leaps goes in straight lines, with a kink at each sample: beside a leap the column of a delay
+        above zero is not that of one below. It is whichever explains more of what G lacks.
         """
-        ahead, behind = (taken(names, by, clock) for by in (shift, -shift))
+        ahead, behind = (rate(shifted(data, dict.fromkeys(names, by), by if early else 0.0)) for by in (shift, -shift))
         bent = np.any([kinks[name] for name in names if name in kinks], axis=0)
         both = (ahead - behind) / (2 * shift)
-        return np.where(bent, (ahead - G) / shift, both), np.where(bent, (G - behind) / shift, both)
-
-    def asked_for(late: np.ndarray, early: np.ndarray) -> np.ndarray:
-        """Return the column of a delay above zero or of one below, whichever explains more of what G lacks."""
-        lacking, columns = data.rate(equation) - G, (late, -early)
-        gains = [max(float(lacking @ each), 0.0) ** 2 / max(float(each @ each), 1e-300) for each in columns]
-        return late if gains[0] >= gains[1] else early
-
-    def later(names: tuple[str, ...]) -> np.ndarray:
-        """Return the column of channels that are late: they have to be taken later."""
-        return asked_for(*along(names))
-
-    def earlier(names: tuple[str, ...]) -> np.ndarray:
-        """Return the column of a late rate: channels, and the clock where it is in G, have to be taken earlier."""
-        above, below = along(names, clock=True)
-        return asked_for(-below, -above)
+        above, below = np.where(bent, (ahead - G) / shift, both), np.where(bent, (G - behind) / shift, both)
+        late, soon = (-below, -above) if early else (above, below)
+        lacking = data.rate(equation) - G
+        gains = [max(float(lacking @ each), 0.0) ** 2 / max(float(each @ each), 1e-300) for each in (late, -soon)]
+        return delay_error(channel, step), late if gains[0] >= gains[1] else soon
 
     def slope(name: str, direction: np.ndarray) -> np.ndarray:
         return slope_along(data, rate, name, direction)
@@ -150,17 +127,15 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     G, ones, kinks = rate(data), np.ones(data.n_obs), {name: _kinks(data, name) for name in inputs}
     if same_sensor:
         sensor = same_sensor[0]
-        columns = [(delay_error(u, step), later((u,))) for u in inputs]
-        columns.append((delay_error(STATES, step), earlier(inputs)))
+        columns = [*(delay(u, (u,)) for u in inputs), delay(STATES, inputs, early=True)]
         if apart:
-            columns.append((delay_error(sensor, step), earlier((*apart, *inputs))))
+            columns.append(delay(sensor, (*apart, *inputs), early=True))
         gained = G - sum(slope(x, data.column(x)) for x in same_sensor)
         columns += [(gain_error(sensor), gained), zero(sensor)]
     else:
-        columns = [(delay_error(label, step), earlier((*states, *inputs)))]
+        columns = [delay(label, (*states, *inputs), early=True)]
         if inputs:
-            columns.append((delay_error(STATES, step), later(states)))
-            columns += [(delay_error(u, step), later((u,))) for u in inputs]
+            columns += [delay(STATES, states), *(delay(u, (u,)) for u in inputs)]
         size, span = float(np.sqrt(np.mean(G**2))), float(np.ptp(data.time))
         offset = ChannelSuspect(OFFSET, label, OFFSET_SD * size)
         columns += [(gain_error(label), G), (offset, ones)]
@@ -170,7 +145,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
         columns += [(gain_error(name), -slope(name, data.column(name))), zero(name)]
     if len(states) > 1:
         # Last: of errors with one and the same column the first stands, and this is the oddest one.
-        columns += [(delay_error(x, step), later((x,))) for x in apart]
+        columns += [delay(x, (x,)) for x in apart]
     return with_column(columns)
 
 
@@ -198,7 +173,7 @@ def bend_errors(name: str, values: AtRows) -> list[ChannelSuspect]:
     """Return the bends of a sensor over the range of its values; none if that is a point."""
     low, high = float(np.min(values)), float(np.max(values))
     # A tank that starts empty passes zero as well, whatever the noise says.
-    margin = NEAR_ZERO * (high - low)
+    margin = 0.2 * (high - low)
     center = 0.0 if low < margin and high > -margin else 0.5 * (low + high)
     furthest = max(high - center, center - low)
     if not high > low:
@@ -227,6 +202,16 @@ def with_columns(data: Trajectories, columns: Mapping[str, np.ndarray]) -> Traje
     )
 
 
+def nearer(data: Trajectories, sizes: Sizes, kind: str, better: Callable[[ChannelSuspect], AtRows]) -> Trajectories:
+    """Return channels with an error of a kind nearer to better values, by as large a share as on the training data."""
+    moved = {}
+    for error, size in sizes.items():
+        if error.kind == kind:
+            values = data.column(error.channel)
+            moved[error.channel] = values + np.clip(size / error.sd, 0.0, 1.0) * (better(error) - values)
+    return with_columns(data, moved) if moved else data
+
+
 def undone(data: Trajectories, equation: str, delays: Mapping[str, float]) -> Trajectories:
     """Return the data with states and inputs at the times that the measured rate belongs to."""
     if not any(delays.values()):
@@ -252,10 +237,7 @@ def measured_at(data: Trajectories, later: Collection[float]) -> Bool[np.ndarray
 
 
 def calibrated(data: Trajectories, equation: str, sizes: Sizes, clock: Trajectories) -> Trajectories:
-    """Return the data without gains, offsets and drifts of channels: x = (measured − o)/(1 + κ), and rates alike.
-
-    A sensor that bends is inverted, see `bends`. Delays are left alone.
-    """
+    """Return the data without gains, offsets, drifts and bends of channels, x = (measured − o)/(1 + κ); delays stay."""
     if all(error.kind == DELAY for error in sizes):
         return data
     gains, offsets = {}, {}
@@ -294,10 +276,7 @@ def as_shown(
 
 
 def curve_of(sizes: Sizes, sensor: str, state: str = "") -> Curve:
-    """Return the curve of a state's sensor, beyond its offset.
-
-    A state computed from its samples has its gain; only the state that is shown, by default the sensor's, bends.
-    """
+    """Return the curve of a state's sensor beyond its offset; a state computed from its samples has the gain alone."""
     gain = sum(size for error, size in sizes.items() if (error.kind, error.channel) == (GAIN, sensor))
     bending = [error for error in sizes if error.kind in BEND_POWERS and error.channel == (state or sensor)]
     errors = {BEND_POWERS[error.kind]: sizes[error] for error in bending}
@@ -318,11 +297,11 @@ def late_by(data: Trajectories, sizes: Sizes) -> dict[str, float]:
 
 
 def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) -> Trajectories:
-    """Return states and inputs at later times.
+    """Return states and inputs at later times, and on beyond the ends of runs by splines.
 
-    States go on cubic splines through the samples of each run, and on beyond its ends. Inputs go as a path takes them
-    between their samples, and keep their last value after a run. Before it they keep the first; but one that jumps has
-    the value of more than half of its samples, if that is nearer to zero and nothing was cut off before.
+    Inputs go as a path takes them between their samples, and keep their last value after a run, their first before it;
+    but one that jumps has there the value of more than half of its samples, if that is nearer to zero and nothing was
+    cut off.
     """
     columns, first = {}, data.before is None
     for name, by in later.items():
@@ -335,7 +314,6 @@ def shifted(data: Trajectories, later: Mapping[str, float], clock: float = 0.0) 
 
 
 def _later_by(data: Trajectories, equation: str, delays: Mapping[str, float]) -> dict[str, float]:
-    """Return the shift of each state and input that undoes the delays."""
     same_sensor, states = _one_sensor(data, equation), delays.get(STATES, 0.0)
     rate_delay = delays.get(same_sensor[0] if same_sensor else data.target_label(equation), 0.0)
     later = {name: delays.get(name, 0.0) - rate_delay for name in (*data.state_names, *data.input_names)}
@@ -351,7 +329,6 @@ def _one_sensor(data: Trajectories, equation: str) -> tuple[str, ...]:
 
 
 def _sensor(data: Trajectories, state: str) -> str:
-    """Return the state from whose samples a state or an input was computed."""
     return data.filter.source(state) if data.filter is not None else state
 
 

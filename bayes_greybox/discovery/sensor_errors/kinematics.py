@@ -23,32 +23,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.discovery.grid.sets import SURELY_WRONG
 from bayes_greybox.physics.simulation.protocol import Simulation
 
+from . import channels
 from .bends import BEND_POWERS
-from .channels import (
-    DELAY,
-    DELAY_STEPS,
-    DEPARTURE,
-    DRIFT,
-    GAIN,
-    OFFSET,
-    ChannelSuspect,
-    Sizes,
-    bend_errors,
-    curve_of,
-    delay_error,
-    delays_of,
-    gain_error,
-    run_slices,
-    shifted,
-    with_columns,
-)
+from .channels import ChannelSuspect, Sizes
 from .samples import LARGEST_NOISE
 
 WINDOW_STEPS = 10
 """Length of a window in steps. Noise of the state enters at its two ends alone, noise of the rate at every step."""
-
-AGREEING = 0.01
-"""Sensors that are right agree to within this share of the RMS of a state's changes."""
 
 FURTHEST, FEWEST_WINDOWS = 3.0, 5
 """Largest error that is looked for, in prior standard deviations, and least number of windows that say anything."""
@@ -74,14 +55,21 @@ def known_errors(
 ) -> dict[ChannelSuspect, KnownError]:
     """Return the sensor errors whose removal makes a state agree with the integral of its rate, if it did not before.
 
-    Of the reasons that suffice, a delay of the state and a bend of either, each beside gains and an offset of the rate
-    or without, it is the one of the largest evidence; none where gains and an offset do as well. Bends are
-    not looked for where a filter computed the measured rates, which have the same bend.
+    Of a delay of the state and bends of either, each beside gains and an offset of the rate or without, it is the one
+    of the largest evidence. Bends are not looked for where a filter computed the rates, which have the same bend.
     """
     found: dict[ChannelSuspect, KnownError] = {}
-    pairs = {pair.state: pair for pair in _pairs(data, simulation, noise)}
+    rates = {pair.state: pair.rate for pair in _pairs(data, simulation, noise)}
+
+    def depth(state: str) -> int:
+        count = 0
+        # Two states may be the rate of each other.
+        while state in rates and count < len(rates):
+            state, count = rates[state], count + 1
+        return count
+
     # A speed is right before the position that it is the rate of is judged.
-    for name in sorted(pairs, key=lambda state: _depth(state, pairs)):
+    for name in sorted(rates, key=depth):
         for pair in _pairs(free_of(data, sizes_of(found)), simulation, noise):
             if pair.state == name and pair.reason is not None:
                 before = pair.p(pair.as_shown)
@@ -90,20 +78,14 @@ def known_errors(
     return found
 
 
-def _depth(state: str, pairs: Mapping[str, "_Pair"]) -> int:
-    depth = 0
-    # Two states may be the rate of each other.
-    while state in pairs and depth < len(pairs):
-        state, depth = pairs[state].rate, depth + 1
-    return depth
-
-
 def free_of(data: Trajectories, sizes: Sizes) -> Trajectories:
     """Return the data without delays and bends of states."""
-    late = delays_of(sizes)
-    data = shifted(data, late) if late else data
+    late = channels.delays_of(sizes)
+    data = channels.shifted(data, late) if late else data
     bent = {error.channel for error in sizes if error.kind in BEND_POWERS}
-    return with_columns(data, {name: curve_of(sizes, name).measured(data.column(name)) for name in bent})
+    return channels.with_columns(
+        data, {name: channels.curve_of(sizes, name).measured(data.column(name)) for name in bent}
+    )
 
 
 def departing(
@@ -111,8 +93,7 @@ def departing(
 ) -> dict[ChannelSuspect, Float[np.ndarray, " n_obs"]]:
     """Return, for each state that disagrees with its pair for no known reason, the values that the other one implies.
 
-    Either may be wrong: the position is then the integral of its rate, or the rate the slope of its position. The prior
-    standard deviation of such an error is the RMS of the departure; one too large for a sensor is left out.
+    The prior standard deviation is the RMS of the departure; one too large for a sensor is left out.
     """
     found: dict[str, tuple[ChannelSuspect, np.ndarray]] = {}
     for pair in _pairs(data, simulation, noise):
@@ -120,7 +101,7 @@ def departing(
             values, right = data.states[name], better(data, pair.state, pair.rate)
             size = float(np.sqrt(np.mean((right - values) ** 2)))
             if size < LARGEST_NOISE * np.std(values):
-                found.setdefault(name, (ChannelSuspect(DEPARTURE, name, size), right))
+                found.setdefault(name, (ChannelSuspect(channels.DEPARTURE, name, size), right))
     return dict(found.values())
 
 
@@ -135,28 +116,33 @@ def disagreeing(data: Trajectories, simulation: Simulation, noise: Mapping[str, 
     span = float(np.ptp(data.time))
     for pair in _pairs(data, simulation, noise):
         sizes, every = pair.plain_sizes, []
-        if GAIN in sizes:
-            ratio = 1.0 + sizes[GAIN]
-            every += [(gain_error(pair.state), ratio - 1.0), (gain_error(pair.rate), 1.0 / ratio - 1.0)]
-        if OFFSET in sizes:
-            offset = ChannelSuspect(OFFSET, pair.rate, 0.0)
-            every += [(offset, -sizes[OFFSET]), (ChannelSuspect(DRIFT, pair.state, 0.0), sizes[OFFSET] * span)]
+        if channels.GAIN in sizes:
+            ratio = 1.0 + sizes[channels.GAIN]
+            every += [
+                (channels.gain_error(pair.state), ratio - 1.0),
+                (channels.gain_error(pair.rate), 1.0 / ratio - 1.0),
+            ]
+        if channels.OFFSET in sizes:
+            offset = ChannelSuspect(channels.OFFSET, pair.rate, 0.0)
+            every += [
+                (offset, -sizes[channels.OFFSET]),
+                (ChannelSuspect(channels.DRIFT, pair.state, 0.0), sizes[channels.OFFSET] * span),
+            ]
         for error, size in every:
-            sure = f"{GAIN if error.kind == GAIN else OFFSET} of {pair.state} and {pair.rate}"
+            kind = channels.GAIN if error.kind == channels.GAIN else channels.OFFSET
+            sure = f"{kind} of {pair.state} and {pair.rate}"
             found.setdefault(error.key, replace(error, sd=max(error.sd, abs(size)), expected=size, sure=sure))
     return found
 
 
 def without_departures(data: Trajectories, simulation: Simulation, sizes: Sizes) -> Trajectories:
     """Return states nearer to what the other of their pair says, by as large a share as on the training data."""
-    states = {}
-    for error, size in sizes.items():
-        if error.kind == DEPARTURE:
-            state, rate = pair_of(simulation, error.channel, data.state_names)
-            right = (_followed if error.channel == state else _sloped)(data, state, rate)
-            values = data.states[error.channel]
-            states[error.channel] = values + np.clip(size / error.sd, 0.0, 1.0) * (right - values)
-    return with_columns(data, states)
+
+    def better(error: ChannelSuspect) -> np.ndarray:
+        state, rate = pair_of(simulation, error.channel, data.state_names)
+        return (_followed if error.channel == state else _sloped)(data, state, rate)
+
+    return channels.nearer(data, sizes, channels.DEPARTURE, better)
 
 
 def pair_of(simulation: Simulation, name: str, states: Sequence[str]) -> tuple[str, str]:
@@ -169,7 +155,7 @@ def pair_of(simulation: Simulation, name: str, states: Sequence[str]) -> tuple[s
 def _followed(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " n_obs"]:
     """Return a state as the integral of its rate, whose start and whose offset fit its samples best."""
     parts = []
-    for rows in run_slices(data.run):
+    for rows in channels.run_slices(data.run):
         time, x = data.time[rows], data.states[state][rows]
         if len(time) > 1:
             departure = x - running_integral(time, data.states[rate][rows])
@@ -180,13 +166,10 @@ def _followed(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " 
 
 def _sloped(data: Trajectories, state: str, rate: str) -> Float[np.ndarray, " n_obs"]:
     """Return a rate as the slope of its state, by the cubic spline through the samples."""
-    slopes = [
-        CubicSpline(data.time[rows], data.states[state][rows])(data.time[rows], 1)
-        if rows.stop - rows.start > 1
-        else data.states[rate][rows]
-        for rows in run_slices(data.run)
+    parts = [
+        (data.time[rows], data.states[state][rows], data.states[rate][rows]) for rows in channels.run_slices(data.run)
     ]
-    return np.concatenate(slopes)
+    return np.concatenate([CubicSpline(t, x)(t, 1) if len(t) > 1 else v for t, x, v in parts])
 
 
 def sizes_of(errors: Mapping[ChannelSuspect, KnownError]) -> dict[ChannelSuspect, float]:
@@ -212,7 +195,7 @@ def _pairs(data: Trajectories, simulation: Simulation, noise: Mapping[str, float
             continue
         if data.filter is not None and data.filter.source(rate) == data.filter.source(name):
             continue
-        runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 3 * WINDOW_STEPS]
+        runs = [rows for rows in channels.run_slices(data.run) if rows.stop - rows.start > 3 * WINDOW_STEPS]
         paths = [_Path(data.time[rows], data.states[name][rows], data.states[rate][rows]) for rows in runs]
         if sum(len(path.start) for path in paths) >= FEWEST_WINDOWS:
             yield _Pair(name, rate, paths, noise.get(name, 0.0), noise.get(rate, 0.0), data.filter is None)
@@ -223,22 +206,16 @@ class _Path:
 
     def __init__(self, time: np.ndarray, x: np.ndarray, v: np.ndarray) -> None:
         self.time, self.x, self.v = time, x, v
-        margin = int(np.ceil(FURTHEST * DELAY_STEPS)) + 1
+        margin = int(np.ceil(FURTHEST * channels.DELAY_STEPS)) + 1
         self.start = np.arange(margin, len(time) - WINDOW_STEPS - margin, WINDOW_STEPS)
         self.end = self.start + WINDOW_STEPS
-        self._spline = CubicSpline(time, x)
+        self.spline = CubicSpline(time, x)
 
     def change(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_window"]:
-        """Return the change of a state within each window."""
         return values[self.end] - values[self.start]
 
     def integral(self, rate: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_window"]:
-        """Return the integral of a rate over each window."""
         return self.change(running_integral(self.time, rate))
-
-    def later(self, by: float) -> Float[np.ndarray, " n_time"]:
-        """Return the state at the samples' times plus some time."""
-        return self._spline(self.time + by) if by else self.x
 
 
 class _Pair:
@@ -250,19 +227,22 @@ class _Pair:
         changes = np.concatenate([path.change(path.x) for path in paths])
         shown = 2 * noise**2 + WINDOW_STEPS * (rate_noise * self.step) ** 2
         # Variance of a departure.
-        self.variance = shown + AGREEING**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
+        # Sensors that are right agree to within a hundredth of a state's changes.
+        self.variance = shown + 0.01**2 * float(np.mean(changes**2)) + np.finfo(float).tiny
         self.gained = float(sum(np.sum(path.change(path.v) ** 2) for path in paths))
         # The gain of either, and the offset of the rate: they are weighed with the model.
         integral = np.concatenate([path.integral(path.v) for path in paths])
-        self._plain = {GAIN: integral, OFFSET: np.concatenate([path.change(path.time) for path in paths])}
+        self._plain = {
+            channels.GAIN: integral,
+            channels.OFFSET: np.concatenate([path.change(path.time) for path in paths]),
+        }
 
     def departures(self, sizes: Sizes) -> Float[np.ndarray, " n"]:
-        """Return the departures of samples that are free of errors of some sizes."""
-        by = delays_of(sizes).get(self.state, 0.0)
-        of_state, of_rate = (curve_of(sizes, name) for name in (self.state, self.rate))
+        by = channels.delays_of(sizes).get(self.state, 0.0)
+        of_state, of_rate = (channels.curve_of(sizes, name) for name in (self.state, self.rate))
         parts = []
         for path in self.paths:
-            x = path.later(by)
+            x = path.spline(path.time + by) if by else path.x
             ends = np.concatenate([path.start, path.end])
             start, end = np.split(of_state.measured(x[ends]), 2)
             parts.append(end - start - path.integral(of_rate.measured(path.v)))
@@ -270,7 +250,6 @@ class _Pair:
 
     @cached_property
     def as_shown(self) -> Float[np.ndarray, " n"]:
-        """Departures of the samples as they are."""
         return self.departures({})
 
     def p(self, departures: Float[np.ndarray, " n"], fitted: int = 0) -> float:
@@ -304,15 +283,15 @@ class _Pair:
         yield ()
         if self.p(self.as_shown) >= SURELY_WRONG:
             return
-        yield (delay_error(self.state, self.step),)
+        yield (channels.delay_error(self.state, self.step),)
         x, v = (np.concatenate([getattr(path, name) for path in self.paths]) for name in ("x", "v"))
         for name, values in ((self.state, x), (self.rate, v)) if self._bends else ():
-            yield from (bends for bends in _subsets(bend_errors(name, values)) if bends)
+            yield from (bends for bends in _subsets(channels.bend_errors(name, values)) if bends)
 
     def _beside(self, errors: Sequence[ChannelSuspect]) -> Sequence[tuple[str, ...]]:
         """Return the sets of plain errors to fit errors beside: beside bends, which are nearly linear, the best one."""
         every = list(_subsets(self._plain))
-        if not errors or errors[0].kind == DELAY:
+        if not errors or errors[0].kind == channels.DELAY:
             return every
         residual = self.as_shown
         slopes = [(self.departures({error: NUDGE * error.sd}) - residual) / NUDGE for error in errors]
@@ -357,11 +336,9 @@ class _Pair:
 
 
 class _Reason(NamedTuple):
-    """Errors of one sensor, with sizes, standard deviations and what they leave.
+    """Errors of one sensor, with sizes, standard deviations, p-value, and −2 log evidence (Schwarz 1978) as cost.
 
-    Attributes:
-        cost: −2 log evidence up to a constant (Schwarz 1978).
-        plain: Gain or offset that are fitted beside, with their sizes: x₁ − x₀ = (1 + gain) ∫ v dt + offset T.
+    Beside them x₁ − x₀ = (1 + gain) ∫ v dt + offset T, whichever of the two is in `plain`, with `plain_sizes`.
     """
 
     errors: tuple[ChannelSuspect, ...]

@@ -7,16 +7,11 @@ from bayes_greybox.data.samples.sample_noise import OUTLYING
 from bayes_greybox.discovery.grid.latent_force import MEDIAN_ABSOLUTE_NORMAL
 
 NEIGHBOURS, ROUNDING = 2, 1e-9
-"""Steps on either side that a step is compared with: the fewest whose median another leap among them does not move.
-And the share of the range below which a difference of steps is the rounding of a file."""
+"""Steps on either side that a step is compared with, and share of the range that is the rounding of a file."""
 
 
 def leaps(values: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n_step"]:
-    """Return true for each step between neighbouring samples that is a leap.
-
-    It differs from the median of its neighbours by more than five times the usual difference. Where most steps are
-    leaps there is nothing that they stand out from, and none is one.
-    """
+    """Return true for each step that differs from the median of its neighbours by far more than is usual."""
     steps, m = np.diff(values), NEIGHBOURS
     if len(steps) <= 2 * m:
         return np.zeros(len(steps), bool)

@@ -28,40 +28,28 @@ LIMITS = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8)
 """Limits r over half the range of x."""
 
 STATE_TIMES = (0.1, 0.3, 1.0)
-"""Time constants τ of a state, over the period of a wave with the spread of x and of its rate. Faster ones are its rate
-and its acceleration, which would explain any force on it."""
+"""Time constants τ of a state, over the period of a wave like it; faster ones are its rate and acceleration."""
 
 TIME_FACTOR, MOST_TIMES = 2.0, 12
-"""Time constants of an input are about this factor apart, from two steps to half a run, and so many at most: a
-decay with any other one is a sum of theirs to within 0.002 of its height."""
-
-SUMMED_TIMES = 30.0
-"""Time constants whose exponentials are summed at once."""
+"""Ratio of an input's time constants, from two steps to half a run, and their largest number."""
 
 RETURNS, RETURN_PLAY = 1.5, 0.1
-"""Way of a channel within a run, over its range there, from which on it comes back to where it was: otherwise a memory
-of it is a function of its value. Least share of the range that is a turn; less is noise and no way."""
+"""Way of a channel within a run, over its range there, from which on it comes back, or a memory is a function of it;
+least share of the range that is a turn."""
 
 
 @dataclass(frozen=True)
 class Memory:
-    """One kind of memory of one channel; in files of earlier versions it may be some samples behind."""
+    """One kind of memory of one channel."""
 
     kind: str
     channel: str
     share: float = 0.0
-    behind: bool = False
 
     @property
     def text(self) -> str:
         """Return its name."""
         return f"{self.kind} of {self.channel}"
-
-
-def kind_and_channel(text: str) -> tuple[str, str]:
-    """Return kind and channel of a memory from its text, the inverse of `Memory.text`."""
-    kind, _, channel = text.partition(" of ")
-    return kind, channel
 
 
 Chosen = Callable[[str], bool]
@@ -75,8 +63,7 @@ Memories = Iterator[tuple[Memory, Float[np.ndarray, "n_obs n_element"]]]
 def memory_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
     """Yield every memory with the forces of its elements along the measured paths, for channels that come back.
 
-    Elements are at rest where a run starts; those of an input, which may begin there, also as if it had been zero
-    before.
+    Elements are at rest where a run starts; those of an input also as if it had been zero before.
     """
     runs = [rows for rows in run_slices(data.run) if rows.stop - rows.start > 2]
     for name in (*data.state_names, *data.input_names):
@@ -141,7 +128,7 @@ def _held(changes: np.ndarray, limits: np.ndarray) -> np.ndarray:
 def _summed(gained: np.ndarray, steps: np.ndarray, times: np.ndarray) -> np.ndarray:
     """Return z with z_k = exp(−h/τ) z_(k−1) + gained, as sums over stretches whose exponentials do not overflow."""
     z, past = np.zeros((len(gained) + 1, len(times))), np.concatenate([[0.0], np.cumsum(steps)])[:, None] / times
-    stretch = np.floor(past[:, np.argmin(times)] / SUMMED_TIMES)
+    stretch = np.floor(past[:, np.argmin(times)] / 30.0)
     for first, last in pairwise(sorted({0, *np.flatnonzero(np.diff(stretch)).tolist(), len(gained)})):
         since = past[first + 1 : last + 1] - past[first + 1 : first + 2]
         begun = np.exp(past[first] - past[first + 1]) * z[first]
@@ -154,12 +141,10 @@ SETTLING = (0.08, 0.14, 0.25, 0.45, 0.8, 2.0)
 
 
 def drift_columns(data: Trajectories, chosen: Chosen = lambda text: True) -> Memories:
-    """Yield every state and input times each of the ways of settling, one element each: x exp(−(t − t₀)/τ).
+    """Yield every state and input times each way of settling, one element each: x exp(−(t − t₀)/τ).
 
-    A spring warms up, a bolt comes loose, a battery sags: the coefficient of x settles or, where τ is longer than the
-    record, which starts at t₀, goes on changing. Where a motion dies away meanwhile, a law of the amplitude passes for
-    one of the time. A coefficient that does not change is a correction of the simulation. Runs that go on at the time
-    at which others ended belong to one record.
+    A spring warms up, a bolt comes loose, a battery sags. A coefficient that does not change is a correction of the
+    simulation. Runs that go on at the time at which others ended belong to one record.
     """
     since = data.time - np.min(data.time)
     duration = np.max(since)

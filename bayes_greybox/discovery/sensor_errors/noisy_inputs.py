@@ -13,23 +13,13 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.sample_noise import sample_noise
 from bayes_greybox.data.trajectories import Trajectories
 
-from .channels import (
-    NOISE,
-    ChannelSuspect,
-    ErrorColumns,
-    Rate,
-    Sizes,
-    run_slices,
-    slope_along,
-    with_column,
-    with_columns,
-)
+from . import channels
+from .channels import ChannelSuspect, ErrorColumns, Rate, Sizes
 from .leaps import leaps
 from .samples import LARGEST_NOISE, Smoothed, smooth
 
 DEGREES = (0, 1, 2)
-"""Degrees of the polynomials that a piece between two leaps may be, of which the estimated risk chooses; a piece with
-more bends is for the smoother."""
+"""Degrees of the polynomials that a piece between two leaps may be."""
 
 Quiet = Mapping[ChannelSuspect, Float[np.ndarray, " n_obs"]]
 """Inputs without their noise, by that noise, whose prior standard deviation is the RMS of what smoothing takes off."""
@@ -44,7 +34,7 @@ def noisy_inputs(data: Trajectories) -> Quiet:
             quiet = _quiet(data, name, s)
             size = float(np.sqrt(np.mean((quiet - data.column(name)) ** 2)))
             if size > 0:
-                found[ChannelSuspect(NOISE, name, size)] = quiet
+                found[ChannelSuspect(channels.NOISE, name, size)] = quiet
     return found
 
 
@@ -52,23 +42,20 @@ def noise_columns(data: Trajectories, quiet: Trajectories, errors: Quiet, rate: 
     """Return the noise of inputs with its columns, the change of the rate per unit of noise; `quiet` is without any."""
     away = {error: (quiet.column(error.channel) - data.column(error.channel)) / error.sd for error in errors}
     moved = {error: each for error, each in away.items() if np.any(each != 0)}
-    return with_column([(error, slope_along(data, rate, error.channel, each)) for error, each in moved.items()])
+    return channels.with_column(
+        [(error, channels.slope_along(data, rate, error.channel, each)) for error, each in moved.items()]
+    )
 
 
 def without_noise(data: Trajectories, sizes: Sizes) -> Trajectories:
     """Return the data with the noise taken off inputs, as large a share of it as was found on the training data."""
-    moved = {}
-    for error, size in sizes.items():
-        if error.kind == NOISE:
-            values, share = data.column(error.channel), np.clip(size / error.sd, 0.0, 1.0)
-            moved[error.channel] = values + share * (_quiet(data, error.channel, error.sd) - values)
-    return with_columns(data, moved) if moved else data
+    return channels.nearer(data, sizes, channels.NOISE, lambda error: _quiet(data, error.channel, error.sd))
 
 
 def _quiet(data: Trajectories, name: str, s: float) -> np.ndarray:
     """Return an input with noise of standard deviation s, smoothed between leaps."""
     pieces = []
-    for rows in run_slices(data.run):
+    for rows in channels.run_slices(data.run):
         time, values = data.time[rows], data.column(name)[rows]
         at = np.flatnonzero(leaps(values)) + 1
         pieces += [_smoothed(t, u, s) for t, u in zip(np.split(time, at), np.split(values, at), strict=True)]
@@ -76,10 +63,7 @@ def _quiet(data: Trajectories, name: str, s: float) -> np.ndarray:
 
 
 def _smoothed(time: np.ndarray, values: np.ndarray, s: float) -> np.ndarray:
-    """Return a piece as it is, as a polynomial or smoothed: whichever has the least risk (Stein 1981).
-
-    A fit with k coefficients has the risk RSS/n + 2 s² k/n without bias, the samples as they are 2 s².
-    """
+    """Return a piece as it is, as a polynomial or smoothed: whichever has the least risk (Stein 1981)."""
     n, centred = len(values), (time - np.mean(time)) / (np.ptp(time) or 1.0)
     best = smooth(time, values, s)
     for degree in DEGREES:

@@ -23,14 +23,12 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from .channels import run_slices
 
 LARGEST_NOISE, BORNE_OUT, FEWEST_SMOOTHED = 0.3, 0.65, 30
-"""Largest noise over a state's standard deviation: rows in no order in time look like noise alone; least departure of
-steps from their rate, over what noise s makes of them, that bears the noise out; samples of a run below which nothing
-is smoothed."""
+"""Largest noise over a state's standard deviation; least departure of steps from their rate, over what noise s makes of
+them, that bears it out; least samples of a run that is smoothed."""
 
 INTEGRAL_GAIN, SUMMED = 0.811476, 0.1
-"""Norm of the weights that a cubic spline through samples gives them in its integral over one interval, in steps; a
-state that departs from the running sum of its rate by less than this share of the noise was computed from that rate:
-one that was measured departs from trapezoids of a noisy rate by 1/√2 of it, a sum by nothing."""
+"""Norm of a cubic spline's weights in its integral over an interval, in steps; departure from the running sum of a
+noisy rate, over the noise, below which a state was computed from it: measured ones depart by 1/√2."""
 
 CUTOFFS, LOWEST_CUTOFF = 24, 2.0
 """Number of cut-off frequencies that a smoother chooses from, and the lowest of them in periods of a run."""
@@ -39,11 +37,10 @@ SMOOTHER_TRACE, SMOOTHER_SQUARE = 0.441942, 0.345275
 """tr(H) and tr(HHᵀ) of a smoother over its number of samples, per ω₀h: ∫(2g − g²)dω/π and ∫(2g − g²)²dω/π at ω₀ = 1."""
 
 SLIP_LEAP, SLIP_FOLLOWED = 6.0, 0.3
-"""A leap that the rate lacks is a slip beyond so many of the leaps' usual size, if the rate leaps by less than this
-share of the expected leap."""
+"""Size of a slip over the usual leap that the rate lacks, and largest leap of the rate over the expected one."""
 
 SLIP_WIDTHS, MOST_MENDINGS = (1, 2), 10
-"""Numbers of samples that a slip may have; largest number of searches for slips, each after the largest are mended."""
+"""Numbers of samples that a slip may have; most searches for slips, each after the largest are mended."""
 
 
 @dataclass(frozen=True)
@@ -57,19 +54,10 @@ class SampleNoise:
 class Smoother:
     """Frees states of white noise on their samples, in the training data and in other data of the same sensors.
 
-    A cubic smoothing spline, applied twice, in runs of even step. A fast motion that is sampled coarsely, or one with
-    kinks, may look like white noise: noise of standard deviation s makes a step from sample to sample depart from the
-    integral of the rate by √2 s, and makes the state that it is the rate of depart from its integral by
-    `INTEGRAL_GAIN` h s, with h the step; a motion does not. States whose noise is not borne out so stay as they are.
-
-    Args:
-        train: Training data.
-        rates: Rates of states at the samples, measured or known; without one, and for a state that is no rate itself,
-            noise is believed.
-        rate_of: State that each state is the rate of, as a speed is that of a position.
-
-    Attributes:
-        noise: Noise by state; empty where no state shows any, or where nothing can be smoothed.
+    A cubic smoothing spline, applied twice, in runs of even step. A fast motion that is sampled coarsely, or with
+    kinks, may look like white noise: noise of standard deviation s makes a step depart from the integral of the rate
+    (of `rates`) by √2 s, and the state that it is the rate of (by `rate_of`) from its integral by `INTEGRAL_GAIN` h s,
+    with h the step. States whose noise is not borne out so stay as they are.
     """
 
     def __init__(
@@ -111,10 +99,9 @@ def integrated(simulation: Simulation, data: Trajectories) -> dict[str, str]:
 def misread(
     values: Float[np.ndarray, " n"], run: np.ndarray, rate: Float[np.ndarray, " n"], slope: Float[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return true for samples that leap away and back without the measured rate, and the samples without these leaps.
+    """Return true for samples that leap away and back without the measured rate, and the samples mended by cubics.
 
-    A blow leaps too, and moves the machine: the rate leaps with it, by ∂G/∂x times as much. A slip of the sensor does
-    not move anything. It is replaced by the cubic through its neighbours.
+    A blow leaps too, and moves the machine: the rate leaps with it, by ∂G/∂x times as much. A slip moves nothing.
     """
     values, out = values.copy(), np.zeros(len(values), bool)
     for _ in range(MOST_MENDINGS):
@@ -160,10 +147,7 @@ def _away(x: np.ndarray, leap: np.ndarray) -> np.ndarray:
 
 
 def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray], rate_of: Mapping[str, str]) -> dict[str, float]:
-    """Return the noise on the samples of each state that has some, and that rates and integrals bear out.
-
-    A filter that computed the rates has smoothed the states too, and its rows know the noise that is left.
-    """
+    """Return the noise on the samples of each state that rates and integrals bear out; a filter smoothed before."""
     if data.filter is not None or data.n_obs < FEWEST_SMOOTHED:
         return {}
     sds = sample_noise(data.time, data.matrix(data.state_names), data.run_lengths)
@@ -185,10 +169,7 @@ def _noise_of(data: Trajectories, rates: Mapping[str, np.ndarray], rate_of: Mapp
 
 
 def _smoother(data: Trajectories, above: str, rate: np.ndarray, runs: list[slice], s: float) -> bool:
-    """Return whether a state follows its rate more closely than noise of standard deviation s on the rate allows.
-
-    A position that a logger summed up from the noisy speed itself says nothing of its noise.
-    """
+    """Return whether a state that was not summed up from its rate follows it more closely than noise allows."""
     departures, summed = [], []
     for rows in runs:
         x, r, h = data.states[above][rows], rate[rows], np.diff(data.time[rows])

@@ -16,22 +16,9 @@ from jaxtyping import Float
 from bayes_greybox.data.samples.clipping import seen_samples
 from bayes_greybox.data.trajectories import Trajectories
 
+from . import channels
 from .bends import BEND_POWERS
-from .channels import (
-    DRIFT,
-    ErrorColumns,
-    Rate,
-    Sizes,
-    bend_errors,
-    curve_of,
-    delay_error,
-    gain_error,
-    run_slices,
-    shifted,
-    slope_along,
-    with_column,
-    zero_error,
-)
+from .channels import ErrorColumns, Rate, Sizes
 
 
 def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str, float] | None = None) -> ErrorColumns:
@@ -42,15 +29,14 @@ def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str,
     for k, name in enumerate(samples.state_names):
         by = late.get(name, 0.0)
         # The gain of a late sensor is that of its reading.
-        read = shifted(path, {name: -by})
-        x, zero = read.column(name), zero_error(read, name)
-        later, sooner = (shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
-        alone = [
-            (delay_error(name, step), (later - sooner) / (step / 2)), (gain_error(name), x), (zero, np.ones(path.n_obs))
-        ]  # fmt: skip
+        read = channels.shifted(path, {name: -by})
+        x, zero = read.column(name), channels.zero_error(read, name)
+        later, sooner = (channels.shifted(path, {name: h - by}).column(name) for h in (-step / 4, step / 4))
+        alone: ErrorColumns = [(channels.delay_error(name, step), (later - sooner) / (step / 2))]
+        alone += [(channels.gain_error(name), x), (zero, np.ones(path.n_obs))]
         if span > 0:
-            alone.append((replace(zero, kind=DRIFT), (path.time - np.mean(path.time)) / span))
-        alone += [(bend, (x - bend.center) ** BEND_POWERS[bend.kind]) for bend in bend_errors(name, x)]
+            alone.append((replace(zero, kind=channels.DRIFT), (path.time - np.mean(path.time)) / span))
+        alone += [(bend, (x - bend.center) ** BEND_POWERS[bend.kind]) for bend in channels.bend_errors(name, x)]
         for error, values in alone:
             table = np.zeros((len(samples.state_names), path.n_obs))
             table[k] = values
@@ -60,7 +46,7 @@ def sensor_columns(samples: Trajectories, path: Trajectories, late: Mapping[str,
 
 def bent_by(samples: Trajectories, sizes: Sizes) -> Float[np.ndarray, " n_sample"]:
     """Return the bend of each sensor's reading at samples that are free of errors, one sensor after the other."""
-    return np.concatenate([curve_of(sizes, name).bend(samples.column(name)) for name in samples.state_names])
+    return np.concatenate([channels.curve_of(sizes, name).bend(samples.column(name)) for name in samples.state_names])
 
 
 def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
@@ -70,7 +56,7 @@ def unit_of_rows(samples: Trajectories, sizes: Sizes) -> float:
     """
     seen, logs = seen_samples(samples), []
     for name in samples.state_names:
-        curve = curve_of(sizes, name)
+        curve = channels.curve_of(sizes, name)
         slope = curve.slope(samples.column(name)[seen])
         logs.append(float(np.mean(np.log((curve.gain + slope) / (1.0 + slope)))) if len(slope) else 0.0)
     return float(np.mean(logs))
@@ -81,13 +67,13 @@ def input_columns(nodes: Trajectories, names: Sequence[str], rate: Rate, step: f
     columns = []
     for name in names:
         u = nodes.column(name)
-        change = np.concatenate([_gradient(nodes.time[rows], u[rows]) for rows in run_slices(nodes.run)])
+        change = np.concatenate([_gradient(nodes.time[rows], u[rows]) for rows in channels.run_slices(nodes.run)])
         columns += [
-            (delay_error(name, step), slope_along(nodes, rate, name, change)),
-            (gain_error(name), -slope_along(nodes, rate, name, u)),
-            (zero_error(nodes, name), -slope_along(nodes, rate, name, np.ones(nodes.n_obs))),
+            (channels.delay_error(name, step), channels.slope_along(nodes, rate, name, change)),
+            (channels.gain_error(name), -channels.slope_along(nodes, rate, name, u)),
+            (channels.zero_error(nodes, name), -channels.slope_along(nodes, rate, name, np.ones(nodes.n_obs))),
         ]
-    return with_column(columns)
+    return channels.with_column(columns)
 
 
 def _gradient(time: np.ndarray, values: np.ndarray) -> np.ndarray:

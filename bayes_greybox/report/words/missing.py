@@ -10,7 +10,7 @@ from bayes_greybox.discovery.answer.instrument import LISTED
 from bayes_greybox.discovery.candidates import fault_probability, law_behind, rivals
 from bayes_greybox.discovery.decision.probabilities import INSTRUMENT, NO_GAP, STOPS, UNKNOWN_KIND
 from bayes_greybox.discovery.decision.reasons import OF_SHAPE, ONE_LAW, ONE_LAW_AND_MORE
-from bayes_greybox.discovery.sensor_errors.channels import LAG, fault_kind
+from bayes_greybox.discovery.sensor_errors.channels import fault_kind
 from bayes_greybox.discovery.study import NO_CATALOGUE, StudyResult
 from bayes_greybox.discovery.summary import answer, probability_missing, probability_of_answer
 from bayes_greybox.physics.catalogue.names import within
@@ -182,10 +182,6 @@ def _one_of(study: StudyResult, rows: Sequence[Row], closed: Closed) -> list[str
     unsure = [row for row in rows if row["probability"] < study.criteria.named]
     faults = [name for name in dict.fromkeys(each for row in rows for each in row["tied_with"]) if fault_kind(name)]
     adding = f"adding {' and '.join(within(named_in(study, row)) for row in rows)}"
-    if all(row["probability"] < study.criteria.missing for row in rows) and LAG in map(fault_kind, faults):
-        fault = f"Most likely a sensor is at fault ({', '.join(faults)})"
-        texts = " and ".join(each.text for each in _added(study, rows))
-        return [f"{fault}, or else there is {texts}.", closed.alone(f"{adding}, which does the same,")]
     if sure and unsure:
         return [_besides(study, sure, unsure, faults), closed.alone(adding)]
     candidates, equations = _candidates(study, rows), list(dict.fromkeys(row["equation"] for row in rows))

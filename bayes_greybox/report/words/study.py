@@ -203,11 +203,8 @@ def suspects_weighed(study: StudyResult) -> list[tuple[str, str]]:
     }
     rows = []
     for kind, names in weighed.items():
-        if kind != channels.LAG:
-            named = ", ".join("all states together" if name == channels.STATES else name for name in names)
-            rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
-    share = f"{fmt.probability_text(odds.get('slow_sensor', 0.5))}: it, or a lag of an input, which does the same"
-    rows += [(f"Lag of {name}", share) for name in weighed.get(channels.LAG, ())]
+        named = ", ".join("all states together" if name == channels.STATES else name for name in names)
+        rows.append((f"{kind.capitalize()} of {named}", f"{each} each; size {sizes[kind]}"))
     for equation, rate in zip(study.maps, labels, strict=True):
         where = f" in {rate}" if len(labels) > 1 else ""
         rows += [

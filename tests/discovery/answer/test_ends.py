@@ -12,7 +12,7 @@ def dead_zone(gap):
     data = tiny_data(lambda x: -np.sign(x) * np.maximum(np.abs(x) - gap, 0), n=200)
     study = tiny_study_of([DEAD_ZONE], data, simulation=lambda t, x, u: [-x[0]])
     assert [place.slug for place in study.verdict.places] == ["dead-zone"]
-    said = at_ends(study.regressors, study.coefficients, study.criteria)
+    said = at_ends(study.regressors, study.coefficients, study.probabilities.criteria)
     assert set(said) <= {reason.text for reason in study.verdict.reasons}
     return said
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_greybox.discovery.grid.sets import Reach, Window
-from bayes_greybox.discovery.linearise import standing
+from bayes_greybox.discovery.linearise import standing, visits
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.standing import standing_visit
 
@@ -76,7 +76,7 @@ def paths(monkeypatch):
     """Rows by what they are near: the first path says a lag, on its own path the cube is far ahead."""
     visited = []
 
-    def weighed_on(point, *_):
+    def near_to(_, point):
         near, window = tuple(name for name, _ in point.added), point.window and set(point.window.called)
         visited.append((near, window))
         own = {(): -90.0, (CUBE,): paths.cube, (DRAG,): -70.0, (LAG,): paths.lag}
@@ -84,7 +84,7 @@ def paths(monkeypatch):
         kept = {n: w for n, w in logs.items() if window is None or set(n) <= window}
         return Table(kept, point, complete=near in paths.stands)
 
-    monkeypatch.setattr(standing, "weighed_on", weighed_on)
+    monkeypatch.setattr(visits.Weigher, "near", near_to)
     monkeypatch.setattr(standing, "refined", lambda *_: ({}, frozenset()))
     monkeypatch.setattr(standing, "Ground", SimpleNamespace(of=lambda weighed: None))
     paths.cube, paths.lag, paths.stands, paths.visited = -5.0, -40.0, {(CUBE,)}, visited
@@ -93,7 +93,7 @@ def paths(monkeypatch):
 
 def found(paths, **first):
     first = Table(FIRST | first.pop("logs", {}), Point(), **first)
-    return standing_visit(first, SimpleNamespace(near=lambda point: point), None, Reach(), 0)
+    return standing_visit(first, visits.Weigher(None, None, Reach(), 0))
 
 
 def test_the_effect_that_is_likeliest_along_its_own_path_is_found_though_the_first_path_says_another(paths):

@@ -8,10 +8,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.discovery.answer.explained import Component, Explained, joined
 from bayes_greybox.discovery.next_experiment.ranked import Candidate, usual_candidates
-from bayes_greybox.discovery.study_file import STUDY_CLASSES, Features
-from bayes_greybox.inference.kept.packing import Packer, Unpacker
 from bayes_greybox.missing_effects import Study
-from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.physics.experiments.signals import Hold, Multisine, Noise
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.running.errors import InputError
@@ -193,18 +190,3 @@ def test_a_state_without_an_equation_cannot_be_simulated(study):
     other = replace(told(study, NOTHING, law("cubic", 0.5, "y**3", -0.8)), base=alone)
     with pytest.raises(InputError, match="'y' has no equation to integrate"):
         other.next_experiment([FAR], outcomes=8)
-
-
-def test_what_has_no_name_in_a_file_of_an_older_version_is_read_and_predicts_nothing():
-    """Those versions kept features of f behind the terms, of unknown and beside an effect."""
-    box = np.zeros(1)
-    f = Features(("y",), box, box + 1, HilbertBasis(1.5, (3,)), np.arange(3))
-    old = Component(1.0, ("v",), (Term("y**3"),), np.arange(4.0), np.eye(4), {"v": f})
-    packer = Packer(STUDY_CLASSES)
-    packed = packer.pack((Explained("unknown", 0.4, (), (old,)), Explained("cubic", 0.6, ("cubic",), (old,))), "old")
-    again = Unpacker(STUDY_CLASSES, packer.arrays).unpack(packed)
-    assert isinstance(again[0].components[0].features["v"], Features)
-    unknown, cubic = sorted(joined({"v": again}), key=lambda e: e.probability)
-    assert not unknown.components
-    assert cubic.components[0].mean.shape == (1,)
-    assert cubic.components[0].root.shape == (4, 1)
