@@ -11,7 +11,7 @@ from bayes_greybox.discovery.grid.sets import Reach, Window
 from bayes_greybox.discovery.odds import Odds
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, Sizes
-from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
+from bayes_greybox.model.estimate.near import MOST_TANGENTS
 from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, noise_shapes

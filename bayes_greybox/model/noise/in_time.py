@@ -20,9 +20,6 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import CORRELATED, PROCESS, NoiseModel, Suspicion, weighed_on_grid
 
-FILTER_WIDTH = 2048
-"""Longer records are cut into stretches of so many rows, filtered side by side, each as a run of its own."""
-
 TIME_STEPS, TIME_SPREAD = 10.0, 1.5
 """τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm."""
 
@@ -50,9 +47,8 @@ def in_time(
 ) -> Suspicion | None:  # fmt: skip
     """Weigh a process in time, `CORRELATED` or `PROCESS`, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
-    τ may be known, in units of time. `evidence` is log p of the measurements under some noise, the explanation
-    integrated out, whose mode is taken; by default that of the residuals. Where each run has one row, there is no
-    suspicion.
+    τ may be known. The mode is that of `evidence`, log p of the measurements under some noise, the explanation
+    integrated out, or else of the residuals.
     """
     process = "exponential" if name == CORRELATED else "matern32"
     sd = correlation_and_sd(current.noise)[1]
@@ -101,7 +97,7 @@ def in_time(
 
 
 class _Stretches(NamedTuple):
-    """A record cut side by side [n_stretch, width]: values, times since the rows before, rows in use."""
+    """Stretches of a record, filtered side by side as runs of their own: values, times since rows before, use."""
 
     e: np.ndarray
     step: np.ndarray
@@ -111,7 +107,7 @@ class _Stretches(NamedTuple):
 def _stretches(e: np.ndarray, stamps: Stamps) -> _Stretches:
     n = len(e)
     step = np.where(np.diff(stamps.run, prepend=-1) != 0, np.inf, np.diff(stamps.time, prepend=stamps.time[0]))
-    width = min(FILTER_WIDTH, n)
+    width = min(2048, n)
     rows = np.arange(0, n, width)[:, None] + np.arange(width)
     used = rows < n
     rows = np.minimum(rows, n - 1)
