@@ -109,15 +109,6 @@ def centred(stated: Mapping[str, Mapping[str, Coefficient]]) -> dict[str, dict[s
     return {name: {term: prior.centred() for term, prior in terms.items()} for name, terms in stated.items()}
 
 
-def stated_in_words(stated: Mapping[str, Mapping[str, Coefficient]], several: bool) -> str:
-    """Return the priors in a few signs, `y N(-2, 0.1²); y**3 ≤ 0`, with names of equations if there are several."""
-    return "; ".join(
-        f"{term} of {equation} {prior}" if several else f"{term} {prior}"
-        for equation, terms in stated.items()
-        for term, prior in terms.items()
-    )
-
-
 def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, Dictionary]) -> dict[str, Dictionary]:
     """Return dictionaries by block, from those by learned state; equations that share their rows have a joint one."""
     return {

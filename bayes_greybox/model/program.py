@@ -27,7 +27,7 @@ from bayes_greybox.physics.units import check_units, slope_unit, target_unit
 from bayes_greybox.running.errors import InputError
 
 from .assemble import assemble
-from .coefficient import StatedTerms, by_block, centred, read_coefficients, stated_in_words, stated_terms, used_states
+from .coefficient import StatedTerms, by_block, centred, read_coefficients, stated_terms, used_states
 from .design import Design
 from .equation import Equation
 from .estimate.evidence import LEAST_FLOOR
@@ -210,9 +210,9 @@ class Program(SamplingProgram):
 
     @property
     def prior_text(self) -> str:
-        """The prior in words: its name, and the priors of single coefficients."""
-        priors = {name: self._priors(name) for name in self.equations}
-        stated = stated_in_words(priors, several=len(self.equations) > 1)
+        """The prior in words: its name, and the priors of single coefficients, `Normal (y N(-2, 0.1²); y**3 ≤ 0)`."""
+        of = {name: f" of {name}" if len(self.equations) > 1 else "" for name in self.equations}
+        stated = "; ".join(f"{term}{of[name]} {prior}" for name in of for term, prior in self._priors(name).items())
         return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 
     @property

@@ -69,11 +69,12 @@ def triangular_factor(
     triangular solve and a symmetric rank-one update. `rows` returns rows of F by their indices.
     """
     if n_row <= chunk:
-        return _qr(rows(np.arange(n_row)))
+        return np.asarray(np.linalg.qr(rows(np.arange(n_row)), mode="r"))
     sample = rows(np.unique(np.linspace(0, n_row - 1, chunk).astype(int)))
     # A ridge keeps R₀ invertible when columns are collinear, twelve digits below what they carry.
     norms = np.linalg.norm(sample, axis=0)
-    R = _qr(np.vstack([sample, np.diag(1e-12 * np.where(norms > 0, norms, 1.0))])) * np.sqrt(n_row / len(sample))
+    ridge = np.diag(1e-12 * np.where(norms > 0, norms, 1.0))
+    R = np.linalg.qr(np.vstack([sample, ridge]), mode="r") * np.sqrt(n_row / len(sample))
     for _ in range(3):
         G = _preconditioned_gram(rows, n_row, chunk, R)
         # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the others.
@@ -101,7 +102,3 @@ def _preconditioned_gram(rows: Callable, n_row: int, chunk: int, R0: np.ndarray)
             trsm(1.0, R0, block.T, trans_a=1, overwrite_b=True)
             G = syrk(1.0, block.T, beta=1.0, c=G, overwrite_c=True)
     return np.triu(G) + np.triu(G, 1).T
-
-
-def _qr(matrix: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(matrix, mode="r"))

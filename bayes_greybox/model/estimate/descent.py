@@ -1,8 +1,7 @@
 """Descents to an estimate on paths of a model alone: Levenberg–Marquardt steps, each on rows taken anew.
 
-A path of equations that amplify what changes it is cut into segments with free starts, as many as its coefficients ask
-for. A path of more segments follows samples better, and the wide prior of each start costs some ten nats: densities say
-which of two coefficients is likelier only where both paths have as many segments.
+A path that amplifies what changes it is cut into segments with free starts. More of them follow samples better, and the
+wide prior of each start costs some ten nats: densities compare coefficients only on paths of as many segments.
 """
 
 import math

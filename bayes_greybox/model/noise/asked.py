@@ -1,8 +1,8 @@
 """`GreyBox(noise=bg.Noise(...))`: noise of the rows that is correlated, depends on the state, or has heavy tails.
 
 The parameters of R are found at their mode on the residuals of a ridge fit of the equation, before the sampler runs,
-and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and, where the model has a
-discrepancy, few features of it, and is repeated under the noise that it found:
+and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and few features of the
+discrepancy, and is repeated under the noise that it found:
 
     β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   alternately.
 

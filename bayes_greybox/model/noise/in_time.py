@@ -54,12 +54,12 @@ def in_time(
     sd = correlation_and_sd(current.noise)[1]
     e = residual / sd
     time, run = stamps
-    stretches = _stretches(e, stamps)
-    within = stretches.step[np.isfinite(stretches.step) & stretches.used]
+    values, step, used = _stretches(e, stamps)
+    within = step[np.isfinite(step) & used]
     if not len(within):
         return None
     typical, n = float(np.median(within)), len(e)
-    stretches = stretches._replace(step=stretches.step / typical)
+    stretches = values, step / typical, used
     longest = max(math.log(max(np.bincount(run - run.min()))), 1.0)
     taus = np.exp(np.arange(math.log(SHORTEST_TIME[name]), max(longest, 1.8) + 0.3, 0.55))
     if time_scale is not None:
@@ -96,15 +96,8 @@ def in_time(
     return replace(suspicion, model=replace(suspicion.model, constant=suspicion.model.constant + lift))
 
 
-class _Stretches(NamedTuple):
-    """Stretches of a record, filtered side by side as runs of their own: values, times since rows before, use."""
-
-    e: np.ndarray
-    step: np.ndarray
-    used: np.ndarray
-
-
-def _stretches(e: np.ndarray, stamps: Stamps) -> _Stretches:
+def _stretches(e: np.ndarray, stamps: Stamps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut a record side by side, as runs of their own: values, times since the rows before, and rows in use."""
     n = len(e)
     step = np.where(np.diff(stamps.run, prepend=-1) != 0, np.inf, np.diff(stamps.time, prepend=stamps.time[0]))
     width = min(2048, n)
@@ -113,11 +106,11 @@ def _stretches(e: np.ndarray, stamps: Stamps) -> _Stretches:
     rows = np.minimum(rows, n - 1)
     step = np.where(used, step[rows], np.inf)
     step[:, 0] = np.inf
-    return _Stretches(np.where(used, e[rows], 0.0), step, used)
+    return np.where(used, e[rows], 0.0), step, used
 
 
 def _filtered(
-    stretches: _Stretches, process: str, taus: np.ndarray, shares: np.ndarray, n: int, prior: NoisePrior
+    stretches: tuple[np.ndarray, ...], process: str, taus: np.ndarray, shares: np.ndarray, n: int, prior: NoisePrior
 ) -> Float[np.ndarray, "n_tau n_share"]:
     """Return log p(e | τ, w), σ integrated out, on a grid; all stretches and nodes go through the rows together."""
     e, step, used = stretches

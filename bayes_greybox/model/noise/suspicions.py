@@ -1,9 +1,8 @@
 """Noise that is not white: its correlation, its size along the path, and its tails, found on residuals.
 
 Each suspect is weighed against noise as it is, on residuals of a hypothesis, all parameters summed over a grid with σ
-integrated out, and then held at its mode; see `noise_model`. Sensor noise and an unknown force along the path that
-samples are taken of are told apart by the spectrum of the residual: what enters as a force rings as the system does. It
-is something that the model lacks, or surroundings that shake it.
+integrated out, and then held at its mode; see `noise_model`. Sensor noise and an unknown force along a path are told
+apart by the spectrum of the residual: what enters as a force rings as the system does.
 """
 
 import math
