@@ -41,6 +41,7 @@ class Prior(Protocol):
 
     def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample the scales (inside a NumPyro model)."""
+        ...
 
 
 class _Limited:

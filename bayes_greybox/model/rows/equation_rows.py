@@ -32,16 +32,20 @@ class Operator(Protocol):
     @property
     def sample(self) -> Int[np.ndarray, " n_row"]:
         """Sample of the data that each row is at."""
+        ...
 
     @property
     def place(self) -> Int[np.ndarray, " n_row"]:
         """Place of each row among the columns that terms are evaluated on."""
+        ...
 
     def __call__(self, table: Float[np.ndarray, "n_sample k"]) -> Float[np.ndarray, "n_row k"]:
         """Return V table."""
+        ...
 
     def of(self, evaluate: Evaluate, columns: Columns) -> Float[np.ndarray, "n_row k"]:
         """Return V F, with F evaluated on columns [n] a stretch of samples at a time."""
+        ...
 
 
 def block_name(equations: Sequence[str]) -> str:

@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -183,8 +182,11 @@ class TrajectoryRows(RowKind):
         common = self.path(data, equations, simulation).common
         return partial(self._rows_like, replace(common, clipped=ends_of_sensors(data.samples or data)))
 
-    def _rows_like(self, common: Common, data: Trajectories, *of: Any) -> EquationRows:
-        return _rows_of(self.followed(data, *of, common), data, *of, None, self.force)
+    def _rows_like(
+        self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
+    ) -> EquationRows:
+        path = self.followed(data, equations, simulation, common)
+        return _rows_of(path, data, equations, simulation, None, self.force)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Return the reference path through samples, or through those of completed data."""

@@ -76,8 +76,9 @@ class Sizes:
         return np.sqrt(self.terms / self.n_at) / acting, float(np.sqrt(self.target / self.n_white))
 
     def __add__(self, other: "Sizes") -> "Sizes":
-        both = self.levels, other.levels
-        levels = None if both[0] is None or both[1] is None else _few(np.concatenate(both))
+        levels = None
+        if self.levels is not None and other.levels is not None:
+            levels = _few(np.concatenate([self.levels, other.levels]))
         names = ("n_at", "n_white", "log_det", "terms", "target", "measured")
         sums = {name: getattr(self, name) + getattr(other, name) for name in names}
         return Sizes(ends=_wider(self.ends, other.ends), levels=levels, **sums)
