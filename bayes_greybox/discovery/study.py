@@ -15,7 +15,7 @@ from bayes_greybox.inference.kept.netcdf import versions
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.model.noise.asked import Noise
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.row_warnings import row_warnings
+from bayes_greybox.model.rows.derivative_rows import row_warnings
 from bayes_greybox.physics.catalogue.effects import Effect
 from bayes_greybox.physics.catalogue.loading import CatalogueSpec, load_catalogue
 from bayes_greybox.running.errors import InputError

@@ -19,23 +19,16 @@ from .algebra.linalg import require_independent
 from .coefficient import CoefficientPriors
 from .design import DenseDesign, FeatureDesign
 from .equation import Equation
-from .frame import Frame
+from .frame import Frame, box_columns, scaled_frame, with_measure
 from .gp.discrepancy import EXACT_LIMIT, OrthogonalGP
 from .gp.hyper import Hyperparameters
 from .rows.equation_rows import EquationRows, Table
-from .scaling import box_columns, scaled_frame, with_measure
-
-FEWEST_ROUNDING_STEPS = 8
-"""Least number of steps of a lattice on which values count as rounded to it."""
 
 
 def assemble(
-    rows: EquationRows,
-    dictionary: Dictionary,
-    discrepancy: OrthogonalGP | None,
-    noise_floor: float,
+    rows: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None, noise_floor: float,
     coefficients: Sequence[Coefficient | None] | None = None,
-) -> Equation:
+) -> Equation:  # fmt: skip
     """Build frame and design of one equation: the only work that grows with the number of rows.
 
     `noise_floor` is the least σ over the RMS of the target, and `coefficients` has the prior of each term, None where
@@ -90,30 +83,18 @@ def require_rows(equation: str, n_row: int, n_term: int) -> None:
 def common_of(
     frame: Frame, n_obs: int, log_det: float, noise_floor: float, coefficients: Sequence[Coefficient | None] | None
 ) -> dict[str, Any]:
-    """Return the fields of every design beside its rows.
-
-    σ, R and the white numbers `n_obs` are those of the rows; `noise_floor` is in scaled units.
-    """
+    """Return the fields of every design beside its rows, from those of the rows; the floor is in scaled units."""
     priors = [None] * len(frame.dictionary) if coefficients is None else coefficients
-    return {
-        "n_obs": on_device(np.float64(n_obs)),
-        "n_prior": on_device(np.float64(n_obs)),
-        "log_det_R": on_device(np.float64(log_det)),
-        "noise_floor": on_device(np.float64(noise_floor)),
-        "coefficients": CoefficientPriors.of(priors, frame.coefficient_scale),
-    }
+    numbers = {"n_obs": n_obs, "n_prior": n_obs, "log_det_R": log_det, "noise_floor": noise_floor}
+    fields: dict[str, Any] = {name: on_device(np.float64(value)) for name, value in numbers.items()}
+    return {**fields, "coefficients": CoefficientPriors.of(priors, frame.coefficient_scale)}
 
 
 def feature_design(
-    frame: Frame,
-    discrepancy: OrthogonalGP | None,
-    factor: Float[np.ndarray, "n_kept n_column"],
+    frame: Frame, discrepancy: OrthogonalGP | None, factor: Float[np.ndarray, "n_kept n_column"],
     common: Mapping[str, Any],
-) -> FeatureDesign:
-    """Return the design of rows with a known triangular factor of [Φ ψ y], whitened, in scaled units.
-
-    The frame has the measure's bases; `common` is from `common_of`.
-    """
+) -> FeatureDesign:  # fmt: skip
+    """Return the design of rows with a known triangular factor of [Φ ψ y], whitened, in scaled units."""
     n_term = len(frame.dictionary)
     Phi, psi, y = np.split(factor, [n_term, factor.shape[1] - 1], axis=1)
     conditioned = discrepancy is not None and discrepancy.variant == "conditioned"
@@ -133,9 +114,8 @@ def feature_design(
 def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> float:
     """Return the noise floor: the relative one, and the rounding error of the recorded values, in quadrature.
 
-    Values are rounded if some repeat and all differences are multiples of the smallest; of unrounded values the
-    smallest difference says nothing but how many there are, and a signal of a few levels may well be exact. Both
-    arguments are over the RMS of the target.
+    Values are rounded if some repeat and all differences are multiples of the smallest; a signal of a few levels may
+    well be exact. Both arguments are over the RMS of the target.
     """
     return with_steps(np.unique(measured), measured.size, relative)
 
@@ -143,7 +123,7 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
 def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: float) -> float:
     """Return `with_rounding` of `n_obs` values from their different levels, in increasing order."""
     steps = np.diff(levels)
-    if steps.size < FEWEST_ROUNDING_STEPS or steps.size == n_obs - 1:
+    if steps.size < 8 or steps.size == n_obs - 1:
         return relative
     multiples = steps / steps.min()
     rounded = bool(np.all(np.abs(multiples - np.rint(multiples)) < 1e-3))
@@ -219,14 +199,14 @@ def _dense_design(frame: Frame, gp: OrthogonalGP, rows: EquationRows, table: Tab
         variant=gp.variant,
         **common,
     )
-    _require_covariance(design, gp, len(frame.variables))
+    if gp.variant == "printed":
+        _require_covariance(design, gp)
     return design
 
 
-def _require_covariance(design: DenseDesign, gp: OrthogonalGP, n_var: int) -> None:
-    if gp.variant != "printed":
-        return
-    typical = Hyperparameters(design.noise_floor, jnp.asarray(gp.amplitude), jnp.full(n_var, gp.length_scale))
+def _require_covariance(design: DenseDesign, gp: OrthogonalGP) -> None:
+    length_scale = jnp.full(design.n_var, gp.length_scale)
+    typical = Hyperparameters(design.noise_floor, jnp.asarray(gp.amplitude), length_scale)
     eigenvalues = np.linalg.eigvalsh(np.asarray(design.covariance(typical)))
     if eigenvalues[0] < -1e-10 * np.abs(eigenvalues).max():
         raise InputError(
@@ -236,12 +216,7 @@ def _require_covariance(design: DenseDesign, gp: OrthogonalGP, n_var: int) -> No
         )
 
 
-def _require_traces(
-    whitened: Float[np.ndarray, "n_white n_term"],
-    columns: Float[np.ndarray, "n_row n_term_and_more"],
-    names: tuple[str, ...],
-    equation: str,
-) -> None:
+def _require_traces(whitened: np.ndarray, columns: np.ndarray, names: tuple[str, ...], equation: str) -> None:
     """Refuse terms that whitening wipes out, as the spectral derivative does a constant one."""
     size = np.linalg.norm(columns[:, : len(names)], axis=0)
     lost = np.linalg.norm(whitened, axis=0) < 1e-10 * size

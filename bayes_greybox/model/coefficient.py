@@ -23,12 +23,9 @@ from .priors import Scales
 
 
 class StatedTerms(NamedTuple):
-    """The terms of one equation, and the priors that are stated of their coefficients.
+    """The terms of one equation, and the priors of single ones by name.
 
-    Attributes:
-        fixed: Terms that are not learned, with their coefficients.
-        known: Terms in the simulation: the fixed ones, and means that are taken off.
-        priors: Priors of single terms by name.
+    `known` terms are in the simulation: the `fixed` ones, which are not learned, and means that are taken off.
     """
 
     all: Dictionary
@@ -82,10 +79,7 @@ def read_coefficients(stated: Any, dictionary: Mapping[str, Any]) -> dict[str, d
 
 
 def matched(stated: Mapping[str, Coefficient], names: Sequence[str], equation: str) -> dict[str, Coefficient]:
-    """Return priors by the names of the dictionary's terms, which blanks in a key do not change.
-
-    A key that is no term, or two for one term, are refused.
-    """
+    """Return priors by the names of the dictionary's terms, which blanks in a key do not change."""
     by_term: dict[str, Coefficient] = {}
     for key, prior in stated.items():
         name = key if key in names else "".join(str(key).split())
@@ -115,15 +109,6 @@ def centred(stated: Mapping[str, Mapping[str, Coefficient]]) -> dict[str, dict[s
     return {name: {term: prior.centred() for term, prior in terms.items()} for name, terms in stated.items()}
 
 
-def stated_in_words(stated: Mapping[str, Mapping[str, Coefficient]], several: bool) -> str:
-    """Return the priors in a few signs, `y N(-2, 0.1²); y**3 ≤ 0`, with names of equations if there are several."""
-    return "; ".join(
-        f"{term} of {equation} {prior}" if several else f"{term} {prior}"
-        for equation, terms in stated.items()
-        for term, prior in terms.items()
-    )
-
-
 def by_block(blocks: Mapping[str, tuple[str, ...]], dictionaries: Mapping[str, Dictionary]) -> dict[str, Dictionary]:
     """Return dictionaries by block, from those by learned state; equations that share their rows have a joint one."""
     return {
@@ -148,23 +133,13 @@ def used_states(
     return tuple(name for name in unknown if any(name in each for state, each in used.items() if state != name))
 
 
-CERTAIN = 1e3
-"""Log odds of a term that is in whatever the data say."""
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class CoefficientPriors:
     """Priors of single terms of one equation in scaled units; every term of the dictionary has an entry.
 
-    Attributes:
-        mean: Expected value; zero under the model's prior.
-        sd: Standard deviation; one, which nothing asks for, under the model's prior.
-        lower: Least value, or −∞.
-        upper: Largest value, or ∞.
-        shared: Terms under the model's prior.
-        certain: Terms that are in whatever the data say.
-        bounded: Terms with a bound.
+    `shared` terms are under the model's prior, with the mean zero and an `sd` of one that nothing asks for; `certain`
+    ones are in whatever the data say.
     """
 
     mean: Float[Array, " n_term"]
@@ -202,10 +177,10 @@ class CoefficientPriors:
         if shared is None:
             return Scales(self.sd, None, self.mean)
         index = np.array(self.shared, int)
-        odds = None
+        odds, certainly = None, 1e3
         if shared.log_odds is not None:
-            odds = jnp.full(self.mean.shape, CERTAIN).at[index].set(shared.log_odds)
-            odds = odds.at[np.array(self.certain, int)].set(CERTAIN)
+            odds = jnp.full(self.mean.shape, certainly).at[index].set(shared.log_odds)
+            odds = odds.at[np.array(self.certain, int)].set(certainly)
         return Scales(self.sd.at[index].set(shared.sd), odds, self.mean)
 
     def limits(self, scales: Scales) -> tuple[Float[Array, " n_bounded"], Float[Array, " n_bounded"]]:
@@ -238,10 +213,9 @@ class CoefficientPriors:
         return jnp.where(sd > 0, mean + sd * z, 0.0), sd
 
     def log_restriction(self, sd: Float[Array, "*draws n_term"], power: float = 1.0) -> Float[Array, "*draws"]:
-        """Return −Σ_j log P(lower_j ≤ θ_j ≤ upper_j), θ_j ~ N(mean_j, sd_j²/power), over the bounded terms that are in.
+        """Return −Σ_j log P(lower_j ≤ θ_j ≤ upper_j), θ_j ~ N(mean_j, sd_j²/power), over the bounded terms with sd > 0.
 
-        This is what restricting a normal prior adds to its log density inside the bounds; `sd` is zero where a term is
-        out.
+        This is what restricting a normal prior adds to its log density inside the bounds.
         """
         total = jnp.zeros(sd.shape[:-1])
         for j in self.bounded:
@@ -254,10 +228,7 @@ class CoefficientPriors:
     def given(
         self, theta: Float[np.ndarray, "n_draw n_term"], sd: Float[np.ndarray, "n_draw n_term"]
     ) -> tuple[Float[np.ndarray, "n_draw n_term"], Float[np.ndarray, "n_draw n_term"]]:
-        """Return mean and standard deviation of θ a priori, the bounded coefficients held at their draws.
-
-        Given these the target is normal, which a bounded coefficient does not leave it.
-        """
+        """Return mean and standard deviation of θ a priori given the bounded coefficients, which leave y normal."""
         mean, spread = np.broadcast_to(np.asarray(self.mean), theta.shape).copy(), np.array(sd)
         index = list(self.bounded)
         mean[:, index], spread[:, index] = theta[:, index], 0.0

@@ -17,10 +17,6 @@ from .frame import Frame
 from .rows.equation_rows import EquationRows, Table
 
 Index = Int[np.ndarray, " n"] | slice
-"""Rows by number."""
-
-ESTIMATE_RIDGE = 1e-6
-"""Shrinkage of the estimate that rows are taken near, over the mean square of a column."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +57,7 @@ class Equation:
         """[Φ Ψ̃] by index of the rows."""
         frame, rows = self.frame, self.rows
         if rows.spread is None or not frame.jumps.places:
-            return rows.table(
-                lambda columns: np.column_stack([np.asarray(part) for part in frame.rows(columns)]),
-                frame.dictionary.acts_on,
-            )
+            return rows.table(lambda columns: np.column_stack([*frame.rows(columns)]), frame.dictionary.acts_on)
         # What is projected out of the features are the terms of the rows, jumps and all.
         terms = rows.table(lambda columns: np.asarray(frame.dictionary_rows(columns)), jumps=frame.jumps)
         plain = rows.table(lambda columns: np.asarray(frame.plain_features(columns)))
@@ -80,8 +73,7 @@ class Equation:
 
         Coefficients with a normal prior of their own are drawn to it, and those with bounds are kept between them.
         """
-        theta = self._least_squares[0] * self.frame.coefficient_scale
-        return list(zip(self.frame.dictionary.terms, theta.tolist(), strict=True))
+        return self._named(self._least_squares[0])
 
     def moved(self, before: Sequence[tuple[Term, float]]) -> float:
         """Return the largest change of a coefficient of `ridge` from others, in its standard deviations."""
@@ -96,24 +88,20 @@ class Equation:
 
     def log_density(self, at: Sequence[tuple[Term, float]]) -> float:
         """Return the log density of the samples and of stated priors at other coefficients, up to a constant."""
-        theta, stated = self._scaled(at), self.design.coefficients
-        return self._log_likelihood(theta) - 0.5 * float(self._stated_weight @ (theta - np.asarray(stated.mean)) ** 2)
+        theta, stated, n = self._scaled(at), self.design.coefficients, self.rows.n_white
+        square = np.sum(self._residual(theta) ** 2) * (self.frame.target_scale * self.rows.gain) ** 2
+        log_likelihood = -0.5 * (n * math.log(square / n) + float(self.rows.noise.log_det))
+        return log_likelihood - 0.5 * float(self._stated_weight @ (theta - np.asarray(stated.mean)) ** 2)
 
     def damped(self, at: Sequence[tuple[Term, float]], damping: float) -> tuple[list[tuple[Term, float]], float]:
         """Return coefficients after a Levenberg–Marquardt step from others, and the gain that it promises, nats.
 
-        (H + μ diag H) θ' = b + μ diag H θ within the bounds, with H θ = b the equation of `ridge`: all the way to that
-        for μ = 0. The gain is that on these rows.
+        (H + μ diag H) θ' = b + μ diag H θ within the bounds, with H θ = b the equation of `ridge`.
         """
         (precision, pull), extra = self._normal, damping * np.diag(self._normal[0])
         whole = self._bounded(precision + np.diag(extra), pull + extra * self._scaled(at))
-        moved = list(zip(self.frame.dictionary.terms, (whole * self.frame.coefficient_scale).tolist(), strict=True))
+        moved = self._named(whole)
         return moved, self.log_density(moved) - self.log_density(at)
-
-    def _log_likelihood(self, theta: Float[np.ndarray, " n_term"]) -> float:
-        Phi, y, n = np.asarray(self.design.Phi), np.asarray(self.design.y), self.rows.n_white
-        square = np.sum((y - Phi @ theta) ** 2) * (self.frame.target_scale * self.rows.gain) ** 2
-        return -0.5 * (n * math.log(square / n) + float(self.rows.noise.log_det))
 
     @cached_property
     def _least_squares(self) -> tuple[Float[np.ndarray, " n_term"], Float[np.ndarray, "n_term n_term"]]:
@@ -126,10 +114,10 @@ class Equation:
         """Precision H and pull b of the rows and of the stated priors, over the precision of the noise: H θ = b."""
         Phi, y, stated = np.asarray(self.design.Phi), np.asarray(self.design.y), self.design.coefficients
         precision, pull = Phi.T @ Phi, Phi.T @ y
-        precision = precision + ESTIMATE_RIDGE * np.diag(np.diag(precision))
+        precision = precision + 1e-6 * np.diag(np.diag(precision))
         if not stated.stated:
             return precision, pull
-        variance = np.sum((y - Phi @ np.linalg.solve(precision, pull)) ** 2) / float(self.design.n_obs)
+        variance = np.sum(self._residual(np.linalg.solve(precision, pull)) ** 2) / float(self.design.n_obs)
         weight = variance * self._stated_weight
         return precision + np.diag(weight), pull + weight * np.asarray(stated.mean)
 
@@ -149,7 +137,7 @@ class Equation:
     def variance(self) -> float:
         """Variance of the whitened rows about the estimate of `ridge`, scaled units."""
         theta, _ = self._least_squares
-        square = np.sum((np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta) ** 2)
+        square = np.sum(self._residual(theta) ** 2)
         return float(square) / max(float(self.design.n_obs) - len(theta), 1.0)
 
     @property
@@ -160,14 +148,18 @@ class Equation:
         weight[list(stated.shared)] = 0.0
         return weight
 
+    def _residual(self, theta: np.ndarray) -> Float[np.ndarray, " n_row"]:
+        return np.asarray(self.design.y) - np.asarray(self.design.Phi) @ theta
+
+    def _named(self, theta: Float[np.ndarray, " n_term"]) -> list[tuple[Term, float]]:
+        values = (theta * self.frame.coefficient_scale).tolist()
+        return list(zip(self.frame.dictionary.terms, values, strict=True))
+
     def _scaled(self, coefficients: Sequence[tuple[Term, float]]) -> Float[np.ndarray, " n_term"]:
         return np.array([value for _, value in coefficients]) / self.frame.coefficient_scale
 
     def without(self, out: Sequence[int] | Int[np.ndarray, " n_out"]) -> "Equation":
-        """Return the equation without the targets of some observations; the frame (scaling, measure, features) stays.
-
-        Observations are rows of the data, or whitened coefficients where R is singular.
-        """
+        """Return the equation without the targets of some rows, or whitened coefficients where R is singular."""
         gone = np.unique(np.asarray(out, int))
         removal = self.rows.without(gone)
         return replace(self, design=self.design.without(self.rows, self.table, gone, removal))

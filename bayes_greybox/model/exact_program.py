@@ -28,10 +28,7 @@ PREDICTED_SITE, START_SITE, SENSOR_SITE = "predicted", "start", "sensor_sigma"
 
 @dataclass(frozen=True)
 class GivenTerms:
-    """The pattern of terms that are in, which the sites of θ follow.
-
-    Bounded terms among them have a number, and whether there is a least and a largest value.
-    """
+    """The pattern of terms that are in; of bounded ones the number, and if there is a least and a largest value."""
 
     active: tuple[bool, ...]
     bounded: tuple[tuple[int, bool, bool], ...]
@@ -56,20 +53,14 @@ class ExactLikelihood:
 
     Attributes:
         predict: Function of `along`, scaled θ, scaled weights of f and the starts of the segments that returns the
-            rows, the sensors' units.
-        measured: The rows, the sensors' units.
+            rows, the sensors' units, in which `measured` is too.
         sensor: Number of the sensor of each row.
         whiten: W₀ with W₀ R₀ W₀ᵀ = I, R₀ over the square of the noise of a typical sensor; of independent rows its
-            diagonal.
-        log_det: log|R₀|.
+            diagonal. `log_det` is log|R₀|.
         unit: Noise of a typical sensor, in its unit, per scaled σ.
         share: Noise of each sensor over that of a typical one, which R₀ has.
-        start_mean: Expected starts.
-        start_sd: Their standard deviations.
         restated: If true, starts or noise have other priors than in the collapsed model.
-        sensor_noise: Median and logarithmic standard deviation of each sensor's own σ; None where
-            the sensors have one σ, in the proportions of R₀.
-        along: Arrays that `predict` needs.
+        sensor_noise: Median and logarithmic standard deviation of each sensor's own σ; None where they have one σ.
     """
 
     predict: Callable[[Any, Array, Array, Any], Float[Array, " n_row"]] = field(metadata={"static": True})
@@ -91,10 +82,7 @@ class ExactLikelihood:
         return self.whiten.ndim == 1
 
     def sigma(self, sensors: Any, scaled: Any) -> Any:
-        """Return the noise of each row [..., n_row] without its share in R₀; the sensors' units.
-
-        `sensors` is the noise of each, where they have their own, and `scaled` that of all, scaled units.
-        """
+        """Return the noise of each row [..., n_row] without its share in R₀, from that of each sensor or scaled σ."""
         if self.sensor_noise is not None:
             return (sensors / self.share)[..., self.sensor]
         return (scaled * self.unit)[..., None] * np.ones(len(self.measured))

@@ -22,10 +22,8 @@ class CollapsedNormal(dist.Distribution):
         y ~ N(Φ m, Φ D Φᵀ + K⊥ + σ² R),   or its mixture over inclusion patterns, D = diag(γ τ²),
 
     m the prior means of single terms. Where coefficients have bounds the density is that of y given the uniform numbers
-    which place them, times a constant: its mean over these is the density of y (see `algebra.truncated`).
-
-    The event is the compressed target; `log_prob` is the log density of the `n_obs` measurements behind it, so
-    values are comparable between dictionaries and kernels.
+    which place them, times a constant: its mean over these is the density of y (see `algebra.truncated`). The event is
+    the compressed target; `log_prob` is the log density of the `n_obs` measurements behind it.
     """
 
     arg_constraints: dict = {}
@@ -41,10 +39,7 @@ class CollapsedNormal(dist.Distribution):
         return log_density(self.design, self.hyper, self.scales, value)
 
     def sample(self, key: Array | None, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw targets; the last compressed row stands for all directions outside the columns.
-
-        The bounded coefficients are drawn anew: the numbers that place them given y say nothing before y is known.
-        """
+        """Draw targets, bounded coefficients anew; the last compressed row stands for what is outside the columns."""
 
         def one(key: Array) -> Array:
             key_gamma, key_theta, key_f, key_noise, key_rest = jax.random.split(key, 5)

@@ -16,22 +16,17 @@ from bayes_greybox.physics.coefficient import Coefficient as Coefficient
 from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.limits import Positive, Whole, require_limits
 
+from .algebra.linalg import Scalar
 from .sites import site
-
-ENUMERATION_LIMIT = 12
-"""Most terms for which all 2^K inclusion patterns are summed; beyond, γ is sampled by Gibbs."""
 
 
 class Scales(NamedTuple):
-    """A draw of the prior scales: θ_j ~ N(mean_j, sd_j²), and with `log_odds` a spike-and-slab over the terms.
+    """A draw of the prior scales: θ_j ~ N(mean_j, sd_j²), sd = 0 for a term that is out; scaled units.
 
     Attributes:
-        sd: Standard deviation of each coefficient, scaled units; 0 means the term is out.
-        log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken; else
-            None.
-        mean: Expected value of each coefficient, where single terms have priors of their own; None: zero.
-        uniform: Numbers that place the coefficients with bounds (see `algebra.truncated`), while these are still to be
-            integrated out; else None.
+        log_odds: Log prior odds that each term is in, if the sum over patterns is still to be taken.
+        mean: Expected values, where single terms have priors of their own; None: zero.
+        uniform: Numbers that place coefficients with bounds, still to be integrated out (see `algebra.truncated`).
     """
 
     sd: Float[Array, " n_term"]
@@ -44,7 +39,7 @@ class Scales(NamedTuple):
 class Prior(Protocol):
     """A prior on θ is a NumPyro program that samples the scales of its `n_term` coefficients."""
 
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample the scales (inside a NumPyro model)."""
         ...
 
@@ -62,7 +57,7 @@ class Normal(_Limited):
 
     scale: Positive = 1.0
 
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample τ."""
         tau = site("tau", dist.HalfNormal(self.scale))
         return Scales(jnp.full(n_term, tau))
@@ -77,7 +72,7 @@ class Laplace(_Limited):
 
     scale: Positive = 1.0
 
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample τ and the mixing variances v."""
         tau = site("tau", dist.HalfNormal(self.scale))
         v = site("v", dist.Exponential(0.5).expand([n_term]).to_event(1))
@@ -93,8 +88,7 @@ class RegularisedHorseshoe(_Limited):
     (Piironen & Vehtari 2017, Eq. 2.8 to 2.10 and 3.12).
 
     Attributes:
-        expected_active: p₀, expected number of active terms; None: a third of the dictionary, at least one
-            half.
+        expected_active: p₀, expected number of active terms; None: a third of the dictionary, at least one half.
         slab_scale: s, scaled units.
         slab_df: ν.
     """
@@ -103,7 +97,7 @@ class RegularisedHorseshoe(_Limited):
     slab_scale: Positive = 2.0
     slab_df: Positive = 4.0
 
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample the global scale, local scales and slab."""
         expected = max(n_term / 3, 0.5) if self.expected_active is None else self.expected_active
         if expected >= n_term:
@@ -126,9 +120,8 @@ class RegularisedHorseshoe(_Limited):
 class SpikeAndSlab(_Limited):
     """γ_j ~ Bernoulli(π), π ~ Beta(a, b), θ_j | γ_j = 1 ~ N(0, τ²), θ_j = 0 exactly otherwise.
 
-    τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no
-    effect". Up to ENUMERATION_LIMIT terms the 2^K patterns are summed; beyond, γ is a site that Gibbs moves
-    update.
+    τ ~ LogNormal(log `slab_scale`, 1/2): bounded away from zero, so that "in" cannot mean "in with no effect". Up to
+    `enumerate_up_to` terms the 2^K patterns are summed; beyond, γ is a site that Gibbs moves update.
 
     Attributes:
         a: First parameter of the Beta prior of the inclusion probability.
@@ -143,17 +136,13 @@ class SpikeAndSlab(_Limited):
     a: Positive = 1.0
     b: Positive = 1.0
     slab_scale: Positive = 1.0
-    enumerate_up_to: Whole = ENUMERATION_LIMIT
+    enumerate_up_to: Whole = 12
 
-    def sums(self, n_term: int) -> bool:
-        """Return whether the patterns of so many terms are summed."""
-        return n_term <= self.enumerate_up_to
-
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Sample π and τ, and γ when there are too many patterns to sum."""
         pi = jnp.asarray(site("pi", dist.Beta(self.a, self.b)))
         tau = site("tau", dist.LogNormal(jnp.log(self.slab_scale), 0.5))
-        if self.sums(n_term):
+        if n_term <= self.enumerate_up_to:
             return Scales(jnp.full(n_term, tau), jnp.full(n_term, jnp.log(pi) - jnp.log1p(-pi)))
         gamma = site("gamma", dist.Bernoulli(pi).expand([n_term]).to_event(1))
         return Scales(jnp.asarray(gamma * tau))
@@ -172,7 +161,7 @@ class CustomPrior:
 
     program: Callable[[int], Array]
 
-    def scales(self, n_term: int, n_obs: Float[Array, ""] | float, sigma: Float[Array, ""] | float) -> Scales:
+    def scales(self, n_term: int, n_obs: Scalar, sigma: Scalar) -> Scales:
         """Run the user's program."""
         return Scales(jnp.broadcast_to(jnp.asarray(self.program(n_term), float), (n_term,)))
 
@@ -183,7 +172,4 @@ PRIORS: Mapping[str, type] = {
     "regularised_horseshoe": RegularisedHorseshoe,
     "normal": Normal,
 }
-"""Priors by their kind in configurations; files of fits have the names of the classes.
-
-A prior that is listed here can be configured, saved and loaded. Its fields state their limits in their types.
-"""
+"""Priors by their kind in configurations; files of fits have the names of the classes. Fields state their limits."""

@@ -8,8 +8,7 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 from bayes_greybox.data.trajectories import Trajectories, require_measured
-from bayes_greybox.model.estimate.near import near_estimate
-from bayes_greybox.model.estimate.tangents import at_estimate
+from bayes_greybox.model.estimate.near import at_estimate, near_estimate
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.hidden_states import HiddenState, read_starts
 from bayes_greybox.physics.parameters import Parameter, moved_to, read_parameters
@@ -28,13 +27,13 @@ from bayes_greybox.physics.units import check_units, slope_unit, target_unit
 from bayes_greybox.running.errors import InputError
 
 from .assemble import assemble
-from .coefficient import StatedTerms, by_block, centred, read_coefficients, stated_in_words, stated_terms, used_states
+from .coefficient import StatedTerms, by_block, centred, read_coefficients, stated_terms, used_states
 from .design import Design
 from .equation import Equation
 from .estimate.evidence import LEAST_FLOOR
 from .gp.discrepancy import OrthogonalGP
 from .noise.asked import Noise, find_noise, is_number, noise_record
-from .noise.noise_model import PROCESS, NoiseModel
+from .noise.noise_model import PROCESS
 from .priors import Prior, SpikeAndSlab
 from .rows.equation_rows import EquationRows, block_name
 from .rows.kinds import AsMeasured
@@ -89,8 +88,8 @@ class Program(SamplingProgram):
                 "{'ydot': ['y', 'y**3']}."
             )
         # Iterators are read once, here.
-        lists = {name: [*terms] if isinstance(terms, Iterator) else terms for name, terms in self.dictionary.items()}
-        if any(lists[name] is not terms for name, terms in self.dictionary.items()):
+        if any(isinstance(terms, Iterator) for terms in self.dictionary.values()):
+            lists = {name: [*each] if isinstance(each, Iterator) else each for name, each in self.dictionary.items()}
             object.__setattr__(self, "dictionary", lists)
         object.__setattr__(self, "coefficients", read_coefficients(self.coefficients, self.dictionary))
         object.__setattr__(self, "parameters", read_parameters(self.parameters))
@@ -145,11 +144,7 @@ class Program(SamplingProgram):
         raise InputError(f"There is no equation {equation!r}; the model learns {', '.join(self.equations)}.")
 
     def dictionaries(self, data: Trajectories) -> dict[str, Dictionary]:
-        """Return the terms with coefficients to learn, by learned state, checked against the data's names and units.
-
-        Raises:
-            InputError: No dictionary; unknown states, names or units; duplicate terms; only fixed coefficients.
-        """
+        """Return the terms with coefficients to learn, by learned state, checked against the data's names and units."""
         if not self.equations:
             named = (*data.derivative_names, *data.state_names, *data.output_names)[0]
             variable = (*data.state_names, *data.input_names)[0]
@@ -158,8 +153,8 @@ class Program(SamplingProgram):
                 f"GreyBox(dictionary={{{named!r}: [{variable!r}]}}) or look for what the simulation misses with "
                 "bg.find_missing_effects(model, data)."
             )
+        states, outputs = self.states(data), data.output_names
         for equation in self.equations:
-            states, outputs = self.states(data), data.output_names
             if equation in self.starts:
                 raise InputError(
                     f"{equation!r} is a hidden state that follows from its start: nothing in its equation can be "
@@ -184,13 +179,12 @@ class Program(SamplingProgram):
 
     def stated(self, equation: str, data: Trajectories) -> StatedTerms:
         """Return the terms of one equation with the priors stated for their coefficients."""
-        names = (*self.states(data), *data.input_names)
         slopes, terms = self.named.learned.get(equation, {}), self.dictionary.get(equation, ())
-        if not slopes:
-            return stated_terms(terms, self._priors(equation), names, equation)
-        target = target_unit(equation, data)
-        own = [Term(e, p, slope_unit(target, self.parameters[p].unit), parameter=p) for p, e in slopes.items()]
-        return stated_terms([*terms_of(terms), *own], self._priors(equation), names, equation)
+        if slopes:
+            target = target_unit(equation, data)
+            own = [Term(e, p, slope_unit(target, self.parameters[p].unit), parameter=p) for p, e in slopes.items()]
+            terms = [*terms_of(terms), *own]
+        return stated_terms(terms, self._priors(equation), (*self.states(data), *data.input_names), equation)
 
     def _priors(self, equation: str) -> dict[str, Coefficient]:
         """Return the stated priors of single coefficients of an equation, and those of its parameters."""
@@ -207,7 +201,7 @@ class Program(SamplingProgram):
         return bool(self.dictionary.get(equation, ())) or equation in self.named.learned
 
     def along_parameters(self: "AnyProgram") -> "AnyProgram":
-        """Return the model with rows near the values of its learned parameters, where rows are linear only near one."""
+        """Return the model with rows near the values of its learned parameters, where they are linear only near one."""
         slopes = [(name, p, e) for name, each in self.named.learned.items() for p, e in each.items()]
         if self.rows.linear or not slopes:
             return self
@@ -216,9 +210,9 @@ class Program(SamplingProgram):
 
     @property
     def prior_text(self) -> str:
-        """The prior in words: its name, and the priors of single coefficients."""
-        priors = {name: self._priors(name) for name in self.equations}
-        stated = stated_in_words(priors, several=len(self.equations) > 1)
+        """The prior in words: its name, and the priors of single coefficients, `Normal (y N(-2, 0.1²); y**3 ≤ 0)`."""
+        of = {name: f" of {name}" if len(self.equations) > 1 else "" for name in self.equations}
+        stated = "; ".join(f"{term}{of[name]} {prior}" for name in of for term, prior in self._priors(name).items())
         return type(self.prior).__name__ + (f" ({stated})" if stated else "")
 
     @property
@@ -227,10 +221,7 @@ class Program(SamplingProgram):
         return Sites(self.blocks)
 
     def centred(self) -> "Program":
-        """Return the model with the means of single coefficients moved into its simulation; the rest is normal.
-
-        Of a learned parameter the change is left, whatever its bounds.
-        """
+        """Return the model with means of coefficients moved into its simulation; of learned parameters only changes."""
         if not self.coefficients and not self.named.learned:
             return self
         parameters = {name: replace(each, change=each.learned) for name, each in self.parameters.items()}
@@ -255,11 +246,10 @@ class Program(SamplingProgram):
 
         If `lacking`, the data may lack outputs that the model was fitted to: a name that is not a state is then one.
         """
-        states, outputs, simulation = self.states(data), data.output_names, self.simulation
+        states, outputs, given = self.states(data), data.output_names, self.simulation
         if lacking:
-            outputs = tuple(name for name in (*outputs, *named_outputs(simulation)) if name not in states)
-        parameters = self.parameters
-        simulation = simulation_of(simulation, states, data.input_names, outputs, data.units, parameters, self.starts)
+            outputs = tuple(name for name in (*outputs, *named_outputs(given)) if name not in states)
+        simulation = simulation_of(given, states, data.input_names, outputs, data.units, self.parameters, self.starts)
         stating = dict.fromkeys((*self.coefficients, *self.named.learned))
         return simulation.beside({name: self.stated(name, data).known for name in stating})
 
@@ -276,8 +266,7 @@ class Program(SamplingProgram):
             )
         rates = self.simulation
         if readable(rates):
-            rates = rates or {}
-            rates = {**rates, **dict.fromkeys(used_states(self.dictionary, rates, data.columns), "")}
+            rates = {**(rates or {}), **dict.fromkeys(used_states(self.dictionary, rates or {}, data.columns), "")}
         return (*data.state_names, *started, *self.rows.hidden(rates, data))
 
     def remembering(self: "AnyProgram", states: Sequence[HiddenState], data: Trajectories) -> "AnyProgram":
@@ -335,11 +324,7 @@ class Program(SamplingProgram):
         return replace(self, rows=self.rows.chosen(data))
 
     def near(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model with rows near its estimate on training data, and completed data; rates change neither.
-
-        The rows are taken near the ridge estimate of the model's own terms: only the path matters, and any good fit
-        follows it; see `near.near_estimate`.
-        """
+        """Return the model with rows near its estimate on training data (see `near_estimate`), and completed data."""
         model = self.on(data)
         if model.named.curved:
             model = at_estimate(model, data, lambda each: each if each.rows.linear else near_estimate(each, data))
@@ -348,10 +333,7 @@ class Program(SamplingProgram):
         return model, model.started(data) if model.rows.linear else model.complete(data)
 
     def with_noise_found(self, data: Trajectories) -> "tuple[Program, Trajectories]":
-        """Return the model and the training data with the noise parameters held fixed, as a fit and its folds use them.
-
-        The data carry R, so that a subset carries its part of R.
-        """
+        """Return the model and the training data, which carry R, with the noise parameters held fixed."""
         if not isinstance(self.noise, Noise) or self.noise.white:
             return self, data
         fresh = replace(self, noise=replace(self.noise, found=None))
@@ -363,16 +345,12 @@ class Program(SamplingProgram):
         found = replace(self.noise, found={name: noise_record(model) for name, model in models.items()})
         return replace(fresh, rows=rows, noise=found), replace(data, noise=noise)
 
-    def _find_noise(
-        self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]
-    ) -> dict[str, NoiseModel]:
-        """Return the noise by equation; empty if the rows already have theirs."""
+    def _find_noise(self, rows: Mapping[str, EquationRows], dictionaries: Mapping[str, Dictionary]) -> dict[str, Any]:
+        """Return the noise model by equation; empty if the rows already have theirs."""
         if not isinstance(self.noise, Noise) or self.noise.white or self.noise.found is not None:
             return {}
-        return {
-            name: find_noise(self.noise, rows[name], dictionary, self.discrepancy, self.noise_floor)
-            for name, dictionary in dictionaries.items()
-        }
+        settings = self.discrepancy, self.noise_floor
+        return {name: find_noise(self.noise, rows[name], terms, *settings) for name, terms in dictionaries.items()}
 
     def designs(self, data: Trajectories) -> dict[str, Design]:
         """Return the argument of `numpyro_model`: one design per equation."""
@@ -380,4 +358,3 @@ class Program(SamplingProgram):
 
 
 AnyProgram = TypeVar("AnyProgram", bound=Program)
-"""Any subclass of `Program`."""

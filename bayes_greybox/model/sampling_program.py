@@ -58,10 +58,7 @@ class SamplingProgram:
                 numpyro.sample("y", CollapsedNormal(design, hyper, scales), obs=design.y if observed else None)
 
     def gibbs_equations(self, designs: Mapping[str, Design]) -> tuple[str, ...]:
-        """Return the equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves.
-
-        Priors of single coefficients in such an equation are refused.
-        """
+        """Return the equations whose inclusion pattern is a site of the model, to be updated by Gibbs moves."""
         sites = self.require_own_sites(designs)
         sampled = tuple(name for name in designs if "gamma" in sites[name])
         for name in sampled:
@@ -75,10 +72,7 @@ class SamplingProgram:
         return sampled
 
     def require_own_sites(self, designs: Mapping[str, Design]) -> dict[str, dict[str, str]]:
-        """Return the sites of each equation by quantity, from a trace of each equation alone.
-
-        A prior of the user's own that has a site with the name of something else in the results is refused.
-        """
+        """Return the sites of each equation by quantity, none of which may have the name of something in results."""
         names, by_equation = Sites(designs), {}
         # Priors of the user's own need not say that they sample no patterns.
         drawn = () if getattr(self.prior, "samples_patterns", False) else DRAWN
@@ -98,10 +92,7 @@ class SamplingProgram:
         return by_equation
 
     def hyper_prior(self, floor: Any, n_var: int) -> HyperPrior:
-        """Return the prior of η of an equation.
-
-        `floor` is the least σ, scaled units.
-        """
+        """Return the prior of η of an equation with a least σ, scaled units."""
         noise, gp = NoisePrior(floor, self._noise_scale), self.discrepancy
         if gp is None:
             return HyperPrior(noise)
@@ -116,8 +107,7 @@ class SamplingProgram:
     def slab(self, design: Design, values: Mapping[str, Any], sigma: Float[np.ndarray, " n_draw"]) -> Scales | None:
         """Return scales and odds of θ at given draws; None where the prior leaves no inclusion patterns to be summed.
 
-        Draws of the prior's sites are by quantity, each [n_draw, ...], those of σ in scaled units. A prior with a site
-        that the draws do not have is refused.
+        Draws of the prior's sites are by quantity, each [n_draw, ...], those of σ in scaled units.
         """
 
         def program(sigma: Any) -> Scales:
@@ -160,7 +150,7 @@ class SamplingProgram:
 
 @dataclass(frozen=True)
 class Bare(SamplingProgram):
-    """The part of a model that programs are compiled for: two models with the same share them, given equal shapes."""
+    """The part of a model that programs are compiled for, which models with the same share, given equal shapes."""
 
     prior: Prior
     discrepancy: OrthogonalGP | None

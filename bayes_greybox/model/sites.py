@@ -1,6 +1,6 @@
 """Random sites of the NumPyro program, and the one place where the variables of an equation get their names."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,21 +48,10 @@ class _Name:
 class EquationSites:
     """Names of one equation's variables in the model and in results: `sites["ydot"].tau` is "ydot_tau".
 
-    A quantity of another name, such as a site of a user's own prior, is `sites["ydot"]["its_name"]`.
-
-    Attributes:
-        y: Target, the observed site.
-        rate: Measured rate, user's units.
-        noise: s, the coordinate that σ is sampled by.
-        sigma: Noise standard deviation.
-        tau: Scale of the coefficients, or of the slab.
-        tau_unit: Coordinate that the horseshoe's global scale is sampled by.
-        pi: Inclusion probability a priori.
-        inclusion: P(γ = 1) given the hyperparameters.
-        theta_sd: Prior standard deviations of the coefficients, scaled units, as they are drawn.
-        prior_sd: The same in results.
-        log_odds: Log prior odds of inclusion where the sampler sums over the patterns.
-        placement: Numbers that place the coefficients with bounds.
+    A quantity of another name, such as a site of a user's own prior, is `sites["ydot"]["its_name"]`. The observed site
+    is `y`; `noise` is s, by which σ is sampled, `tau_unit` the same of the horseshoe's τ, `inclusion` P(γ = 1 | η),
+    `theta_sd` has the prior standard deviations of θ as drawn (`prior_sd` in results), and `placement` the numbers that
+    place coefficients with bounds.
     """
 
     equation: str
@@ -76,7 +65,7 @@ class EquationSites:
 
     @property
     def raw(self) -> tuple[str, str, str]:
-        """Coordinates of the sampler that follow from another quantity: s from σ, τ's from τ, bounded ones from θ."""
+        """Coordinates of the sampler that follow from σ, τ and θ."""
         return self.noise, self.tau_unit, self.placement
 
 
@@ -86,28 +75,17 @@ PACKAGE_QUANTITIES = frozenset(
 """Quantities that the package itself names."""
 
 
-class Sites(Mapping[str, EquationSites]):
+class Sites(dict[str, EquationSites]):
     """Names of the variables of several equations, and the equation that a variable belongs to."""
 
     def __init__(self, equations: Iterable[str]) -> None:
-        """Name nothing yet."""
-        self._equations = {name: EquationSites(name) for name in equations}
-
-    def __getitem__(self, equation: str) -> EquationSites:
-        return self._equations[equation]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._equations)
-
-    def __len__(self) -> int:
-        return len(self._equations)
+        super().__init__((name, EquationSites(name)) for name in equations)
 
     def owner(self, variable: str) -> str | None:
         """Return the equation that a variable belongs to.
 
-        Of two equations `y` and `y_dot` the variable `y_dot_tau` belongs to the one with the longer name, unless what
-        follows the shorter one is a quantity of the package: `y_length_scale` is of `y`, also beside `y_length`. A
-        model whose sites would break this rule is refused (see `SamplingProgram.require_own_sites`).
+        Of `y` and `y_dot`, `y_dot_tau` belongs to the longer name, unless what follows the shorter one is a quantity of
+        the package: `y_length_scale` is of `y`, also beside `y_length`. `require_own_sites` holds models to it.
         """
         fitting = sorted((name for name in self if variable.startswith(self[name][""])), key=len, reverse=True)
         exact = [name for name in fitting if variable.removeprefix(self[name][""]) in PACKAGE_QUANTITIES]

@@ -11,8 +11,7 @@ from scipy.stats import qmc
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.inference.sampler.prior_data import OpenEquation
-from bayes_greybox.model.frame import Frame
-from bayes_greybox.model.scaling import box_of
+from bayes_greybox.model.frame import Frame, box_of
 from bayes_greybox.model.sites import EquationSites, Sites
 
 from .ranks import rank_truths

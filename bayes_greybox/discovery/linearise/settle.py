@@ -10,7 +10,7 @@ from bayes_greybox.discovery.grid.points import NO_DISCREPANCY, NoisePoint
 from bayes_greybox.discovery.grid.sets import Window
 from bayes_greybox.discovery.regressors.columns import Values
 from bayes_greybox.discovery.sensor_errors.channels import DELAY, Sizes
-from bayes_greybox.model.estimate.tangents import MOST_TANGENTS
+from bayes_greybox.model.estimate.near import MOST_TANGENTS
 from bayes_greybox.running.errors import InputError
 
 from .near import Near, Point, noise_shapes

@@ -14,11 +14,11 @@ from bayes_greybox.discovery.regressors.regressors import ALWAYS_ZERO, Regressor
 from bayes_greybox.discovery.sensor_errors.channels import ChannelSuspect, Rate, Sizes, run_slices
 from bayes_greybox.discovery.sensor_errors.kinematics import KnownError
 from bayes_greybox.discovery.sensor_errors.samples import SampleNoise
+from bayes_greybox.model.frame import discrepancy_box, features_per_variable
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.program import AnyProgram, Program
 from bayes_greybox.model.rows.row_kind import RowKind
-from bayes_greybox.model.scaling import discrepancy_box, features_per_variable
 from bayes_greybox.physics.catalogue.effects import BoundEffect
 from bayes_greybox.physics.hidden_states import HiddenState
 from bayes_greybox.physics.terms import Term

@@ -1,7 +1,7 @@
 """Integrating f and θ out of the model, given the hyperparameters: the mathematics behind the likelihood.
 
-Everything is Gaussian given η = (length scales, amplitude, σ) and the prior scales. First f is integrated
-out, which leaves an ordinary linear regression for θ (a `Regression`); then θ is.
+Everything is Gaussian given η = (length scales, amplitude, σ) and the prior scales. First f is integrated out, which
+leaves an ordinary linear regression for θ (a `Regression`); then θ is.
 """
 
 import itertools
@@ -14,35 +14,28 @@ import numpy as np
 from jax.scipy.special import logsumexp
 from jaxtyping import Array, Float
 
-from .linalg import inverse_lower, jittered_cholesky, solve_lower, solve_lower_transposed
+from .linalg import PerTerm, Scalar, inverse_lower, jittered_cholesky, solve_lower, solve_lower_transposed
 
 
 def patterns(n_term: int, certain: tuple[int, ...] = ()) -> np.ndarray:
-    """Return all inclusion patterns γ as a 0/1 array [2^K, K], in the order of `log_pattern_weights`.
-
-    Terms that are `certain` are in, in every pattern.
-    """
+    """Return all inclusion patterns γ [2^K, K] in the order of `log_pattern_weights`; `certain` terms are in all."""
     choices = [(1.0,) if j in certain else (1.0, 0.0) for j in range(n_term)]
     return np.array(list(itertools.product(*choices))).reshape(-1, n_term)
 
 
 def log_pattern_weights(
-    mean: Float[Array, " n_term"],
-    covariance: Float[Array, "n_term n_term"],
-    log_odds: Float[Array, " n_term"],
-    certain: tuple[int, ...] = (),
+    mean: PerTerm, covariance: Float[Array, "n_term n_term"], log_odds: PerTerm, certain: tuple[int, ...] = ()
 ) -> Float[Array, " n_pattern"]:
     """Return log p(y, γ) − log p(y | γ = 1) for every pattern γ, from the posterior with all terms in.
 
-    Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and
-    conditions the other coefficients on u_j = 0. Doing this term by term, keeping both branches,
+    Leaving out term j multiplies the evidence by the Savage–Dickey ratio p(u_j = 0 | y)/p(u_j = 0), and conditions the
+    other coefficients on u_j = 0. Doing this term by term, keeping both branches,
 
         excluded:  log w −= ½ log V_jj + ½ m_j²/V_jj,   m ← m − V_·j m_j/V_jj,   V ← V − V_·j V_j·/V_jj
         included:  m, V lose row and column j
 
-    visits all 2^K subsets in Σ_i 2^i (K − i)² operations, about six a subset, where a factorisation for each
-    would take K³/3 (the idea of Furnival & Wilson 1974 for all-subsets regression). Every increment has one
-    sign, so nothing cancels when σ is small.
+    visits all 2^K subsets in about six operations each, where a factorisation would take K³/3 (the idea of Furnival &
+    Wilson 1974). Every increment has one sign, so nothing cancels when σ is small.
 
     Mean m and covariance V are those of u = θ/τ given that all terms are in; a priori u ~ N(0, I). The factors π of the
     prior odds are normalised, and terms that are `certain` are in whatever their odds.
@@ -69,15 +62,15 @@ def log_pattern_weights(
 class Regression(NamedTuple):
     """The regression left for θ once f is integrated out: −2 log p(y | θ, η) = ‖q − T θ‖² + log_det + n log 2π.
 
-    T and q are residuals of ridge regressions on the features, stacked on their penalties, so that ‖q − Tθ‖²
-    is computed as a sum of squares and never as a difference of large numbers.
+    T and q are residuals of ridge regressions on the features, stacked on their penalties: ‖q − Tθ‖² is a sum of
+    squares and never a difference of large numbers.
     """
 
     T: Float[Array, "n_left n_term"]
     q: Float[Array, " n_left"]
     log_det: Float[Array, ""]
 
-    def beside(self, mean: Float[Array, " n_term"] | None) -> "Regression":
+    def beside(self, mean: PerTerm | None) -> "Regression":
         """Return the regression left for θ − mean."""
         return self if mean is None else self._replace(q=self.q - self.T @ mean)
 
@@ -92,7 +85,7 @@ class FeatureSolve(NamedTuple):
 class Ridge(NamedTuple):
     """Posterior of u, θ = sd · u, u ~ N(0, I): mean, lower factor of its precision, and log p(y | η, sd)."""
 
-    mean: Float[Array, " n_term"]
+    mean: PerTerm
     L: Float[Array, "n_term n_term"]
     log_evidence: Float[Array, ""]
 
@@ -104,23 +97,16 @@ class Ridge(NamedTuple):
 
 
 def remove_features(
-    Phi: Float[Array, "n_row n_term"],
-    Psi: Float[Array, "n_row n_basis"],
-    gram: Float[Array, "n_basis n_basis"],
-    y: Float[Array, " n_row"],
-    log_root: Float[Array, " n_basis"],
-    sigma: Float[Array, ""] | float,
+    Phi: Float[Array, "n_row n_term"], Psi: Float[Array, "n_row n_basis"], gram: Float[Array, "n_basis n_basis"],
+    y: Float[Array, " n_row"], log_root: Float[Array, " n_basis"], sigma: Scalar,
     U: Float[Array, "n_basis n_rank"] | None = None,
-) -> tuple[Regression, FeatureSolve]:
+) -> tuple[Regression, FeatureSolve]:  # fmt: skip
     """Integrate out z ~ N(0, I) in y = Φθ + B σ z + σ ε, B = Ψ diag(√S/σ) (I − U Uᵀ), ε ~ N(0, I).
 
     L Lᵀ = I + BᵀB,  Z = (L Lᵀ)⁻¹ Bᵀ [Φ y]/σ,  [T q] = [[Φ y]/σ − B Z; Z].
 
     The rows are whitened and compressed; `gram` is ΨᵀΨ, `log_root` ½ log S, and U the orthonormal constraint directions
-    of the conditioned kernel.
-
-    Returns:
-        The regression left for θ (its log_det lacks n log σ², which depends on n), and the weights' posterior.
+    of the conditioned kernel. The log_det of the regression left for θ lacks n log σ².
     """
     rows = jnp.column_stack([Phi, y]) / sigma
     if Psi.shape[1] == 0:
@@ -148,13 +134,12 @@ def scaled_solve(
 ) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
     """Return log|A|, X = A⁻¹ R and the Cholesky factor of A = I + diag(s) G diag(s), for constant G.
 
-    The reverse pass needs one triangular inverse, a third of what differentiating through the factorisation
-    costs: with V = A⁻¹ X̄,
+    The reverse pass needs one triangular inverse, a third of what differentiating the factorisation costs: V = A⁻¹ X̄,
 
         R̄ = V,   s ∂/∂s_m = 2 (1 − (A⁻¹)_mm) · (log|A|)¯ − Σ_k [V ∘ (R − X) + X ∘ (X̄ − V)]_mk,
 
-    where diag(s) G diag(s) X = R − X removes G. The factor itself carries no derivative. A derivative in log s stays
-    finite where s underflows.
+    where diag(s) G diag(s) X = R − X removes G. The factor carries no derivative; that in log s stays finite where s
+    underflows.
     """
     return _scaled_solve(gram, log_s, right)[0]
 
@@ -182,13 +167,9 @@ scaled_solve.defvjp(_scaled_solve, _scaled_solve_reverse)
 def symmetric_solve(
     A: Float[Array, "n n"], right: Float[Array, "n k"]
 ) -> tuple[Float[Array, ""], Float[Array, "n k"], Float[Array, "n n"]]:
-    """Return log|A|, X = A⁻¹ R and the Cholesky factor of a symmetric positive definite A.
+    """Return log|A|, X = A⁻¹ R and the Cholesky factor, which carries no derivative, of a positive definite A.
 
-    The reverse pass needs A⁻¹ once: with V = A⁻¹ X̄,
-
-        R̄ = V,   Ā = (log|A|)¯ A⁻¹ − ½ (V Xᵀ + X Vᵀ).
-
-    The factor itself carries no derivative.
+    The reverse pass needs A⁻¹ once: R̄ = V = A⁻¹ X̄, Ā = (log|A|)¯ A⁻¹ − ½ (V Xᵀ + X Vᵀ).
     """
     return _symmetric_solve(A, right)[0]
 
@@ -210,19 +191,7 @@ def _symmetric_solve_reverse(saved: tuple, cotangents: tuple) -> tuple:
 symmetric_solve.defvjp(_symmetric_solve, _symmetric_solve_reverse)
 
 
-def remove_dense(
-    Phi: Float[Array, "n_row n_term"],
-    K: Float[Array, "n_row n_row"],
-    y: Float[Array, " n_row"],
-    sigma: Float[Array, ""] | float,
-) -> tuple[Regression, Float[Array, "n_row n_row"]]:
-    """Integrate out f ~ N(0, K) at the rows: [T q] = L⁻¹ [Φ y], L Lᵀ = K + σ² I; also returns L."""
-    L = jnp.linalg.cholesky(K + sigma**2 * jnp.eye(K.shape[0]))
-    left = solve_lower(L, jnp.column_stack([Phi, y]))
-    return Regression(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L)))), L
-
-
-def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Array, ""] | float) -> Ridge:
+def ridge(regression: Regression, sd: PerTerm, n_obs: Scalar) -> Ridge:
     """Integrate out θ = sd · u, u ~ N(0, I); a term with sd = 0 is out of the model.
 
     log p(y | η, sd) = −½ (‖q − T sd m‖² + ‖m‖² + log|I + sd TᵀT sd| + log_det + n log 2π).
@@ -236,11 +205,7 @@ def ridge(regression: Regression, sd: Float[Array, " n_term"], n_obs: Float[Arra
 
 
 def log_evidence(
-    regression: Regression,
-    sd: Float[Array, " n_term"],
-    log_odds: Float[Array, " n_term"] | None,
-    n_obs: Float[Array, ""] | float,
-    certain: tuple[int, ...] = (),
+    regression: Regression, sd: PerTerm, log_odds: PerTerm | None, n_obs: Scalar, certain: tuple[int, ...] = ()
 ) -> Float[Array, ""]:
     """Return log p(y | η, sd), summed over all inclusion patterns where there are odds of inclusion."""
     if log_odds is None:
@@ -249,11 +214,7 @@ def log_evidence(
 
 
 def spike_and_slab(
-    regression: Regression,
-    sd: Float[Array, " n_term"],
-    log_odds: Float[Array, " n_term"],
-    n_obs: Float[Array, ""] | float,
-    certain: tuple[int, ...] = (),
+    regression: Regression, sd: PerTerm, log_odds: PerTerm, n_obs: Scalar, certain: tuple[int, ...] = ()
 ) -> tuple[Float[Array, ""], Float[Array, " n_pattern"]]:
     """Return log p(y | η) summed over all inclusion patterns, and log p(γ | y, η) of each pattern."""
     full = ridge(regression, sd, n_obs)

@@ -18,8 +18,8 @@ from jaxtyping import Float, Int
 CACHED_ROWS = 1024
 """Rows worked on at a time, few enough to stay in the processor's cache."""
 
-PANEL = 16
-"""Columns that LAPACK reflects at a time; the fastest of 16, 32 and 64 for a hundred columns."""
+FACTOR_CHUNK = 16_384
+"""Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
 
 
 def empty_factor(n_column: int) -> Float[np.ndarray, "n_column n_column"]:
@@ -30,15 +30,13 @@ def empty_factor(n_column: int) -> Float[np.ndarray, "n_column n_column"]:
 def stacked(
     R: Float[np.ndarray, "n_column n_column"], rows: Float[np.ndarray, "n_row n_column"]
 ) -> Float[np.ndarray, "n_column n_column"]:
-    """Return R of the rows behind R and of more, by a QR factorisation that knows of R's zeros (LAPACK's tpqrt).
-
-    Signs of the rows of R are free.
-    """
+    """Return R of the rows behind R and of more, by a QR factorisation that knows of R's zeros (LAPACK's tpqrt)."""
     (tpqrt,) = scipy.linalg.get_lapack_funcs(("tpqrt",), (R,))
     R = np.array(R, order="F")
     for start in range(0, len(rows), CACHED_ROWS):
         block = np.array(rows[start : start + CACHED_ROWS], order="F")
-        R, _, _, failed = tpqrt(0, min(PANEL, len(R)), R, block, overwrite_a=True, overwrite_b=True)
+        # 16 columns are reflected at a time: the fastest of 16, 32 and 64 for a hundred columns.
+        R, _, _, failed = tpqrt(0, min(16, len(R)), R, block, overwrite_a=True, overwrite_b=True)
         assert not failed
     return R
 
@@ -50,16 +48,6 @@ def joined(factors: Iterable[Float[np.ndarray, "n_column n_column"]]) -> Float[n
     for part in parts:
         R = stacked(R, part)
     return R
-
-
-FACTOR_CHUNK = 16_384
-"""Rows held in memory at once; also the size of the sample that the preconditioner is made from."""
-
-WELL_CONDITIONED = 1e-4
-"""Least eigenvalue of the preconditioned, scaled Gram matrix for which one pass over the rows is enough."""
-
-MAX_PASSES = 3
-"""Passes over the rows at most; more than one only where the sample does not represent the rest."""
 
 
 def triangular_factor(
@@ -81,18 +69,20 @@ def triangular_factor(
     triangular solve and a symmetric rank-one update. `rows` returns rows of F by their indices.
     """
     if n_row <= chunk:
-        return _qr(rows(np.arange(n_row)))
+        return np.asarray(np.linalg.qr(rows(np.arange(n_row)), mode="r"))
     sample = rows(np.unique(np.linspace(0, n_row - 1, chunk).astype(int)))
-    R = _qr(np.vstack([sample, _ridge(sample)])) * np.sqrt(n_row / len(sample))
-    for _ in range(MAX_PASSES):
+    # A ridge keeps R₀ invertible when columns are collinear, twelve digits below what they carry.
+    norms = np.linalg.norm(sample, axis=0)
+    ridge = np.diag(1e-12 * np.where(norms > 0, norms, 1.0))
+    R = np.linalg.qr(np.vstack([sample, ridge]), mode="r") * np.sqrt(n_row / len(sample))
+    for _ in range(3):
         G = _preconditioned_gram(rows, n_row, chunk, R)
-        # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the
-        # others.
+        # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the others.
         size = np.sqrt(np.where(np.diag(G) > 0, np.diag(G), 1.0))
         G = G / np.outer(size, size)
         G[np.diag_indices_from(G)] += 10 * np.finfo(float).eps * len(G)
         R = (scipy.linalg.cholesky(G) * size) @ R
-        if np.linalg.eigvalsh(G)[0] > WELL_CONDITIONED:
+        if np.linalg.eigvalsh(G)[0] > 1e-4:
             break
     return R
 
@@ -112,13 +102,3 @@ def _preconditioned_gram(rows: Callable, n_row: int, chunk: int, R0: np.ndarray)
             trsm(1.0, R0, block.T, trans_a=1, overwrite_b=True)
             G = syrk(1.0, block.T, beta=1.0, c=G, overwrite_c=True)
     return np.triu(G) + np.triu(G, 1).T
-
-
-def _qr(matrix: np.ndarray) -> np.ndarray:
-    return np.asarray(np.linalg.qr(matrix, mode="r"))
-
-
-def _ridge(sample: np.ndarray) -> np.ndarray:
-    # Keeps R₀ invertible when columns are collinear, twelve digits below what they carry.
-    norms = np.linalg.norm(sample, axis=0)
-    return np.diag(1e-12 * np.where(norms > 0, norms, 1.0))

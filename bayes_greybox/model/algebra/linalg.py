@@ -16,16 +16,14 @@ RELATIVE_JITTER = 1e-12
 LEAF = 128
 """Size up to which triangular matrices are inverted by solving for the identity."""
 
-RANK_TOLERANCE = 1e-7
-"""Norm of the part of a unit-norm dictionary column orthogonal to the others below which it is collinear."""
+Scalar = Float[Array, ""] | float
+
+PerTerm = Float[Array, " n_term"]
 
 
-def jittered_cholesky(matrix: Float[Array, "n n"], scale: Float[Array, ""] | float) -> Float[Array, "n n"]:
-    """Return the lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`; the matrix may vanish.
-
-    The entries' own mean would do harm as a scale: where a discrepancy is orthogonal to the dictionary anyway, they are
-    rounding errors, and must count as zero.
-    """
+def jittered_cholesky(matrix: Float[Array, "n n"], scale: Scalar) -> Float[Array, "n n"]:
+    """Return the lower Cholesky factor of `matrix + RELATIVE_JITTER * scale * I`; the matrix may vanish."""
+    # The entries' own mean is no scale: where f is orthogonal to the dictionary anyway, they are rounding errors.
     return jnp.linalg.cholesky(matrix + RELATIVE_JITTER * scale * jnp.eye(matrix.shape[-1]))
 
 
@@ -53,20 +51,16 @@ def inverse_lower(factor: Float[Array, "n n"]) -> Float[Array, "n n"]:
 
 
 def singular_root(covariance: Float[Array, "n n"]) -> Float[Array, "n n"]:
-    """Return a root R, R Rᵀ = C, of a covariance that may be singular: a projected one, or a difference of two.
-
-    By eigenvalues; those that rounding made negative count as zero.
-    """
+    """Return a root R, R Rᵀ = C, of a covariance that may be singular; eigenvalues below zero count as zero."""
     values, vectors = jnp.linalg.eigh(0.5 * (covariance + covariance.T))
     return vectors * jnp.sqrt(jnp.maximum(values, 0.0))
 
 
 def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple[str, ...], equation: str) -> None:
-    """Refuse a dictionary with terms that are zero or linearly dependent (to RANK_TOLERANCE) on the data.
+    """Refuse a dictionary with terms that are zero or linearly dependent on the data.
 
-    A QR factorisation with column pivoting of the unit-norm columns reveals the rank; the coefficients of a
-    dependent column on the independent ones tell which terms it is a combination of. Any matrix with the Gram matrix
-    of the dictionary will do.
+    A QR factorisation with column pivoting of the unit-norm columns reveals the rank, and which terms a dependent one
+    is a combination of. Any matrix with the Gram matrix of the dictionary will do.
     """
     norms = np.linalg.norm(columns, axis=0)
     if np.any(norms == 0):
@@ -77,7 +71,8 @@ def require_independent(columns: Float[np.ndarray, "n_row n_term"], names: tuple
         )
     factors: Any = scipy.linalg.qr(columns / norms, mode="economic", pivoting=True)
     _, R, order = factors
-    rank = int(np.sum(np.abs(np.diag(R)) > RANK_TOLERANCE))
+    # Norm of what a unit column has beside the others.
+    rank = int(np.sum(np.abs(np.diag(R)) > 1e-7))
     if rank == len(names):
         return
     first = order[rank]

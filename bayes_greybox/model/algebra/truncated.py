@@ -20,12 +20,10 @@ from jax.scipy.special import log_ndtr, ndtri
 from jaxtyping import Array, Float
 
 from .collapsed import patterns
+from .linalg import PerTerm
 
 LEAST_LOG_PROBABILITY = -600.0
 """Least logarithm of a probability that is still a number; below it a quantile is found by Newton steps."""
-
-NEWTON_STEPS = 4
-"""Newton steps for such a quantile, from its asymptote; each squares the relative error, which starts near 1e-3."""
 
 
 class Bounds(NamedTuple):
@@ -37,13 +35,7 @@ class Bounds(NamedTuple):
 
 
 class BoundedPatterns(NamedTuple):
-    """Every inclusion pattern with the bounded coefficients placed.
-
-    Attributes:
-        log_weight: log p(y, γ | u) − log p(y | γ = 1), the latter without bounds.
-        z: Standardised bounded coefficients, zero where out.
-        included: γ.
-    """
+    """Every inclusion pattern γ, its log p(y, γ | u) − log p(y | γ = 1), and standardised bounded coefficients z."""
 
     log_weight: Float[Array, " n_pattern"]
     z: Float[Array, "n_pattern n_bounded"]
@@ -51,13 +43,9 @@ class BoundedPatterns(NamedTuple):
 
 
 def bounded_patterns(
-    mean: Float[Array, " n_term"],
-    covariance: Float[Array, "n_term n_term"],
-    log_odds: Float[Array, " n_term"] | None,
-    bounds: Bounds,
-    bounded: tuple[int, ...],
-    certain: tuple[int, ...] = (),
-) -> BoundedPatterns:
+    mean: PerTerm, covariance: Float[Array, "n_term n_term"], log_odds: PerTerm | None, bounds: Bounds,
+    bounded: tuple[int, ...], certain: tuple[int, ...] = (),
+) -> BoundedPatterns:  # fmt: skip
     """Return `log_pattern_weights` where some coefficients have bounds; one pattern where there are no odds.
 
     The bounded terms come last in the recursion. One that is in is placed given those before it, so that the others are
@@ -65,8 +53,7 @@ def bounded_patterns(
 
         included:  log w += log[Φ(b) − Φ(a)] − log P(lower ≤ u_j ≤ upper),   m ← m + V_·j (z_j − m_j)/V_jj.
 
-    Mean and covariance are those of u = (θ − mean)/sd given that all terms are in, without bounds; a priori u ~ N(0,
-    I).
+    Mean and covariance are those of u = (θ − mean)/sd given that all terms are in, without bounds; u ~ N(0, I) before.
     """
     n_term = mean.shape[0]
     always = tuple(range(n_term)) if log_odds is None else certain
@@ -163,9 +150,9 @@ def _quantile_of_log(log_p: Array) -> Array:
     """Return Φ⁻¹(exp log_p); far out by Newton steps on log Φ, which is concave."""
     near = ndtri(jnp.exp(jnp.maximum(log_p, LEAST_LOG_PROBABILITY)))
     far = jnp.minimum(log_p, LEAST_LOG_PROBABILITY)
-    # Φ(−x) ≈ φ(x)/x
+    # Φ(−x) ≈ φ(x)/x: a relative error near 1e-3, which each step squares
     z = -jnp.sqrt(-2 * far - jnp.log(2 * math.pi) - jnp.log(-2 * far))
-    for _ in range(NEWTON_STEPS):
+    for _ in range(4):
         log_cdf = log_ndtr(z)
         z = z - (log_cdf - far) * jnp.exp(log_cdf - _log_density(z))
     return jnp.where(log_p > LEAST_LOG_PROBABILITY, near, z)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from bayes_greybox.model.algebra.collapsed import Regression, log_evidence, remove_dense
+from bayes_greybox.model.algebra.collapsed import Regression, log_evidence
 from bayes_greybox.model.algebra.linalg import singular_root, solve_lower
 from bayes_greybox.model.frame import Frame
 from bayes_greybox.model.gp.hyper import Hyperparameters
@@ -19,20 +19,14 @@ from bayes_greybox.running.errors import InputError
 
 from .protocol import Compress, DesignRows, EquationDraws, Numbers, PickRows, Root, Theta, WeightedRows, Weights
 
-MOST_WORTHWHILE = 100
-"""Most posterior draws that are worth their cost, a dense factorisation each."""
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class DenseDesign(DesignRows):
-    """Rows of one equation on the exact path: f is in the model by its covariance matrix at the rows.
+    """Rows of one equation on the exact path.
 
-    Attributes:
-        points: Variables of f and Φₒ at the samples of the data.
-        nodes: Nodes of the measure, and w Φₒ there.
-        whitening: W, or None where the rows are independent.
-        operator: V, from values at the samples to values of the rows, or None where each sample is a row.
+    `points` are the variables of f and Φₒ at the samples, `nodes` those of the measure and w Φₒ there, `whitening` is W
+    (None where rows are independent), and `operator` V (None where each sample is a row).
     """
 
     expands = False
@@ -51,7 +45,7 @@ class DenseDesign(DesignRows):
 
     def worthwhile(self, draws: int) -> int:
         """Return a number of draws that factorisations of all rows can be afforded for."""
-        return min(draws, MOST_WORTHWHILE)
+        return min(draws, 100)
 
     def covariance(self, hyper: Hyperparameters) -> Float[Array, "n_row n_row"]:
         """Return k⊥ at the (whitened) rows."""
@@ -64,9 +58,11 @@ class DenseDesign(DesignRows):
     def remove_discrepancy(
         self, y: Float[Array, " n_row"], hyper: Hyperparameters
     ) -> tuple[Regression, Float[Array, "n_row n_row"]]:
-        """Integrate out the values of f."""
-        regression, L = remove_dense(self.Phi, self.covariance(hyper), y, hyper.sigma)
-        return regression._replace(log_det=regression.log_det + self.log_det_R), L
+        """Integrate out f ~ N(0, K⊥) at the rows: [T q] = L⁻¹ [Φ y], L Lᵀ = K⊥ + σ² I; also returns L."""
+        K = self.covariance(hyper)
+        L = jnp.linalg.cholesky(K + hyper.sigma**2 * jnp.eye(K.shape[0]))
+        left = solve_lower(L, jnp.column_stack([self.Phi, y]))
+        return Regression(left[:, :-1], left[:, -1], 2 * jnp.sum(jnp.log(jnp.diag(L))) + self.log_det_R), L
 
     def sample_discrepancy(self, key: Array, hyper: Hyperparameters) -> Float[Array, " n_row"]:
         """Draw f on the rows from its prior."""
@@ -87,8 +83,7 @@ class DenseDesign(DesignRows):
 
     def draw_discrepancy(self, key: Array, hyper: Hyperparameters, theta: Theta, solve: Any) -> dict[str, Array]:
         """Draw f at the samples of the data from its posterior."""
-        prior = self.cross_covariance(self.points, hyper)
-        return {"f": self._drawn(key, hyper, theta, self.points, prior)}
+        return {"f": self._drawn(key, hyper, theta, self.points)}
 
     def at(self, frame: Frame, columns: Columns, draws: EquationDraws) -> Float[np.ndarray, "n_draw n_row"]:
         """Draw f at other points given θ and η, not given its values at the data."""
@@ -97,7 +92,7 @@ class DenseDesign(DesignRows):
 
         def one(item: tuple[Array, Hyperparameters, Array]) -> Array:
             key, hyper, theta = item
-            return self._drawn(key, hyper, theta, left, self._gram(left, left, hyper))
+            return self._drawn(key, hyper, theta, left)
 
         hyper = Hyperparameters(*map(jnp.asarray, draws.hyper))
         return np.asarray(jax.lax.map(one, (keys, hyper, jnp.asarray(draws.theta))))
@@ -152,14 +147,9 @@ class DenseDesign(DesignRows):
         if removal.directions is not None:
             remain = np.linalg.qr(removal.directions, mode="complete")[0][:, len(out) :].T
         W = remain if self.whitening is None else remain @ np.asarray(self.whitening)
-        return replace(
-            self,
-            Phi=jnp.asarray(remain @ np.asarray(self.Phi)),
-            y=jnp.asarray(remain @ np.asarray(self.y)),
-            whitening=jnp.asarray(W),
-            n_obs=self.n_obs - len(out),
-            log_det_R=self.log_det_R + removal.log_det,
-        )
+        Phi, y = (jnp.asarray(remain @ np.asarray(each)) for each in (self.Phi, self.y))
+        numbers = {"n_obs": self.n_obs - len(out), "log_det_R": self.log_det_R + removal.log_det}
+        return replace(self, Phi=Phi, y=y, whitening=jnp.asarray(W), **numbers)
 
     def padded(self) -> "DenseDesign":
         """Return the design itself: its covariance matrix is as large as it has rows."""
@@ -203,15 +193,13 @@ class DenseDesign(DesignRows):
             at_rows = at_rows if matrix is None else at_rows @ matrix.T
         return at_rows
 
-    def _drawn(
-        self, key: Array, hyper: Hyperparameters, theta: Theta, left: Points, prior: Float[Array, "n_left n_left"]
-    ) -> Float[Array, " n_left"]:
+    def _drawn(self, key: Array, hyper: Hyperparameters, theta: Theta, left: Points) -> Float[Array, " n_left"]:
         """Draw f | θ ~ N(k* C⁻¹ (y − Φθ), k** − k* C⁻¹ k*ᵀ), C = K⊥ + σ² I."""
         _, L = self.remove_discrepancy(self.y, hyper)
         cross = self._to_rows(self.cross_covariance(left, hyper))
         half = solve_lower(L, cross.T)
         mean = half.T @ solve_lower(L, self.y - self.Phi @ theta)
-        covariance = prior - half.T @ half
+        covariance = self._gram(left, left, hyper) - half.T @ half
         return mean + singular_root(covariance) @ jax.random.normal(key, mean.shape)
 
 

@@ -25,9 +25,6 @@ from bayes_greybox.running.arrays import on_device
 
 from .protocol import Compress, DesignRows, EquationDraws, Numbers, PickRows, Root, Theta, WeightedRows, Weights
 
-LEAST_WEIGHT_SD = 1e-100
-"""Prior standard deviation below which nothing is left of a weight that could be standardised."""
-
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -35,17 +32,11 @@ class FeatureDesign(DesignRows):
     """Rows of one equation on the feature path: [Φ Ψ̃ y], whitened, scaled, compressed to a triangular factor.
 
     The rotation that compresses the rows leaves the likelihood as it is; `n_obs` rows stand behind `y`. Without a
-    discrepancy the features have no columns.
+    discrepancy the features have no columns. `gram` is Ψ̃ᵀΨ̃, `frequency` √λ of each feature in every direction, and
+    `constraints` ⟨Φₒ, ψᵀ⟩ of the conditioned kernel.
 
-    Arguments of the methods, here and in `DenseDesign`, have the same meaning throughout: `hyper` is η, `theta` the
-    coefficients, `frame` the scaling and bases of the equation, `rows` its rows, `table` [Φ Ψ̃ y] at rows of the data
-    in scaled units, `draws` posterior draws, `Psi` orthogonal features, `weight` and `f` the weights of f or its values
-    at the data, without columns where f has the other.
-
-    Attributes:
-        gram: Ψ̃ᵀΨ̃.
-        frequency: √λ of each feature in every direction.
-        constraints: ⟨Φₒ, ψᵀ⟩ of the conditioned kernel; None for the others.
+    Arguments of the methods are the same here and in `DenseDesign`: `hyper` is η, `table` [Φ Ψ̃ y] at rows of the data
+    in scaled units, `weight` and `f` the weights of f or its values at the data, without columns where f has the other.
     """
 
     expands = True
@@ -62,7 +53,7 @@ class FeatureDesign(DesignRows):
         return self.frequency.shape[1]
 
     def worthwhile(self, draws: int) -> int:
-        """Return the number of so many posterior draws that are worth their cost: all, since one costs a product."""
+        """Return all of so many posterior draws, since one costs a product."""
         return draws
 
     def weight_prior(self, hyper: Hyperparameters) -> tuple[Array, Array | None]:
@@ -85,7 +76,7 @@ class FeatureDesign(DesignRows):
     def standardised(self, weight: Weights, hyper: Hyperparameters, fresh: Weights) -> Weights:
         """Return z of weights: `fresh` where they do not determine it, zero where a weight has next to no variance."""
         log_root, U = self.weight_prior(hyper)
-        usable = log_root > math.log(LEAST_WEIGHT_SD)
+        usable = log_root > math.log(1e-100)
         z = jnp.where(usable, weight * jnp.exp(-jnp.where(usable, log_root, 0.0)), 0.0)
         return z if U is None else z + U @ (U.T @ fresh)
 
@@ -155,8 +146,8 @@ class FeatureDesign(DesignRows):
     def root(self, rows: WeightedRows, hyper: Hyperparameters, sd: Float[Array, " n_term"]) -> Root:
         """Return a `Root` with C⁻¹ = σ⁻² (R⁻¹ − HᵀH) for C = σ²(R + BBᵀ), B = [Φ sd, Ψ̃ √S (I − UUᵀ)]/σ.
 
-        C⁻¹ = σ⁻² (R⁻¹ − R⁻¹B (I + BᵀR⁻¹B)⁻¹ BᵀR⁻¹) by Woodbury's identity, with I + BᵀR⁻¹B = TᵀT from a QR
-        factorisation, since the Gram matrix would square the condition number; H = T⁻ᵀBᵀR⁻¹.
+        H = T⁻ᵀBᵀR⁻¹ by Woodbury's identity, with I + BᵀR⁻¹B = TᵀT from a QR factorisation, since the Gram matrix would
+        square the condition number.
         """
         log_root, U = self.weight_prior(hyper)
         root = jnp.exp(log_root)
@@ -203,16 +194,10 @@ class FeatureDesign(DesignRows):
             left = whole - directions @ (directions.T @ whole)
             factor = triangular_factor(lambda index: left[index], len(left))
         n_term = self.Phi.shape[1]
-        Psi = factor[:, n_term:-1]
-        return replace(
-            self,
-            Phi=jnp.asarray(factor[:, :n_term]),
-            Psi=jnp.asarray(Psi),
-            gram=jnp.asarray(Psi.T @ Psi),
-            y=jnp.asarray(factor[:, -1]),
-            n_obs=self.n_obs - len(out),
-            log_det_R=self.log_det_R + removal.log_det,
-        )
+        Phi, Psi, y = factor[:, :n_term], factor[:, n_term:-1], factor[:, -1]
+        Phi, Psi, gram, y = map(jnp.asarray, (Phi, Psi, Psi.T @ Psi, y))
+        numbers = {"n_obs": self.n_obs - len(out), "log_det_R": self.log_det_R + removal.log_det}
+        return replace(self, Phi=Phi, Psi=Psi, gram=gram, y=y, **numbers)
 
     def padded(self) -> "FeatureDesign":
         """Fill a factor of few rows up with rows of zeros, which change nothing."""
@@ -253,9 +238,8 @@ class FeatureDesign(DesignRows):
         self, hyper: Hyperparameters, Psi: Float[np.ndarray, "n_white n_basis"], generator: np.random.Generator
     ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "n_replicate n_white"]]:
         """Draw w ~ N(0, S), or given C w = 0, in plain NumPy; return it, if there is f, and f at the whitened rows."""
-        n = len(hyper.sigma)
         if Psi.shape[1] == 0:
-            return {}, np.zeros((n, len(Psi)))
+            return {}, np.zeros((len(hyper.sigma), len(Psi)))
         kernel = KERNELS[self.kernel]
         log_S = jax.vmap(lambda a, ell: log_spectral_density(kernel, self.frequency, a, ell))(
             jnp.asarray(hyper.amplitude), jnp.asarray(hyper.length_scale)

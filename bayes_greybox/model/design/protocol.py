@@ -14,10 +14,8 @@ Compress = Callable[[Float[np.ndarray, "n_replicate n_white"]], Float[np.ndarray
 """Function from whitened targets to those of a design."""
 
 Weights = Float[Array, " n_basis"]
-"""Weights of the features of f, or standardised ones."""
 
 Theta = Float[Array, " n_term"]
-"""Coefficients, scaled units."""
 
 Numbers = Int[np.ndarray, " n"]
 """Observations by number."""
@@ -27,12 +25,11 @@ class EquationDraws(NamedTuple):
     """Posterior draws of one equation in scaled units, chains flattened: what the mathematics works with.
 
     Attributes:
-        hyper: Noise SD [n_draw], amplitude [n_draw] and length scales [n_draw, n_var].
         prior_sd: Prior standard deviation of each coefficient, zero where it is out.
         weight: Feature weights; no columns where f is not made of features.
         f: Values of f at the rows of the data; no columns where weights determine it.
-        mean: Mean of θ given the draw's η, pattern and coefficients with bounds, under which the target is normal. The
-            latter stay at their draws, the others have their prior mean.
+        mean: Mean of θ given the draw's η, pattern and coefficients with bounds, which stay at their draws: given these
+            the target is normal.
         spread: Standard deviation of θ given the same: `prior_sd`, and zero where a coefficient has bounds.
     """
 
@@ -48,8 +45,7 @@ class EquationDraws(NamedTuple):
 class WeightedRows(NamedTuple):
     """Observations weighted by the inverse noise correlation, R⁻¹[Φ Ψ̃ y], and diag R⁻¹, in scaled units.
 
-    Where W is not square they are W[Φ Ψ̃ y] and ones: whitened coefficients, which are independent. A design that keeps
-    C whole needs their numbers only; the other fields are empty then.
+    Where W is not square they are W[Φ Ψ̃ y] and ones. A design that keeps C whole needs their numbers only.
     """
 
     number: Int[Array, " n_row"]
@@ -79,11 +75,8 @@ class Root(NamedTuple):
 class DesignRows:
     """Rows of one equation as the likelihood sees them, whitened and in scaled units; a pytree of arrays.
 
-    Attributes:
-        n_obs: Number of measurements behind the rows.
-        n_prior: Number of rows for a prior that asks for it: leaving rows out must not change the prior.
-        noise_floor: Least σ.
-        expands: If true, f is a finite sum of features, so that it has a value at every state an integrator visits.
+    `n_obs` measurements stand behind the rows, and `n_prior` for a prior that asks for their number, which leaving rows
+    out must not change. If it `expands`, f is a finite sum of features, with a value wherever an integrator goes.
     """
 
     Phi: Float[Array, "n_row n_term"]
@@ -106,4 +99,3 @@ class DesignRows:
 
 
 AnyRows = TypeVar("AnyRows", bound=DesignRows)
-"""Rows of whatever design."""

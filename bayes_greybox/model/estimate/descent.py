@@ -1,8 +1,7 @@
 """Descents to an estimate on paths of a model alone: Levenberg–Marquardt steps, each on rows taken anew.
 
-A path of equations that amplify what changes it is cut into segments with free starts, as many as its coefficients ask
-for. A path of more segments follows samples better, and the wide prior of each start costs some ten nats: densities say
-which of two coefficients is likelier only where both paths have as many segments.
+A path that amplifies what changes it is cut into segments with free starts. More of them follow samples better, and the
+wide prior of each start costs some ten nats: densities compare coefficients only on paths of as many segments.
 """
 
 import math
@@ -16,20 +15,13 @@ from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
 from bayes_greybox.running.errors import InputError
 
-FIRST_DAMPING = 1e-2
-"""Damping of the first step of a descent, over the precision of each coefficient."""
-
 SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND = 0.01, 0.1, 1.0
 """Changes of a coefficient by an outer iteration, in its standard deviations: one that ends the iterations, one that
 will do where many have not ended them, as where a path has kinks, and one that is refused."""
 
 
 class Standing(NamedTuple):
-    """A model with rows near the coefficients `at`.
-
-    `density` is the log density of the samples and of stated coefficients there; the estimate on these rows is `moved`
-    standard deviations away.
-    """
+    """A model with rows near coefficients, their log density, and how many standard deviations off the estimate is."""
 
     model: Any
     equation: Equation
@@ -44,12 +36,10 @@ class Standing(NamedTuple):
 
 
 def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
-    """Return the estimate on paths of the model alone, from one near it; None where it does not settle.
-
-    It takes `most` steps, twice where fewer segments do at its end than on its way.
-    """
+    """Return the estimate on paths of the model alone, in most steps; None where it does not settle."""
     start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
     estimate = _settled(start, data, most)
+    # Once more where fewer segments do at its end than on its way.
     if estimate is not None and (bare := _cut(estimate, data, asked)) is not None and bare.segments < estimate.segments:
         return _settled(bare, data, most) or estimate
     return estimate
@@ -79,10 +69,10 @@ def added_terms(model: Any) -> dict[tuple[str, str], float]:
 def _settled(start: Standing | None, data: Trajectories, most: int) -> Standing | None:
     """Return the end of the steps, with no fewer segments than on the way; None where they do not settle.
 
-    Steps are damped as Nielsen (1999, IMM-REP-1999-05, Eq. 2.9) does by what a step promised and gained: whole steps go
-    around an estimate near a kink of the equations without end, or to where no path is.
+    They are damped by what a step promised and gained (Nielsen 1999, IMM-REP-1999-05, Eq. 2.9): whole steps go around
+    an estimate near a kink of the equations without end, or to where no path is.
     """
-    here, damping, factor = start, FIRST_DAMPING, 2.0
+    here, damping, factor = start, 1e-2, 2.0
     for _ in range(most):
         if here is None or here.moved < SETTLED_WITHIN:
             break

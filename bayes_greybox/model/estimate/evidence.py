@@ -9,17 +9,12 @@ from jaxtyping import Float
 
 from bayes_greybox.model.gp.hyper import NoisePrior
 
-SIGMA_NODES = 33
-"""Nodes of the grid over log σ; the integrand is within 1e-6 of its integral from about 20 on."""
-
-SIGMA_SPAN = 7.0
-"""Half-width of that grid in posterior standard deviations of log σ."""
+SIGMA_NODES, SIGMA_SPAN = 33, 7.0
+"""Nodes of the grid over log σ, of which 20 give the integral to 1e-6, and its half-width in standard deviations."""
 
 LEAST_FLOOR = 1e-6
-"""Least σ over the RMS of y for which sets of terms can be weighed: yᵀy − Σ b²/(σ² + λ) is a difference of numbers of
-the size of n, whose rounding counts 1/2σ² times. It is worth less than a nat at this σ, and tens to thousands of them
-at a tenth of it.
-"""
+"""Least σ over the RMS of y for which sets of terms can be weighed: rounding of yᵀy − Σ b²/(σ² + λ) counts 1/2σ² times,
+less than a nat at this σ, and tens to thousands of them at a tenth of it."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +69,7 @@ class Spectrum:
 
 
 class Marginal(NamedTuple):
-    """A hypothesis without f, σ integrated out.
-
-    Attributes:
-        log_evidence: log p(y), up to −½ log|R|, [*batch].
-        sigma: Nodes of σ [*batch, n_node].
-        weight: Posterior weights of the nodes, each row sums to one [*batch, n_node].
-    """
+    """A hypothesis without f: log p(y) up to −½ log|R|, and nodes of σ with weights of sum one [*batch, n_node]."""
 
     log_evidence: np.ndarray
     sigma: np.ndarray

@@ -26,12 +26,6 @@ Set = tuple[int, ...]
 MOST_EXCHANGED = 12
 """Largest set that is improved by exchanging one term for another: on the way larger ones are passed."""
 
-BATCH_SIZE = 2e6
-"""Numbers in the matrices of sets that are weighed at once."""
-
-PATH_RIDGE = 1e-10
-"""Shrinkage of all terms together, over the mean square of a column, on the way from all of them to none."""
-
 LEFT_OUT_NATS = 12.0
 """Sets more than so many nats below the best do not count."""
 
@@ -41,21 +35,15 @@ BETTER = 1e-9
 
 @dataclass(frozen=True)
 class Likeliest:
-    """The likeliest set; user's units.
+    """The likeliest set: terms with posterior means and standard deviations, user's units, and what each `acts_on`.
 
-    Attributes:
-        terms: Terms with their posterior means.
-        acts_on: Learned state of each term, where several share the rows; else empty.
-        sd: Posterior standard deviations.
-        weighed: Probability of each set near the likeliest one, the likeliest first.
-        inclusion: Probability of each term of the dictionary, over these sets.
+    Sets near it are `weighed`, the likeliest first.
     """
 
     terms: tuple[tuple[Term, float], ...]
     acts_on: tuple[str, ...]
     sd: Float[np.ndarray, " n_in"]
     weighed: dict[Set, float]
-    inclusion: Float[np.ndarray, " n_term"]
 
 
 def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
@@ -70,13 +58,10 @@ def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
         sd = np.sqrt(np.diag(np.linalg.pinv(Phi.T @ Phi)) * equation.variance)
         every = tuple(range(len(values)))
         scale = np.asarray(frame.coefficient_scale)
-        return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {every: 1.0}, np.ones(len(every)))
+        return Likeliest(tuple(values), tuple(frame.dictionary.acts_on), sd * scale, {every: 1.0})
     search = _Search(Phi.T @ Phi, Phi.T @ y, float(y @ y), int(design.n_obs), float(design.noise_floor))
     best = search.best(thorough)
     weights = search.near(best) if thorough else {best: 1.0}
-    inclusion = np.zeros(search.n_term)
-    for one, weight in weights.items():
-        inclusion[list(one)] += weight
     mean, covariance = search.coefficients(best)
     scale = np.broadcast_to(frame.coefficient_scale, (search.n_term,))[list(best)]
     acts_on = tuple(frame.dictionary.acts_on)
@@ -85,7 +70,6 @@ def likeliest(equation: Equation, thorough: bool = True) -> Likeliest:
         acts_on=tuple(acts_on[i] for i in best) if acts_on else (),
         sd=np.sqrt(np.diag(covariance)) * scale,
         weighed=weights,
-        inclusion=inclusion,
     )
 
 
@@ -176,14 +160,12 @@ class _Search:
 
     def _from_all(self) -> list[Set]:
         """Return sets on the way from all terms to none, the least certain ones left out first."""
-        kept, path = np.arange(self.n_term), list[Set]([()])
+        kept, path, ridge = np.arange(self.n_term), list[Set]([()]), 1e-10
         while len(kept):
             path.append(tuple(kept.tolist()))
             gram = self.gram[np.ix_(kept, kept)]
             # With σ as large as the target no term is certain, and none is lost in rounding errors.
-            variance = np.linalg.inv(
-                gram + PATH_RIDGE * np.diag(np.diag(gram)) + PATH_RIDGE * self.square * np.eye(len(kept))
-            )
+            variance = np.linalg.inv(gram + ridge * np.diag(np.diag(gram)) + ridge * self.square * np.eye(len(kept)))
             z = np.abs(variance @ self.product[kept]) / np.sqrt(np.diag(variance))
             kept = np.delete(kept, int(np.argmin(z)))
         return path
@@ -196,7 +178,8 @@ class _Search:
                 by_size.setdefault(len(one), []).append(one)
         for size, fresh in by_size.items():
             prior = float(betaln(1 + size, 2 * self.n_term - size))
-            step = max(1, int(BATCH_SIZE / max(size, 1) ** 2 / 4))
+            # So many sets that their matrices have some two million numbers.
+            step = max(1, int(2e6 / max(size, 1) ** 2 / 4))
             for start in range(0, len(fresh), step):
                 part = fresh[start : start + step]
                 logs = marginal(self._spectrum(np.array(part, int).reshape(len(part), size)), self.noise).log_evidence

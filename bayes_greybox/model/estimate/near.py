@@ -1,6 +1,7 @@
 """Rows that are linear near a model only, taken anew near its estimate: the Gauss–Newton method."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -8,6 +9,7 @@ import numpy as np
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.physics.parameters import step_to
 from bayes_greybox.running.errors import InputError
 
 from .descent import SETTLED_WITHIN, STAYING_WITHIN, UNSETTLED_BEYOND, added_terms, descended, frozen, likeliest_of
@@ -31,14 +33,8 @@ TRIES = (1, 2, 3, 5, 8, 12, 17, 24, MOST_ITERATIONS)
 UNFORCED_ITERATIONS = 15
 """Outer iterations of such a try on paths without the force."""
 
-ITERATIONS_FROM_SIMULATION = 64
-"""Outer iterations of the way from the simulation alone: kinks make it long, and it is gone once."""
-
-CLOSE_MISFIT = 0.3
-"""Residuals over the spread of the samples up to which an estimate that was reached without a force may stand alone."""
-
-ENOUGH_ALIKE = 3
-"""Descents to the same estimate, after which it stands."""
+MOST_TANGENTS = 16
+"""Most times that tangents are taken anew."""
 
 FOLLOWED_NATS = 3.0
 """Nats that an unknown force may gain where a path without it follows the samples: odds of twenty."""
@@ -53,9 +49,6 @@ def near_estimate(model: Model, data: Trajectories) -> Model:
     The coefficients of several equations on the same samples are found together. Their paths are moved to the samples
     by an unknown force at first, and whatever is near enough then is brought to the least squares of the whole
     equations, on paths without that force; of several such estimates the likeliest counts.
-
-    Raises:
-        InputError: See `Program.assemble`; coefficients that do not settle.
     """
     if not model.rows.follows_path:
         return _alternated(model, data)
@@ -125,11 +118,7 @@ def _alternated(model: Any, data: Trajectories) -> Any:
 
 
 def _one_settled(model: Any, data: Trajectories) -> Any:
-    """Settle one equation: the other terms follow the samples, so that few iterations do, unless all of it is learned.
-
-    Far from the estimate a force in the noise says which way it is, as rates would; beside it the rows of a long record
-    say next to nothing.
-    """
+    """Settle one equation: far from the estimate a force in the noise says which way it is, as rates would."""
     # The estimate is of the terms alone, whatever f may be beside them.
     lean = replace(model, discrepancy=None) if model.dictionary else model
     try:
@@ -175,8 +164,11 @@ def _nearer(model: Any, data: Trajectories) -> Any:
 def _settled(model: Any, data: Trajectories) -> Any:
     forced, done, moved = model, 0, math.inf
     # Where the simulation is about right, no force is needed to come to the estimate; else that is no beginning.
-    start = descended(model, data, ITERATIONS_FROM_SIMULATION)
-    estimates = [start] if start is not None and _close(start.equation) else []
+    # Kinks make this way long, and it is gone once.
+    start = descended(model, data, 64)
+    # A minimum far off, such as of no motion, has little of the samples' motion.
+    close = start is not None and (off := start.equation.rows.unfollowed) is not None and off.misfit < 0.3
+    estimates = [start] if start is not None and close else []
     for tried in TRIES:
         try:
             forced, moved = _turned(forced, data, tried - done, SETTLED_WITHIN)
@@ -191,7 +183,7 @@ def _settled(model: Any, data: Trajectories) -> Any:
             # and what three do in any case: the noise is then none that these equations explain.
             again = sum(unforced.equation.moved(other.equation.ridge()) < STAYING_WITHIN for other in estimates)
             estimates.append(unforced)
-            if again + 1 >= ENOUGH_ALIKE or (again and _follows(_near(forced, unforced.equation), data)):
+            if again + 1 >= 3 or (again and _follows(_near(forced, unforced.equation), data)):
                 break
         if moved < SETTLED_WITHIN:
             break
@@ -204,11 +196,9 @@ def _settled(model: Any, data: Trajectories) -> Any:
 
 
 def _unsettled(model: Any, turns: int, moved: float) -> InputError:
-    far = (
-        f"after {turns} turns one still moves by {moved:.2g} of its standard deviations"
-        if math.isfinite(moved)
-        else "no path can be followed where they have gone"
-    )
+    far = "no path can be followed where they have gone"
+    if math.isfinite(moved):
+        far = f"after {turns} turns one still moves by {moved:.2g} of its standard deviations"
     return InputError(
         f"The coefficients of {', '.join(model.equations)} do not settle: {far}. Leave terms out, give states without "
         "a sensor as data, or start near what is known with TrajectoryRows(added=..., added_to=...)."
@@ -218,12 +208,6 @@ def _unsettled(model: Any, turns: int, moved: float) -> InputError:
 def _near(model: Any, equation: Equation) -> Any:
     """Return a model with rows near the estimate of an equation."""
     return replace(model, rows=model.rows.around(equation.ridge(), equation.frame.dictionary.acts_on))
-
-
-def _close(equation: Equation) -> bool:
-    """Return whether a path has most of the samples' motion: a minimum far off, such as of no motion, has not."""
-    unfollowed = equation.rows.unfollowed
-    return unfollowed is not None and unfollowed.misfit < CLOSE_MISFIT
 
 
 def _follows(model: Any, data: Trajectories) -> bool:
@@ -237,10 +221,7 @@ def _follows(model: Any, data: Trajectories) -> bool:
 
 
 def _turned(model: Any, data: Trajectories, most: int, settled: float) -> tuple[Any, float]:
-    """Return the model after so many outer iterations, or after the first that moves the estimate less, and the move.
-
-    A move is in standard deviations of the coefficients.
-    """
+    """Return the model after so many outer iterations, or the first that moves the estimate less, and the last move."""
     before, moved = None, math.inf
     for _ in range(most):
         # Rows that are linear near a model only are of one block.
@@ -250,3 +231,53 @@ def _turned(model: Any, data: Trajectories, most: int, settled: float) -> tuple[
         if moved < settled:
             break
     return model, moved
+
+
+def at_estimate(model: Model, data: Trajectories, near: Callable[[Model], Model]) -> Model:
+    """Return a model that is not linear in its learned parameters with formulas linearised at their estimate.
+
+    `near` takes the rows of a model near its estimate, where they are linear only near one.
+    """
+    model = near(model)
+    found, moved = _estimates(model, data)
+    for _ in range(MOST_TANGENTS):
+        if moved < STAYING_WITHIN:
+            return model
+        before = {name: model.parameters[name].here for name in found}
+        model = _stepped(model, before, found, near)
+        found, moved = _estimates(model, data)
+    if moved > UNSETTLED_BEYOND:
+        raise InputError(
+            f"The parameters {', '.join(found)} do not settle: after {MOST_TANGENTS} steps one still moves by "
+            f"{moved:.2g} of its standard deviations. Start nearer to what is likely, or say more of them: "
+            "bg.Parameter(value, sd=..., bounds=...)."
+        )
+    return model
+
+
+def _stepped(model: Model, before: dict[str, float], found: dict[str, float], near: Callable[[Model], Model]) -> Model:
+    """Return the model at the estimate, or where formulas have no values there, on the way to it."""
+    found = {name: step_to(value, before[name], model.parameters[name].sd or 0.0) for name, value in found.items()}
+    share = 1.0
+    while True:
+        try:
+            return near(model.at({name: before[name] + share * (found[name] - before[name]) for name in found}))
+        except (InputError, np.linalg.LinAlgError):
+            share /= 2
+            if share < 0.5**6:
+                raise
+
+
+def _estimates(model: Any, data: Trajectories) -> tuple[dict[str, float], float]:
+    """Return the estimates of the learned parameters, and the farthest that one is away, in standard deviations."""
+    found, moved = {}, 0.0
+    for equation in replace(model, discrepancy=None).assemble(data).values():
+        estimate = equation.ridge()
+        sd = equation.standard_deviations()
+        for (term, value), width in zip(estimate, sd.tolist(), strict=True):
+            name = term.parameter
+            if name:
+                found[name] = value
+                here = model.parameters[name].here
+                moved = max(moved, abs(value - here) / width if width > 0 else math.inf * (value != here))
+    return found, moved

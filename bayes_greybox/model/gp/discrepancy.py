@@ -14,22 +14,16 @@ Path = Literal["hsgp", "exact"]
 EXACT_LIMIT = 1500
 """Most rows that the dense path is offered for."""
 
-
-MOST_FEATURES = 10_000
-"""Most features along a variable: no data tell that many apart, and a number without end asks for all memory."""
-
+# No data tell 10,000 features along a variable apart, and a number without end asks for all memory.
 FEATURE_COUNTS = Rule(
-    lambda features: all(type(count) is int and 0 < count <= MOST_FEATURES for count in _each(features)),
+    lambda features: all(type(count) is int and 0 < count <= 10_000 for count in _each(features)),
     "should be a positive whole number, or a list with one for each variable, of at most 10,000",
 )
-"""Limits of the numbers of features."""
-
 
 OUTSIDE_DATA = Rule(
     lambda boundary: all(isinstance(one, int | float) and one > 1 for one in _each(boundary)),
     "must exceed 1, the edge of the data",
 )
-"""Limits of the end of the features' domain, in half-widths of the data's box."""
 
 
 @dataclass(frozen=True)

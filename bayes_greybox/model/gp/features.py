@@ -10,27 +10,22 @@ from bayes_greybox.physics.formula.expressions import namespace
 from bayes_greybox.running.arrays import on_device
 from bayes_greybox.running.errors import InputError
 
-DEFAULT_FEATURES = {1: 20, 2: 10, 3: 8}
-"""Features per variable when the user names none; 6 from four variables on."""
-
 
 @dataclass(frozen=True)
 class HilbertBasis:
     """ψ_j(x) = Π_d c_{j_d} cos(√λ_{j_d} (x_d + L)), √λ_j = π j/(2L), c_0² = 1/(2L), c_j² = 1/L, on [−L, L]^d.
 
     With it k(x, x') ≈ Σ_j S(√λ_j) ψ_j(x) ψ_j(x'), S the spectral density (Solin & Särkkä 2020, Eq. 20;
-    Riutort-Mayol et al. 2023, Eq. 9 to 11), on [−L_d, L_d] in each direction. Data live in [−1, 1]^d, so L is the
-    boundary factor.
+    Riutort-Mayol et al. 2023, Eq. 9 to 11). Data live in [−1, 1]^d, so L is the boundary factor.
 
-    The eigenfunctions are those with Neumann conditions (zero slope at the boundary), not the Dirichlet sines
-    of `numpyro.contrib.hsgp`: sines vanish at the boundary, so they cannot hold a discrepancy that does not
-    depend on one of the variables, and with L = 1.5 that turned one posterior mode into four.
+    The eigenfunctions have Neumann conditions (zero slope at the boundary): the Dirichlet sines of
+    `numpyro.contrib.hsgp` cannot hold a discrepancy that does not depend on one of the variables, and with L = 1.5 that
+    turned one posterior mode into four.
 
     Attributes:
         boundary: L, the same in every direction, or one for each.
-        per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the
-            tensor product is cut at total order: Σ_d j_d (m/m_d) < m with m = max m_d, since the product
-            grows as m^d.
+        per_variable: Features m_d in each direction, j_d = 0 … m_d − 1. In more than two directions the tensor product,
+            which grows as m^d, is cut at total order: Σ_d j_d (m/m_d) < m with m = max m_d.
     """
 
     boundary: float | tuple[float, ...]
@@ -119,4 +114,4 @@ class HilbertBasis:
 
 def default_features(n_var: int) -> tuple[int, ...]:
     """Return the number of features per variable when the user names none."""
-    return (DEFAULT_FEATURES.get(n_var, 6),) * n_var
+    return ({1: 20, 2: 10, 3: 8}.get(n_var, 6),) * n_var

@@ -48,10 +48,7 @@ class NoisePrior(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HyperPrior:
-    """Prior of η.
-
-    `spread` is the standard deviation of log ℓ; `n_var` is None where there is no f.
-    """
+    """Prior of η; `spread` is the standard deviation of log ℓ, and `n_var` is None where there is no f."""
 
     noise: NoisePrior
     amplitude: Float[Array, ""] | float = 1.0
@@ -62,8 +59,7 @@ class HyperPrior:
     def sample(self, sigma: Float[Array, ""] | None = None) -> Hyperparameters:
         """Sample η inside a NumPyro model: sites `noise` (s), `amplitude` and `length_scale`, and `sigma` from s.
 
-        Without f there is neither amplitude nor length scale; the placeholders multiply no features. σ is given where
-        it has another prior.
+        Without f the last two are placeholders, which multiply no features. σ is given where it has another prior.
         """
         if sigma is None:
             noise = site("noise", dist.HalfNormal(self.noise.scale))

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from scipy.stats import qmc
 
-from bayes_greybox.model.algebra.linalg import jittered_cholesky, solve_lower
+from bayes_greybox.model.algebra.linalg import Scalar, jittered_cholesky, solve_lower
 
 
 @dataclass(frozen=True)
@@ -31,12 +31,12 @@ class Kernel:
     Attributes:
         name: The name used in `OrthogonalGP(kernel=...)`.
         correlation: ρ as a function of r².
-        log_spectral_shape: log of the spectral density of ρ for unit length scales, as a function of
-            Σ_d ℓ_d² ω_d² and of the dimension.
+        log_spectral_shape: log of the spectral density of ρ for unit length scales, as a function of Σ_d ℓ_d² ω_d² and
+            of the dimension.
         features_per_unit: m ≥ `features_per_unit` × (boundary factor)/ℓ features in a direction resolve ℓ
             (Riutort-Mayol et al. 2023, Sec. 4.2).
-        boundary_per_length: The boundary factor must be at least `boundary_per_length` × ℓ, or f is correlated with
-            its image behind the wall of the domain (the same, Sec. 4.2).
+        boundary_per_length: Least boundary factor over ℓ, or f is correlated with its image behind the wall of the
+            domain (the same).
     """
 
     name: str
@@ -47,22 +47,16 @@ class Kernel:
 
 
 def gram(
-    kernel: Kernel,
-    left: Float[Array, "n_left n_var"],
-    right: Float[Array, "n_right n_var"],
-    amplitude: Float[Array, ""] | float,
+    kernel: Kernel, left: Float[Array, "n_left n_var"], right: Float[Array, "n_right n_var"], amplitude: Scalar,
     length_scale: Float[Array, " n_var"],
-) -> Float[Array, "n_left n_right"]:
+) -> Float[Array, "n_left n_right"]:  # fmt: skip
     """Return the covariance matrix k(x_i, x'_j) of the base kernel between points in scaled units."""
     difference = (left[:, None, :] - right[None, :, :]) / length_scale
     return amplitude**2 * kernel.correlation(jnp.sum(difference**2, axis=-1))
 
 
 def log_spectral_density(
-    kernel: Kernel,
-    frequency: Float[Array, "n_basis n_var"],
-    amplitude: Float[Array, ""] | float,
-    length_scale: Float[Array, " n_var"],
+    kernel: Kernel, frequency: Float[Array, "n_basis n_var"], amplitude: Scalar, length_scale: Float[Array, " n_var"]
 ) -> Float[Array, " n_basis"]:
     """Return the logarithm of the spectral density of the base kernel.
 
@@ -81,13 +75,8 @@ def _matern(name: str, nu: float, polynomial: Callable[[Array], Array], per_unit
 
     def log_spectral_shape(scaled: Array, dim: int) -> Array:
         # S = 2^D π^{D/2} Γ(ν + D/2) (2ν)^ν / Γ(ν) · (2ν + ω²)^{−ν − D/2}  (Rasmussen & Williams 2006, 4.15)
-        constant = (
-            dim * math.log(2)
-            + 0.5 * dim * math.log(math.pi)
-            + math.lgamma(nu + 0.5 * dim)
-            - math.lgamma(nu)
-            + nu * math.log(2 * nu)
-        )
+        constant = dim * math.log(2) + 0.5 * dim * math.log(math.pi) + math.lgamma(nu + 0.5 * dim)
+        constant = constant - math.lgamma(nu) + nu * math.log(2 * nu)
         return constant - (nu + 0.5 * dim) * jnp.log(2 * nu + scaled)
 
     return Kernel(name, correlation, log_spectral_shape, per_unit, per_length)
@@ -108,7 +97,6 @@ KERNELS = {
 }
 """Kernels by name; those listed here can be chosen in `OrthogonalGP` and in configurations."""
 
-
 Variant = Literal["projected", "conditioned", "printed", "none"]
 
 Measure = Literal["empirical", "unweighted", "box", "box-monte-carlo"]
@@ -119,25 +107,22 @@ Points = tuple[Float[Array, "_ n_var"], Float[Array, "_ n_rank"]]
 QUADRATURE_NODES = {1: 64, 2: 32, 3: 16}
 """Gauss–Legendre nodes per variable; exact for polynomials of degree 2n − 1."""
 
-LOW_DISCREPANCY_NODES = 4096
-"""Sobol nodes from four variables on."""
-
 
 def box_nodes(
     n_var: int, *, monte_carlo: int | None = None, seed: int = 0
 ) -> tuple[Float[np.ndarray, "n_node n_var"], Float[np.ndarray, " n_node"]]:
     """Return nodes and weights, which sum to one, of the uniform probability measure on the box [−1, 1]^d.
 
-    Tensor Gauss–Legendre for d ≤ 3, scrambled Sobol points beyond; with `monte_carlo` = n, n independent
-    uniform points, as the seed paper integrates its Gram matrix.
+    Tensor Gauss–Legendre for d ≤ 3, 4096 scrambled Sobol points beyond; with `monte_carlo` = n, n independent uniform
+    points, as the seed paper integrates its Gram matrix.
     """
     if monte_carlo is not None:
         nodes = np.random.default_rng(seed).uniform(-1.0, 1.0, size=(monte_carlo, n_var))
         return nodes, np.full(monte_carlo, 1.0 / monte_carlo)
     if n_var > max(QUADRATURE_NODES):
         sobol: Any = qmc.Sobol
-        points = sobol(n_var, seed=seed).random(LOW_DISCREPANCY_NODES)
-        return 2.0 * points - 1.0, np.full(LOW_DISCREPANCY_NODES, 1.0 / LOW_DISCREPANCY_NODES)
+        points = sobol(n_var, seed=seed).random(4096)
+        return 2.0 * points - 1.0, np.full(len(points), 1.0 / len(points))
     x, w = np.polynomial.legendre.leggauss(QUADRATURE_NODES[n_var])
     nodes = np.stack([axis.ravel() for axis in np.meshgrid(*(x,) * n_var, indexing="ij")], axis=-1)
     weights = np.prod(np.stack(np.meshgrid(*(w / 2,) * n_var, indexing="ij")), axis=0).ravel()
@@ -158,7 +143,7 @@ def orthonormalise(
 
 
 def orthogonal_gram(
-    variant: Variant, kernel: Kernel, amplitude: Float[Array, ""] | float, length_scale: Float[Array, " n_var"],
+    variant: Variant, kernel: Kernel, amplitude: Scalar, length_scale: Float[Array, " n_var"],
     left: Points, right: Points, nodes: Points,
 ) -> Float[Array, "n_left n_right"]:  # fmt: skip
     """Return k⊥(x_i, x'_j), lengths and amplitude in scaled units.

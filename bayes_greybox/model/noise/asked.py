@@ -1,8 +1,8 @@
 """`GreyBox(noise=bg.Noise(...))`: noise of the rows that is correlated, depends on the state, or has heavy tails.
 
 The parameters of R are found at their mode on the residuals of a ridge fit of the equation, before the sampler runs,
-and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and, where the model has a
-discrepancy, few features of it, and is repeated under the noise that it found:
+and held in the fit (empirical Bayes). The ridge fit has the terms of the dictionary and few features of the
+discrepancy, and is repeated under the noise that it found:
 
     β | R = argmin (y − Xβ)ᵀR⁻¹(y − Xβ)/σ² + βᵀD⁻¹β,   R = mode of p(y − Xβ | R),   alternately.
 
@@ -24,13 +24,12 @@ from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.model.estimate.evidence import Spectrum, coefficients, marginal
-from bayes_greybox.model.frame import held_features, scaled_position
+from bayes_greybox.model.frame import box_of, held_features, scaled_position
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.gp.features import HilbertBasis
 from bayes_greybox.model.gp.hyper import NoisePrior
 from bayes_greybox.model.gp.kernels import KERNELS, log_spectral_density
 from bayes_greybox.model.rows.equation_rows import EquationRows, Jumps
-from bayes_greybox.model.scaling import box_of
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
 
@@ -42,22 +41,9 @@ FIT = "fit"
 """Value of an option whose parameter is found from the data."""
 
 NOISE_OPTIONS = ("correlation", "depends_on", "tails", "force")
-"""Options that may be fitted or given."""
-
-MOST_ALTERNATIONS = 4
-"""Most alternations between residuals and noise."""
-
-NOISE_SETTLED = 0.02
-"""Relative change of every parameter of the noise below which it is found."""
-
-COEFFICIENT_SD = 10.0
-"""Prior standard deviation of the dictionary's coefficients, scaled units: hardly a prior at all."""
 
 RIDGE_FEATURES = {1: 20, 2: 8, 3: 4}
 """Features of f per variable, by the number of variables; f of more variables is left out of the ridge fit."""
-
-AMPLITUDES, LENGTHS = (0.03, 0.1, 0.3, 1.0), (0.4, 0.8, 1.6)
-"""Amplitudes and length scales of f that the ridge fit chooses from, scaled units."""
 
 
 @dataclass(frozen=True)
@@ -121,14 +107,26 @@ def find_noise(
     psi, choices = _features(rows, discrepancy)
     both = np.column_stack([X, psi])
 
-    def ridge(under: RowNoise) -> tuple[float, np.ndarray]:
-        return _ridge(both, X.shape[1], choices, y, under, prior)
+    def ridge(R: RowNoise) -> tuple[float, np.ndarray]:
+        """Return log p(y | R), and β with the prior of f that has the highest evidence."""
+        white = R.whiten(np.column_stack([both, y]))
+        F, z = white[:, :-1], white[:, -1]
+        gram, product, square = F.T @ F, F.T @ z, float(np.sum(z**2))
+        best, mean = -math.inf, np.zeros(both.shape[1])
+        for spread in choices:
+            # Coefficients of the dictionary have hardly a prior at all.
+            sd = np.concatenate([np.full(X.shape[1], 10.0), spread])
+            spectrum = Spectrum.of(gram, product, square, len(white), sd)
+            posterior = marginal(spectrum, prior)
+            if float(posterior.log_evidence) > best:
+                best, mean = float(posterior.log_evidence), coefficients(spectrum, posterior)[0]
+        return best - 0.5 * R.log_det, mean
 
-    def found_under(noise_so_far: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
-        residual = y - both @ ridge(noise_so_far)[1]
+    def found_under(R: RowNoise, evidence: Callable[[RowNoise], float] | None = None) -> NoiseModel:
+        residual = y - both @ ridge(R)[1]
         return _held_at_mode(noise, residual, plain, rows, quantities, prior, evidence)
 
-    for _ in range(MOST_ALTERNATIONS):
+    for _ in range(4):
         before, model = model, found_under(model.noise)
         if _settled(before, model):
             break
@@ -157,11 +155,8 @@ def check_asked(noise: Noise, rows: EquationRows) -> None:
             "leave GreyBox(noise=...) a number."
         )
     if noise.force is not None and not len(rows.noise.intensities):
-        kind = (
-            "an output: leave it out"
-            if rows.output
-            else "rates: give GreyBox(rows=bg.TrajectoryRows()), or leave it out"
-        )
+        rates = "rates: give GreyBox(rows=bg.TrajectoryRows()), or leave it out"
+        kind = "an output: leave it out" if rows.output else rates
         raise InputError(
             f"Noise(force='fit') needs rows of samples, whose path a force can move; those of {rows.equation!r} are "
             f"{kind}."
@@ -216,34 +211,11 @@ def _taken(model: NoiseModel, suspicion: Suspicion | None, asked: Any) -> NoiseM
     return suspicion.model if asked != FIT or suspicion.log_bayes_factor > 0 else model
 
 
-def _ridge(
-    columns: Float[np.ndarray, "n_row n_column"], n_term: int, choices: list[Float[np.ndarray, " n_basis"]],
-    y: Float[np.ndarray, " n_row"], noise: RowNoise, prior: NoisePrior,
-) -> tuple[float, Float[np.ndarray, " n_column"]]:  # fmt: skip
-    """Return log p(y | R), and β with the prior of f that has the highest evidence."""
-    white = noise.whiten(np.column_stack([columns, y]))
-    X, z = white[:, :-1], white[:, -1]
-    gram, product, square = X.T @ X, X.T @ z, float(np.sum(z**2))
-    best, mean = -math.inf, np.zeros(columns.shape[1])
-    for spread in choices:
-        sd = np.concatenate([np.full(n_term, COEFFICIENT_SD), spread])
-        spectrum = Spectrum.of(gram, product, square, len(white), sd)
-        posterior = marginal(spectrum, prior)
-        if float(posterior.log_evidence) > best:
-            best, mean = float(posterior.log_evidence), coefficients(spectrum, posterior)[0]
-    return best - 0.5 * noise.log_det, mean
-
-
 def _settled(before: NoiseModel, after: NoiseModel) -> bool:
     if before.names != after.names:
         return False
-    pairs = [
-        (before.about[name][key], value)
-        for name in after.names
-        for key, value in after.about[name].items()
-        if isinstance(value, float)
-    ]
-    return all(abs(a - b) <= NOISE_SETTLED * max(abs(a), abs(b)) for a, b in pairs)
+    pairs = [(before.about[name][key], b) for name in after.names for key, b in after.about[name].items()]
+    return all(abs(a - b) <= 0.02 * max(abs(a), abs(b)) for a, b in pairs if isinstance(b, float))
 
 
 def _dictionary_columns(rows: EquationRows, dictionary: Dictionary) -> Float[np.ndarray, "n_row n_term"]:
@@ -280,8 +252,8 @@ def _features(
     kernel = KERNELS[discrepancy.kernel]
     spreads = [
         np.exp(0.5 * np.asarray(log_spectral_density(kernel, basis.frequency, a, jnp.full(len(variables), length))))
-        for a in AMPLITUDES
-        for length in LENGTHS
+        for a in (0.03, 0.1, 0.3, 1.0)
+        for length in (0.4, 0.8, 1.6)
     ]
     return psi, [np.zeros(basis.size), *spreads]
 
@@ -301,19 +273,20 @@ def _quantities(noise: Noise, rows: EquationRows) -> dict[str, Float[np.ndarray,
 
 def noise_record(model: NoiseModel) -> dict[str, Any]:
     """Return the parameters that were found, as plain values for the columns of `Fit.noise`."""
-    about, record = model.about, {}
-    if parameters := about.get(CORRELATED):
-        record |= {"correlation_time": parameters["time_scale"], "white_share": parameters["white"]}
-    if parameters := about.get(VARYING):
-        record |= {
-            "depends_on": parameters["variable"],
-            "exponent": parameters["exponent"],
-            "level": parameters["level"],
-        }
-    if parameters := about.get(PROCESS):
-        record |= {"force": math.sqrt(parameters["intensity"]), "force_share": parameters["share"]}
-    if parameters := about.get(HEAVY):
-        record |= {"degrees": float(parameters["degrees"])}
+    columns = {
+        CORRELATED: {"correlation_time": "time_scale", "white_share": "white"},
+        VARYING: {"depends_on": "variable", "exponent": "exponent", "level": "level"},
+        PROCESS: {"force": "intensity", "force_share": "share"},
+        HEAVY: {"degrees": "degrees"},
+    }
+    record = {
+        column: model.about[name][key]
+        for name, each in columns.items()
+        for column, key in each.items()
+        if name in model.about
+    }
+    if "force" in record:
+        record["force"] = math.sqrt(record["force"])
     return record
 
 

@@ -20,9 +20,6 @@ from bayes_greybox.model.gp.hyper import NoisePrior
 
 from .noise_model import CORRELATED, PROCESS, NoiseModel, Suspicion, weighed_on_grid
 
-FILTER_WIDTH = 2048
-"""Longer records are cut into stretches of so many rows, filtered side by side, each as a run of its own."""
-
 TIME_STEPS, TIME_SPREAD = 10.0, 1.5
 """τ ~ LogNormal: its median in sampling steps, and the standard deviation of its logarithm."""
 
@@ -50,20 +47,19 @@ def in_time(
 ) -> Suspicion | None:  # fmt: skip
     """Weigh a process in time, `CORRELATED` or `PROCESS`, σ² [(1 − w) k(·/τ) + w δ], τ and w on a grid.
 
-    τ may be known, in units of time. `evidence` is log p of the measurements under some noise, the explanation
-    integrated out, whose mode is taken; by default that of the residuals. Where each run has one row, there is no
-    suspicion.
+    τ may be known. The mode is that of `evidence`, log p of the measurements under some noise, the explanation
+    integrated out, or else of the residuals.
     """
     process = "exponential" if name == CORRELATED else "matern32"
     sd = correlation_and_sd(current.noise)[1]
     e = residual / sd
     time, run = stamps
-    stretches = _stretches(e, stamps)
-    within = stretches.step[np.isfinite(stretches.step) & stretches.used]
+    values, step, used = _stretches(e, stamps)
+    within = step[np.isfinite(step) & used]
     if not len(within):
         return None
     typical, n = float(np.median(within)), len(e)
-    stretches = stretches._replace(step=stretches.step / typical)
+    stretches = values, step / typical, used
     longest = max(math.log(max(np.bincount(run - run.min()))), 1.0)
     taus = np.exp(np.arange(math.log(SHORTEST_TIME[name]), max(longest, 1.8) + 0.3, 0.55))
     if time_scale is not None:
@@ -100,28 +96,21 @@ def in_time(
     return replace(suspicion, model=replace(suspicion.model, constant=suspicion.model.constant + lift))
 
 
-class _Stretches(NamedTuple):
-    """A record cut side by side [n_stretch, width]: values, times since the rows before, rows in use."""
-
-    e: np.ndarray
-    step: np.ndarray
-    used: np.ndarray
-
-
-def _stretches(e: np.ndarray, stamps: Stamps) -> _Stretches:
+def _stretches(e: np.ndarray, stamps: Stamps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut a record side by side, as runs of their own: values, times since the rows before, and rows in use."""
     n = len(e)
     step = np.where(np.diff(stamps.run, prepend=-1) != 0, np.inf, np.diff(stamps.time, prepend=stamps.time[0]))
-    width = min(FILTER_WIDTH, n)
+    width = min(2048, n)
     rows = np.arange(0, n, width)[:, None] + np.arange(width)
     used = rows < n
     rows = np.minimum(rows, n - 1)
     step = np.where(used, step[rows], np.inf)
     step[:, 0] = np.inf
-    return _Stretches(np.where(used, e[rows], 0.0), step, used)
+    return np.where(used, e[rows], 0.0), step, used
 
 
 def _filtered(
-    stretches: _Stretches, process: str, taus: np.ndarray, shares: np.ndarray, n: int, prior: NoisePrior
+    stretches: tuple[np.ndarray, ...], process: str, taus: np.ndarray, shares: np.ndarray, n: int, prior: NoisePrior
 ) -> Float[np.ndarray, "n_tau n_share"]:
     """Return log p(e | τ, w), σ integrated out, on a grid; all stretches and nodes go through the rows together."""
     e, step, used = stretches

@@ -22,14 +22,7 @@ VARYING, HEAVY = "state-dependent noise", "heavy tails"
 
 @dataclass(frozen=True, eq=False)
 class NoiseModel:
-    """Noise of rows, with the suspects in it.
-
-    Attributes:
-        noise: R.
-        names: The suspects in it; none for noise as it was given.
-        constant: See the module's equation; sums over suspects.
-        about: Parameters of each suspect, by name.
-    """
+    """Noise R of rows, the suspects in it by name and by parameters, and the constant of the module's equation."""
 
     noise: RowNoise
     names: tuple[str, ...] = ()
@@ -49,10 +42,9 @@ class Suspicion:
 def weighed_on_grid(
     name: str, logs: np.ndarray, log_prior: np.ndarray, before: float, noise: RowNoise, current: NoiseModel, about: dict
 ) -> Suspicion:
-    """Return a suspect with its parameters summed over a grid.
+    """Return a suspect with its parameters summed over a grid of log p of the residuals and log prior.
 
-    `logs` and `log_prior` are log p of the residuals and the log prior at each node, `before` is log p under the
-    known noise, and `noise` has the parameters of the best node.
+    `before` is log p under the known noise, and `noise` has the parameters of the best node.
     """
     total = float(np.logaddexp.reduce((logs + log_prior).ravel()))
     constant = current.constant + total - float(np.max(logs))

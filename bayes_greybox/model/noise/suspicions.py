@@ -1,9 +1,8 @@
 """Noise that is not white: its correlation, its size along the path, and its tails, found on residuals.
 
 Each suspect is weighed against noise as it is, on residuals of a hypothesis, all parameters summed over a grid with σ
-integrated out, and then held at its mode; see `noise_model`. Sensor noise and an unknown force along the path that
-samples are taken of are told apart by the spectrum of the residual: what enters as a force rings as the system does. It
-is something that the model lacks, or surroundings that shake it.
+integrated out, and then held at its mode; see `noise_model`. Sensor noise and an unknown force along a path are told
+apart by the spectrum of the residual: what enters as a force rings as the system does.
 """
 
 import math
@@ -100,7 +99,6 @@ def heavy(
     """Weigh Student's t of the whitened rows, degrees of freedom ν on a grid, the scale s integrated out.
 
     The noise model holds the weights of the mode's scale mixture, (ν + 1)/(ν + (e/s)²), which make the rows normal.
-    Whitened coefficients that are no rows have no tails.
     """
     inner, sd = correlation_and_sd(current.noise)
     if not inner.square:
@@ -142,20 +140,8 @@ def heavy(
     return Suspicion(HEAVY, total - before, model)
 
 
-REFINED_INTERVALS = 8
-"""Intervals that the neighbourhood of the best intensity is split into."""
-
-FINE_NATS, MOST_REFINEMENTS = 1.0, 4
-"""Nats between the best intensity and its neighbours up to which the grid is fine, and its most refinements."""
-
-
 def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion:
-    """Weigh an unknown force, white in time, its intensity λ on a grid.
-
-        p(e | λ) = ∫ N(e | 0, σ² R(λ)) p(σ) dσ
-
-    Unknown starts of the path are in the residual.
-    """
+    """Weigh an unknown force, white in time, its intensity λ on a grid: p(e | λ) = ∫ N(e | 0, σ² R(λ)) p(σ) dσ."""
 
     def logs(intensities: np.ndarray) -> np.ndarray:
         noises = [current.noise.forced(float(each)) for each in intensities]
@@ -164,31 +150,27 @@ def force(residual: PerRow, current: NoiseModel, prior: NoisePrior) -> Suspicion
 
     grid = np.asarray(current.noise.intensities, float)
     log_p = logs(grid)
-    # In long records an intensity between two nodes is many nats likelier than either.
-    for _ in range(MOST_REFINEMENTS):
+    # In long records an intensity between two nodes is many nats likelier than either: the grid is refined until that
+    # is one nat.
+    for _ in range(4):
         best = int(np.argmax(log_p))
-        beside = [k for k in (best - 1, best + 1) if 0 <= k < len(grid)]
-        if all(log_p[best] - log_p[k] < FINE_NATS for k in beside):
+        if np.all(log_p[best] - log_p[max(best - 1, 0) : best + 2] < 1.0):
             break
         low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-        nearby = np.setdiff1d(np.geomspace(low, high, REFINED_INTERVALS + 1)[1:-1], grid)
+        nearby = np.setdiff1d(np.geomspace(low, high, 9)[1:-1], grid)
         order = np.argsort(np.concatenate([grid, nearby]))
         grid, log_p = (np.concatenate(pair)[order] for pair in ((grid, nearby), (log_p, logs(nearby))))
     intensity = float(grid[int(np.argmax(log_p))])
     noise = current.noise.forced(intensity)
     square = float(np.sum(current.noise.whiten(residual[:, None]) ** 2))
     before = log_white(square, len(residual), prior) - 0.5 * current.noise.log_det
-    about = {"intensity": intensity, "share": _share(residual, current, intensity)}
+    # The share of the residuals' variance that the force makes.
+    left = noise.without_starts(residual[:, None])[:, 0]
+    sigma2 = float(np.mean(noise.whiten(residual[:, None]) ** 2))
+    sensor = sigma2 * float(np.mean(1 / current.noise.error.precision_diagonal()))
+    share = float(np.clip(1 - sensor / max(float(np.mean(left**2)), 1e-300), 0.0, 1.0))
+    about = {"intensity": intensity, "share": share}
     # Uniform in log λ over the grid's range, by the trapezoidal rule.
     place = np.log(grid)
     width = (np.diff(place, prepend=place[0]) + np.diff(place, append=place[-1])) / 2
     return weighed_on_grid(PROCESS, log_p, np.log(width / (place[-1] - place[0])), before, noise, current, about)
-
-
-def _share(residual: np.ndarray, current: NoiseModel, intensity: float) -> float:
-    """Return the share of the residuals' variance that the force makes."""
-    noise = current.noise.forced(intensity)
-    sigma2 = float(np.mean(noise.whiten(residual[:, None]) ** 2))
-    left = noise.without_starts(residual[:, None])[:, 0]
-    sensor = sigma2 * float(np.mean(1 / current.noise.error.precision_diagonal()))
-    return float(np.clip(1 - sensor / max(float(np.mean(left**2)), 1e-300), 0.0, 1.0))

@@ -59,12 +59,9 @@ def nothing_left(target: float | np.floating, measured: float | np.floating) -> 
 
 
 class Removal(NamedTuple):
-    """Whitened rows without the targets of some observations.
+    """Whitened rows without the targets of some observations: those that are kept, and the change of log|R|.
 
-    Attributes:
-        kept: Observations that stay.
-        directions: Orthonormal directions that leave the whitened rows, or None where rows leave.
-        log_det: Change of log|R|.
+    Orthonormal directions leave the whitened rows, or, where there are none, rows leave.
     """
 
     kept: Int[np.ndarray, " n_kept"]
@@ -73,13 +70,7 @@ class Removal(NamedTuple):
 
 
 class Jumps(NamedTuple):
-    """Values among others that may jump.
-
-    Attributes:
-        places: Indices of these values.
-        evaluate: Function from columns [n] to these values alone [n, len(places)].
-        jumping: The parts of them that jump, in any number, where they are sums with parts that do not.
-    """
+    """Values among others that may jump: their places, a function to them alone, and one to the parts that do jump."""
 
     places: Sequence[int]
     evaluate: Evaluate
@@ -96,24 +87,13 @@ class Acting(NamedTuple):
 class Unfollowed(NamedTuple):
     """An unknown force along a path that its model does not follow.
 
-    Attributes:
-        nats: Log likelihood that it gains over no such force.
-        intensity: λ = q²/σ², σ the noise of a typical sensor.
-        misfit: Distance of the path from the samples, RMS over their spread; of several sensors the largest.
+    It gains `nats` of log likelihood at an intensity λ = q²/σ², σ the noise of a typical sensor. The `misfit` is the
+    distance of the path from the samples, RMS over their spread; of several sensors the largest.
     """
 
     nats: float
     intensity: float
     misfit: float
-
-
-ExactRows = Callable[
-    [Callable[[Columns, int], Float[np.ndarray, "n n_learned"]], Float[np.ndarray, "n_draw n_start"]],
-    Float[np.ndarray, "n_draw n_row"],
-]
-"""Function from what draws add to the rates of the learned states, by columns and the draw's number, and from their
-starts, in units of the rows' σ times those of `RowNoise.starts_given`, to rows without noise; user's units.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +110,9 @@ class EquationRows:
         gain: Divisor that took a sensor's unit to the unit of the rate; 1 where rows are rates.
         unfollowed: Force that the model lacks along the path that the rows are taken at.
         learned: V of each learned state; empty where rows are of one alone.
-        exact: Rows as they would be if they were not linear near a model; None where rows are linear.
+        exact: Rows as they would be if they were not linear near a model: a function from what draws add to the rates
+            of the learned states, by columns and the draw's number, and from their starts, in units of the rows' σ
+            times those of `RowNoise.starts_given`, to rows without noise; None where rows are linear.
         output: If true, the rows are of an output, else of a rate.
         n_all: Number of rows of a design of which these are some; None where it has these.
         segments: Number of segments, each with a start of its own, of each run of the path that rows are taken at.
@@ -147,8 +129,8 @@ class EquationRows:
     operator: Operator | None = None
     gain: float = 1.0
     unfollowed: Unfollowed | None = None
-    learned: Mapping[str, "Acting"] = field(default_factory=dict)
-    exact: "ExactRows | None" = None
+    learned: Mapping[str, Acting] = field(default_factory=dict)
+    exact: Callable[[Callable[[Columns, int], Any], np.ndarray], Float[np.ndarray, "n_draw n_row"]] | None = None
     output: bool = False
     n_all: int | None = None
     segments: int = 1
@@ -235,8 +217,8 @@ class EquationRows:
     def table(self, evaluate: Evaluate, acts_on: Sequence[str] = (), jumps: "Jumps | None" = None) -> Table:
         """Return V F by index of the rows, F [n, k] evaluated on columns; where V mixes samples, it is evaluated here.
 
-        Where several learned states share the rows, each of the k `acts_on` one of them. Those of the k that may jump
-        are averaged over what a sample stands for.
+        Where learned states share the rows, each of the k `acts_on` one; jumps are averaged over what a sample stands
+        for.
         """
         if self.operator is None:
             return lambda index: np.asarray(evaluate(self.at(index)))
@@ -276,10 +258,7 @@ class EquationRows:
     def precision_blocks(
         self, folds: Sequence[Int[np.ndarray, " _"]]
     ) -> Callable[[Int[np.ndarray, "n_fold size"]], Float[np.ndarray, "n_fold size size"]]:
-        """Return a function from folds of observations, by their numbers, to (R⁻¹)_FF.
-
-        The folds are all that will be asked for, each in increasing order.
-        """
+        """Return a function from these folds of observations, each in increasing order, to (R⁻¹)_FF."""
         if self.noise.local or not self.noise.square:
             return lambda index: np.broadcast_to(np.eye(index.shape[1]), (*index.shape, index.shape[1]))
         stretch = np.repeat(np.arange(len(self.noise.run_lengths)), self.noise.run_lengths)
@@ -297,9 +276,9 @@ class EquationRows:
     def without(self, out: Int[np.ndarray, " n_out"]) -> Removal:
         """Leave observations out, in increasing order: rows, or whitened coefficients where R is singular.
 
-        Where the noise is correlated, y₋ᵢ has noise covariance σ² R₋ᵢ₋ᵢ. Its whitening is that of all rows followed by
-        the removal of the directions a = W eᵢ, with log|R₋ᵢ₋ᵢ| = log|R| + log aᵀa, so R₋ᵢ₋ᵢ is never formed. Where the
-        start of each run stays (whole runs, or the past), W is triangular, so it is enough to leave rows of W out.
+        The whitening of y₋ᵢ, with noise covariance σ² R₋ᵢ₋ᵢ, is that of all rows followed by the removal of directions
+        a = W eᵢ, with log|R₋ᵢ₋ᵢ| = log|R| + log aᵀa. Where W is triangular and the start of each run stays, it is
+        enough to leave rows of W out.
         """
         if self.n_all is not None:
             raise InputError(
@@ -321,20 +300,16 @@ class EquationRows:
     def log_det_of(self, kept: Int[np.ndarray, " n_kept"]) -> float:
         """Return log|R_AA| of the first rows A of each run."""
         starts = self._starts(np.sort(kept))
-        if starts is None:
-            raise ValueError("these rows are not the first ones of each run")
+        assert starts is not None, "these rows are not the first ones of each run"
         return self._log_det_of_starts(starts)
 
     def _starts(self, kept: Int[np.ndarray, " n_kept"]) -> list[int] | None:
         """Return the number of rows of each run, if these are the first ones of each run; else None."""
-        counts, start = [], 0
-        for n in self.noise.run_lengths:
-            of_run = kept[(kept >= start) & (kept < start + n)]
-            if not np.array_equal(of_run, start + np.arange(len(of_run))):
-                return None
-            counts.append(len(of_run))
-            start += n
-        return counts
+        ends = np.cumsum(self.noise.run_lengths)
+        of_runs = np.split(kept, np.searchsorted(kept, ends)[:-1])
+        starts = ends - np.array(self.noise.run_lengths)
+        first = all(np.array_equal(run, k + np.arange(len(run))) for k, run in zip(starts, of_runs, strict=True))
+        return [len(run) for run in of_runs] if first else None
 
     def _log_det_of_starts(self, counts: Sequence[int]) -> float:
         if not sum(counts):

@@ -17,14 +17,11 @@ from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows
 
-MOST_REMEMBERED = 4
-"""Results that are kept for some samples: a fit or a study asks for the same one several times in a row."""
-
 Result = TypeVar("Result")
 
 
 class Remembered:
-    """The latest results for each of some samples, while these are in memory."""
+    """The latest four results for each of some samples, as the same ones are asked for several times in a row."""
 
     def __init__(self) -> None:
         self._results: WeakKeyDictionary[Trajectories, dict[Any, Any]] = WeakKeyDictionary()
@@ -37,7 +34,7 @@ class Remembered:
         if found is None:
             found = compute()
             with self._lock:
-                while len(results) >= MOST_REMEMBERED:
+                while len(results) >= 4:
                     del results[next(iter(results))]
                 results[key] = found
         return found
@@ -49,11 +46,7 @@ of runs that come one after another are together the rows of all runs at once.""
 
 
 def checked_interpolation(kind: str, given: Any) -> str | tuple[str, ...] | None:
-    """Return the interpolation of inputs between samples that rows of a kind were given.
-
-    Raises:
-        InputError: It is not among `INTERPOLATIONS`, for all inputs or for each.
-    """
+    """Return the interpolation of inputs that rows of a kind were given: a known one, for all or for each."""
     each = tuple(given) if isinstance(given, list) else given
     names = each if isinstance(each, tuple) and each else (each,)
     if each is not None and not all(isinstance(name, str) and name in INTERPOLATIONS for name in names):
@@ -77,10 +70,9 @@ class RowKind(ABC):
             there and free runs after them; None: chosen for each input.
         linear: If true, the rows are linear in what is learned wherever it is; else they are taken near a model.
         shared: If true, all learned equations have the same rows, so that one likelihood tells of all.
-        follows_path: If true, the rows follow a path that a model integrates, to which only an unknown force holds it
-            while it is off. Such a kind has the methods `unforced`, `segments` and `in_segments` of `TrajectoryRows`
-            too. A kind that is neither linear nor follows a path has `from_afar`, as `WeakRows`. Both have the fields
-            `added` and `added_to`.
+        follows_path: If true, the rows follow a path that a model integrates. Such a kind has the methods `unforced`,
+            `segments` and `in_segments` of `TrajectoryRows` too. A kind that is neither linear nor follows a path has
+            `from_afar`, as `WeakRows`. Both have the fields `added` and `added_to`.
         studied: If true, hypotheses and sensor errors can be weighed on the rows.
     """
 
@@ -92,7 +84,7 @@ class RowKind(ABC):
 
     @abstractmethod
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows of one equation; data that cannot give such rows are refused."""
+        """Return the rows of one equation."""
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
         """Return the rows of equations that share them; see `rows`."""
@@ -116,10 +108,7 @@ class RowKind(ABC):
         return ()
 
     def hidden(self, simulation: Any, data: Trajectories) -> tuple[str, ...]:
-        """Return the states of a simulation, as the user gave it, that the data lack; none where rows need every state.
-
-        Outputs beside samples of states are refused.
-        """
+        """Return the states of a simulation, as the user gave it, that the data lack; none where rows need them all."""
         if self.linear:
             return ()
         if data.output_names:
@@ -143,10 +132,7 @@ class RowKind(ABC):
         return data
 
     def nodes(self, data: Trajectories, equation: str, simulation: Simulation, whole: bool = False) -> Trajectories:
-        """Return states and inputs where the terms of the rows are evaluated, as data.
-
-        If `whole`, segments of a run are one run; else they are runs of their own.
-        """
+        """Return states and inputs where terms are evaluated, as data; if `whole`, segments of a run are one run."""
         return data
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
@@ -157,20 +143,16 @@ class RowKind(ABC):
         )
 
     def around(self, added: Sequence[tuple[Term, float]], to: Sequence[str] = ()) -> "RowKind":
-        """Return the rows near the model with these terms; rows that are linear anyway stay as they are.
-
-        The terms, with coefficients in user's units, are added to the rates of learned states, `to` those of each.
-        """
+        """Return the rows near the model with these terms and coefficients, added `to` the rates of learned states."""
         if self.linear:
             return self
         texts = tuple((term.text, float(value)) for term, value in added)
         return replace(cast(Any, self), added=texts, added_to=tuple(to))
 
     def resting(self, states: Mapping[str, str], starts: Mapping[str, str]) -> "RowKind":
-        """Return the rows with hidden states that are at rest where a run starts, of a path.
+        """Return the rows with hidden states that are at rest where a run starts, or as the column in `starts`.
 
-        Each state has the column that it is about as large as; those that start as a column does have that column in
-        `starts`.
+        Each state has the column that it is about as large as.
         """
         return self
 

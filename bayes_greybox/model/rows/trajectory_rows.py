@@ -5,25 +5,26 @@ reference path x̄ that follows g + Φθ̄ but for small defects, x = x̄ + δ a
 
     y_i = h(x̄_i + response to the defects − response to Φθ̄) + V (Φθ + f) + S₀ δ₀ + e_i,
 
-V the response to a force. These are rows like any others: Φ and f are evaluated along x̄, V is their operator, and the
-starts δ₀ of the segments, with a wide prior, belong to the noise. Several learned states each have their own Φθ and V
-on the same rows: V Φθ is then a sum over them. The reference is the smoothed path of a model in which an unknown force
-may act (see `integration.smoothing`), so it follows the data whatever is missing; where nothing is, it is a path that
-the model allows. States that no sensor measures are part of x too.
+V the response to a force. Φ and f are evaluated along x̄, and the starts δ₀ of the segments, with a wide prior, belong
+to the noise. Several learned states each have their own Φθ and V on the same rows: V Φθ is then a sum over them. The
+reference is the smoothed path of a model in which an unknown force may act (see `integration.smoothing`), so it follows
+the data whatever is missing. States that no sensor measures are part of x too.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
+from jaxtyping import Float
 
 from bayes_greybox.data.noise.protocol import RowNoise
 from bayes_greybox.data.noise.starts_noise import StartsNoise
 from bayes_greybox.data.noise.weighted import WeightedNoise, WhiteNoise
 from bayes_greybox.data.samples.clipping import clipped_in_words, clipped_states
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.physics.integration.sensitivity import carried, hermite
 from bayes_greybox.physics.simulation.protocol import Simulation
 from bayes_greybox.physics.terms import Term
 from bayes_greybox.physics.units import with_rates
@@ -31,13 +32,15 @@ from bayes_greybox.running.errors import InputError
 
 from .equation_rows import EquationRows, block_name
 from .path.common import Common, ends_of_sensors
-from .path.exact_path import exact_samples
 from .path.forced_rate import Force, ForcedRate
+from .path.path_segments import departures, points_at_ends, points_at_nodes
 from .path.reference_path import PathSettings, ReferencePath, follow_samples
 from .row_kind import Remembered, RowKind, RowsOfRuns, checked_interpolation
 
 _PATHS = Remembered()
-"""Reference paths by the samples that they were found from."""
+
+Added = Callable[[Mapping[str, np.ndarray], int], Float[np.ndarray, "n n_learned"]]
+"""From columns [n] and the number of a draw to what it adds to the rates of the learned states, user's units."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +86,8 @@ class TrajectoryRows(RowKind):
         # Files store tuples as lists.
         object.__setattr__(self, "added", tuple((str(text), float(value)) for text, value in self.added))
         object.__setattr__(self, "added_to", tuple(self.added_to))
-        object.__setattr__(self, "at_rest", tuple((str(name), str(column)) for name, column in self.at_rest))
-        object.__setattr__(self, "moving", tuple((str(name), str(column)) for name, column in self.moving))
+        for name in ("at_rest", "moving"):
+            object.__setattr__(self, name, tuple((str(state), str(column)) for state, column in getattr(self, name)))
         if self.substeps is not None and not 1 <= self.substeps <= 1000:
             raise InputError(f"TrajectoryRows(substeps={self.substeps}) must be between 1 and 1000.")
         if self.segment is not None and not self.segment > 0:
@@ -164,7 +167,7 @@ class TrajectoryRows(RowKind):
         return replace(data, states=states, derivatives=rates, units=units, noise=noise, samples=samples)
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows of one equation; see `RowKind.rows`."""
+        """Return the rows of one equation."""
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
@@ -195,10 +198,7 @@ class TrajectoryRows(RowKind):
     def followed(
         self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation, common: Common | None = None
     ) -> ReferencePath:
-        """Return the path through samples.
-
-        Findings in `common` come from other runs; without it, from these.
-        """
+        """Return the path through samples; findings in `common` come from other runs."""
         to = self.added_to or (equations[0],) * len(self.added)
         states = [simulation.states.index(name) for name in to]
         terms = [Force(Term(text), value, k) for (text, value), k in zip(self.added, states, strict=True)]
@@ -236,14 +236,64 @@ def _rows_of(
         learned=path.acting(),
         segments=path.common.pieces,
         exact=lambda added, starts: (
-            exact_samples(path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical)
+            _exact_samples(path, ForcedRate(simulation, path.segments.driven, ()), added, starts * path.gain / typical)
             / path.gain
         ),
     )
 
 
 def _longest(data: Trajectories) -> float:
-    """Return the duration of the longest run of the samples."""
     samples = data.samples or data
     parts = np.split(samples.time, np.cumsum(samples.run_lengths)[:-1])
     return float(max(part[-1] - part[0] for part in parts))
+
+
+def _exact_samples(
+    path: ReferencePath, rate: ForcedRate, added: Added, starts: Float[np.ndarray, "n_draw n_start"]
+) -> Float[np.ndarray, "n_draw n_row"]:
+    """Return samples of the paths that solve dx/dt = g + e_k (Φθ + f) for draws of coefficients and starts.
+
+    Newton's method with the linear equation of the reference path: each correction answers what the path before still
+    departs from the equations by, x ← x + δ with δ̇ = A δ + g(x) + e_k (Φ(x)θ + f(x)) − ẋ. The first gives what linear
+    rows say. Starts of the segments are in prior standard deviations from the reference.
+
+    Returns:
+        Samples without noise, user's units; NaN where a path leaves the domain of its equations, or is not found.
+    """
+    segments, grid, n_state = path.segments, path.segments.grid, len(path.start_sd)
+    shape = (len(starts), len(grid.time), n_state)
+    reference = segments.points[:, ::2, 1 : 1 + n_state]
+    aims = reference[None, :, 0] + starts.reshape(shape) * path.start_sd
+    ends = np.tile(reference, (len(starts), 1, 1, 1))
+    sd, moved = np.repeat(path.sensor_sd, len(segments.end)), np.zeros(len(starts))
+    # A draw that leaves the domain of the equations has no path; it is said by NaN.
+    with np.errstate(all="ignore"):
+        for _ in range(12):
+            jumps = np.stack([_jumps(path, rate, added, k, x) for k, x in enumerate(ends)], axis=-1)
+            delta = carried(segments.response.M, np.moveaxis(aims - ends[:, :, 0], 0, -1), jumps)
+            ends = ends + np.moveaxis(delta, -1, 0)
+            moved = np.linalg.norm(segments.rows(delta) / sd[:, None], axis=0)
+            # The norm of the change of all samples, over their noise.
+            if not np.nanmax(moved, initial=0.0) > 0.1:
+                break
+    samples = segments.rows(np.moveaxis(ends, 0, -1)).T
+    # Corrections need not shrink further than that: times of jumps are known to parts of a step.
+    samples[moved > 0.5] = np.nan
+    return samples
+
+
+def _jumps(path: ReferencePath, rate: ForcedRate, added: Added, draw: int, ends: np.ndarray) -> np.ndarray:
+    """Return the change of δ after each step by the departure of a path from its equations."""
+    grid, driven = path.segments.grid, list(path.segments.driven)
+
+    def learned(points: np.ndarray) -> np.ndarray:
+        columns = dict(zip(rate.names, points.reshape(-1, points.shape[-1])[:, 1:].T, strict=True))
+        return added(columns, draw).reshape(*points.shape[:-1], len(driven))
+
+    def rates(points: np.ndarray) -> np.ndarray:
+        total = np.array(rate.known(points))
+        total[..., driven] += learned(points)
+        return total
+
+    states, slope = hermite(grid.time, ends, rates(points_at_ends(grid, ends)))
+    return path.segments.response.jumps(departures(rates, points_at_nodes(grid, states), slope))

@@ -5,10 +5,9 @@ With samples Y = x + e, a test function φ and a path X near x, the weak form of
     −∫ φ̇ Y_k − ∫ φ J_k (Y − X) = ∫ φ F_k(X) − (∫ φ̇ e_k + ∫ φ J_k e),    J = ∂F/∂x at X,
 
 but for what is of second order in X − x: linear in θ, with the noise −L e, L = V̇ + V J, of covariance L S Lᵀ (Bortz,
-Messenger & Dukic 2023, Bull. Math. Biol. 85:110, Eq. 13, there at X = Y). J is that of a frozen model θ̄. At X = Y the
-terms are evaluated at noisy states, Φ(x + e) is not Φ(x) even on average, and its noise and that of the rows are the
-same noise, so that all coefficients are biased. Here X is near x: the samples less the noise that the rows of the
-frozen model say there is, smoothed,
+Messenger & Dukic 2023, Bull. Math. Biol. 85:110, Eq. 13, there at X = Y, where Φ(x + e) has the rows' own noise and all
+coefficients are biased). J is that of a frozen model θ̄. Here X is near x: the samples less the noise that the rows of
+the frozen model say there is, smoothed,
 
     X = H (Y − ê),    ê = S Lᵀ R⁻¹ ρ / max(1, σ̂²),    ρ the rows' residual under θ̄, R = L S Lᵀ, σ̂² = ρᵀR⁻¹ρ / n.
 
@@ -48,15 +47,6 @@ from bayes_greybox.running.errors import InputError
 
 from .equation_rows import Acting, Columns, EquationRows, Evaluate, block_name
 
-LEAST_STATE_NOISE = 1e-5
-"""Least noise of a state over the spread of its samples: rounding, and what sums for integrals leave."""
-
-STATE_PASSES = 2
-"""Number of times that states are taken anew near the frozen model."""
-
-MOST_WEAK_ROWS = 6000
-"""Most rows; on longer records test functions are wider than the data ask for."""
-
 
 class Level(NamedTuple):
     """Scales that all rows of a pass share.
@@ -74,12 +64,7 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Common:
-    """Findings that all runs share, whichever of them are looked at together.
-
-    Attributes:
-        levels: Level of each pass.
-        sizes: RMS of the measured rows of each equation.
-    """
+    """Findings that all runs share, with the level of each pass and the RMS of the measured rows of each equation."""
 
     sd: tuple[float, ...]
     half_widths: tuple[int, ...]
@@ -90,12 +75,7 @@ class Common:
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Noise, windows and test functions of samples, before any model.
-
-    Attributes:
-        sd: Noise of each state.
-        half_widths: Number of neighbours on either side in the cubics of each state.
-    """
+    """Noise, windows and test functions of samples; cubics have so many neighbours on either side for each state."""
 
     samples: Trajectories
     sd: Float[np.ndarray, " n_state"]
@@ -105,13 +85,11 @@ class Reading:
 
     @classmethod
     def of(cls, samples: Trajectories, radius: float | None) -> "Reading":
-        """Read samples of all states.
-
-        The radius of the test functions is by default the reach of the cubic that follows the fastest state best.
-        """
+        """Read samples; by default test functions reach as far as the cubic that follows the fastest state best."""
         values = samples.matrix(samples.state_names)
         spread = np.maximum(np.std(values, axis=0), np.finfo(float).tiny)
-        sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), LEAST_STATE_NOISE * spread)
+        # Rounding, and what sums for integrals leave.
+        sd = np.maximum(sample_noise(samples.time, values, samples.run_lengths), 1e-5 * spread)
         parts = stretches(samples.time, samples.run_lengths)
         widths = chosen_half_widths(samples.time, values, sd, parts)
         reach = radius or _radius(samples.time, parts, min(widths), len(sd))
@@ -133,10 +111,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Weighing:
-    """V, from values at the samples to the rows of one equation among those of all.
-
-    `table` has empty lines where rows are of other equations; `sample` is the one nearest to the centre of each row.
-    """
+    """V, from values at the samples to the rows of one equation among those of all, each near a sample."""
 
     table: csr_matrix
     sample: Int[np.ndarray, " n_row"]
@@ -159,11 +134,8 @@ class Weighing:
 class WeakPath:
     """States near those that were sampled, and rows of some equations there, in order of time, then of equation.
 
-    Attributes:
-        states: X.
-        rates: Slopes of X.
-        rows: Rows: −V̇ Y − V J (Y − X) measured, V g(X) simulated without the frozen model's own terms; forces on each
-            state have the RMS of its equation's rows.
+    Of states X with these slopes, rows are −V̇ Y − V J (Y − X) measured and V g(X) simulated, without the frozen model's
+    own terms; forces on each state have the RMS of its equation's rows.
     """
 
     reading: Reading
@@ -174,29 +146,23 @@ class WeakPath:
 
 
 def weak_path(
-    reading: Reading,
-    equations: tuple[str, ...],
-    simulation: Simulation,
-    whole: Simulation,
-    white_share: float,
+    reading: Reading, equations: tuple[str, ...], simulation: Simulation, whole: Simulation, white_share: float,
     levels: Sequence[Level] = (),
-) -> WeakPath:
-    """Return states and rows near a frozen model.
+) -> WeakPath:  # fmt: skip
+    """Return states and rows near a frozen model, `whole` with its terms, with the levels of other rows if there are.
 
-    `simulation` are the known rates, `whole` those with the terms of the frozen model. `levels` of each pass are found
-    from these rows, unless they share them with others.
+    States are taken anew twice near the model.
     """
     samples, bumps = reading.samples, reading.bumps
     Y, U = samples.matrix(samples.state_names), samples.matrix(samples.input_names)
     states = [samples.state_names.index(name) for name in equations]
     X = reading.smooth(Y)
-    first, *others = [*levels] or [None] * (STATE_PASSES + 1)
-    near = _linear(reading, states, X, whole, white_share, first)
-    levels_found = [near.level]
-    for level in others:
-        X = reading.smooth(Y - near.error(reading))
+    near, levels_found = None, []
+    for level in [*levels] or [None] * 3:
+        X = X if near is None else reading.smooth(Y - near.error(reading))
         near = _linear(reading, states, X, whole, white_share, level)
         levels_found.append(near.level)
+    assert near is not None
     g, rows = simulation.rates(samples.time, X, U), near.rows
     measured = np.concatenate([-(bumps.slopes @ Y[:, k]) - bumps.values @ near.back[:, k] for k in states])[rows]
     learned, equation_of = {}, rows // max(len(bumps), 1)
@@ -224,11 +190,7 @@ def weak_path(
 class _Linear(NamedTuple):
     """Rows near some states under a frozen model.
 
-    Attributes:
-        L: L S^½.
-        rows: Numbers of the rows among all, equation by equation, in order of time.
-        left: ρ, the residual of each under the frozen model.
-        back: J (Y − X).
+    L is L S^½, `rows` are numbers among all, equation by equation, `left` is their residual ρ, and `back` J (Y − X).
     """
 
     L: csr_matrix
@@ -265,12 +227,9 @@ def _linear(
         blocks[k] = blocks[k] + bumps.slopes * reading.sd[k]
         lines.append(csr_matrix(hstack(blocks)))
     L = _lines(lines, order)
-    if level is not None:
-        size = level.size
-    else:
-        size = float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
+    size = level.size if level else float(np.sqrt(np.mean(np.sum(L.multiply(L), axis=1)))) if L.nnz else 1.0
     bands, kept = _bands(L, np.tile(bumps.run, len(states))[order], size, share)
-    variance = level.variance if level is not None else mean_diagonal(bands)
+    variance = level.variance if level else mean_diagonal(bands)
     noise = overlapping(bands, size, variance)
     rows = order[kept]
     left = np.concatenate([bumps.slopes @ Y[:, k] + bumps.values @ (F[:, k] + back[:, k]) for k in states])[rows]
@@ -293,7 +252,8 @@ def _radius(time: np.ndarray, parts: Sequence[Stretch], half_width: int, n_state
     step, whole = float(np.median(steps)) if len(steps) else 1.0, float(np.sum(steps))
     # On uneven steps a bump needs its fewest samples on average.
     fewest = FEWEST_RADIUS_STEPS * max(step, float(np.mean(steps)) if len(steps) else step) * (1 + 1e-9)
-    return max(half_width * step, fewest, CENTRES_PER_RADIUS * n_state * whole / MOST_WEAK_ROWS)
+    # On longer records than give 6000 rows, test functions are wider than the data ask for.
+    return max(half_width * step, fewest, CENTRES_PER_RADIUS * n_state * whole / 6000)
 
 
 def _bands(
@@ -313,7 +273,6 @@ def _bands(
 
 
 def _independent(band: np.ndarray) -> bool:
-    """Return whether no row is, nearly, a sum of those before it."""
     try:
         factor = cholesky_banded(band, lower=True)
     except LinAlgError:

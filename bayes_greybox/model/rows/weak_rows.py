@@ -3,11 +3,11 @@
 A row says −∫ φ̇ x_k dt = ∫ φ (g_k + Φ_k θ + f) dt for a bump φ of finite support. The operator acts on evaluated
 columns, V[Φ ψ]. Noise e of all states enters the row of one equation through φ̇ and through ∂(g + Φθ)/∂x, so that all
 equations share the noise of their rows, R = L S Lᵀ, and one likelihood tells of all (see `weak_path`; Bortz, Messenger
-& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that all hypotheses have in common, and
-is taken anew near the likeliest one. Bumps overlap: n is the number of rows that the rows before them do not tell.
+& Dukic 2023, Bull. Math. Biol. 85:110). θ in ∂(g + Φθ)/∂x is frozen in a model that is taken anew near the likeliest
+one. Bumps overlap: n is the number of rows that the rows before them do not tell.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
@@ -25,17 +25,15 @@ from bayes_greybox.running.limits import NotNegative, Positive, require_limits
 from .equation_rows import Acting, EquationRows, block_name
 from .path.reference_path import ReferencePath
 from .row_kind import Remembered, RowKind, RowsOfRuns
-from .weak_path import Common, Reading, WeakPath, weak_path
+from .weak_path import Common, Level, Reading, WeakPath, weak_path
 
 _READINGS, _WEAK_PATHS = Remembered(), Remembered()
-"""Readings and paths by the samples that they are of."""
 
 Share = Annotated[NotNegative, Lt(1)]
 """Share of a variance; all of it would leave no covariance."""
 
 FIRST_WHITE_SHARES = (0.5, 0.2, 0.05, 0.01)
-"""White shares of the first outer iterations: the frozen model may be far off, and some sums of rows are exact under it
-alone."""
+"""White shares of the first outer iterations: the frozen model may be far off, and some sums of rows exact under it."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +108,7 @@ class WeakRows(RowKind):
         )
 
     def rows(self, data: Trajectories, equation: str, simulation: Simulation) -> EquationRows:
-        """Return the rows of one equation; see `RowKind.rows`."""
+        """Return the rows of one equation."""
         return self.shared_rows(data, (equation,), simulation)
 
     def shared_rows(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> EquationRows:
@@ -132,9 +130,7 @@ class WeakRows(RowKind):
         self, common: Common, data: Trajectories, equations: tuple[str, ...], simulation: Simulation
     ) -> EquationRows:
         reading = Reading.of_windows(data, np.array(common.sd), common.half_widths, common.radius)
-        with_rows, whole = self.frozen(data, equations, simulation)
-        path = weak_path(reading, with_rows, simulation, whole, self.white_share, common.levels)
-        return _rows_of(path, equations, common.sizes)
+        return _rows_of(self._path(reading, equations, simulation, common.levels), equations, common.sizes)
 
     def path(self, data: Trajectories, equations: tuple[str, ...], simulation: Simulation) -> ReferencePath:
         """Refuse: weak rows follow no path."""
@@ -149,22 +145,19 @@ class WeakRows(RowKind):
                 "GreyBox(rows=bg.TrajectoryRows()), which does without."
             )
 
-        def near() -> WeakPath:
-            with_rows, whole = self.frozen(samples, equations, simulation)
-            return weak_path(_read(samples, self.radius), with_rows, simulation, whole, self.white_share)
+        key = (self, equations, simulation.key)
+        return _WEAK_PATHS.result(samples, key, lambda: self._path(_read(samples, self.radius), equations, simulation))
 
-        return _WEAK_PATHS.result(samples, (self, equations, simulation.key), near)
-
-    def frozen(
-        self, samples: Trajectories, equations: tuple[str, ...], simulation: Simulation
-    ) -> tuple[tuple[str, ...], Simulation]:
-        """Return the equations that have rows, and the simulation with the terms of the frozen model."""
-        with_rows = tuple(name for name in samples.state_names if name in equations or name in simulation.equations)
+    def _path(
+        self, reading: Reading, equations: tuple[str, ...], simulation: Simulation, levels: Sequence[Level] = ()
+    ) -> WeakPath:
+        names = reading.samples.state_names
+        with_rows = tuple(name for name in names if name in equations or name in simulation.equations)
         added: dict[str, list[tuple[Term, float]]] = {}
         to = self.added_to or (equations[0],) * len(self.added)
         for (text, value), name in zip(self.added, to, strict=True):
             added.setdefault(name, []).append((Term(text), value))
-        return with_rows, simulation.beside(added)
+        return weak_path(reading, with_rows, simulation, simulation.beside(added), self.white_share, levels)
 
 
 def _rows_of(path: WeakPath, equations: tuple[str, ...], sizes: Mapping[str, float]) -> EquationRows:

@@ -23,19 +23,11 @@ from bayes_greybox.running.stages import stage
 from bayes_greybox.running.tasks import run_tasks
 
 from ..assemble import require_rows, scaled_table, with_steps
-from ..frame import Frame
+from ..frame import Frame, scaled_frame
 from ..program import Program
 from ..rows.equation_rows import EquationRows, nothing_left
 from ..rows.row_kind import RowsOfRuns
-from ..scaling import scaled_frame
 from .statistics import Extent, Factors, RowStatistics, Sizes, ends_of, together
-
-READING_RANGES, READING_ROWS = "Reading ranges of the rows", "Reading the rows"
-"""Labels of the progress bars of the passes: the first, and a further one."""
-
-SAME_WITHIN = 1e-6
-"""Relative difference up to which the sizes of columns in both passes are those of the same rows: far above rounding
-errors, and far below what other random rows make of a hundred million."""
 
 
 @contextmanager
@@ -53,10 +45,7 @@ def of_the_sample(sample: Trajectories, stream: RowStream) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows of equations from chunks of a source, wherever these are read, by functions to the rows of each block.
-
-    The sample has some of the rows as they were measured, with the names and units of all.
-    """
+    """Rows of equations from chunks of a source, by functions to those of each block; the sample has some of them."""
 
     source: Source
     model: Program
@@ -77,7 +66,9 @@ class Rows:
                 except InputError as error:
                     if self.model.rows.linear:
                         raise
-                    raise InputError(f"In {_runs_in_words(piece)} of {self.source.where}: {error}") from error
+                    first, last = piece.run_names[0], piece.run_names[-1]
+                    runs = f'run "{first}"' if piece.n_run == 1 else f'one of the runs "{first}" to "{last}"'
+                    raise InputError(f"In {runs} of {self.source.where}: {error}") from error
                 yield piece, rows
 
     def _require_units(self, part: int, chunk: Trajectories) -> None:
@@ -97,17 +88,9 @@ def _alone(chunk: Trajectories) -> Iterator[Trajectories]:
         yield replace(chunk.take(run), dropped=0 if run else chunk.dropped)
 
 
-def _runs_in_words(piece: Trajectories) -> str:
-    first, last = piece.run_names[0], piece.run_names[-1]
-    return f'run "{first}"' if piece.n_run == 1 else f'one of the runs "{first}" to "{last}"'
-
-
 @dataclass(frozen=True)
 class Whole:
-    """All rows of a stream, with a sample to look at and the extent that the first pass found.
-
-    Where rows are of paths, `first` are the frames in which the first pass made factors.
-    """
+    """All rows of a stream, with a sample, and the extent, and frames of factors of paths, of the first pass."""
 
     stream: RowStream
     sample: Trajectories
@@ -119,16 +102,16 @@ class Whole:
         """Return the statistics of all rows by block: one pass over them, none where those of the first are enough.
 
         The model has the terms and the simulation of the first pass; its features may be others.
-
-        Raises:
-            InputError: Fewer rows than terms; a term that is not finite, or zero; a target that is zero; chunks that
-                cannot be read, or that are others than in the first pass.
         """
         sizes = self.extent.sizes
         rows = {block: model.equation_rows(self.sample, block) for block in sizes}
         frames = {block: self._frame(model, rows[block], terms) for block, terms in _terms(model, self.sample).items()}
         if self.first and model.discrepancy is None:
-            factors = {block: self._first_factors(block, frame) for block, frame in frames.items()}
+            factors = {}
+            for block, frame in frames.items():
+                first = self.first[block]
+                by = np.append(first.term_scale / frame.term_scale, first.target_scale / frame.target_scale)
+                factors[block] = self.extent.factors[block].scaled(by)
         else:
             factors = self._factors(model, frames)
         statistics = {}
@@ -136,22 +119,16 @@ class Whole:
             size, floor = sizes[block], model.noise_floor
             if size.levels is not None:
                 floor = with_steps(size.levels / frame.target_scale, size.n_white, floor)
+            white, plain = factors[block]
+            scales = frame.term_scale, frame.target_scale, floor
             statistics[block] = RowStatistics(
-                n_row=self.extent.n_row,
-                ends=size.ends,
-                term_scale=frame.term_scale,
-                target_scale=frame.target_scale,
-                noise_floor=floor,
-                factor=factors[block].white,
-                n_white=size.n_white,
-                log_det=size.log_det,
-                plain=factors[block].plain if self.first else None,
+                self.extent.n_row, size.ends, *scales, white, size.n_white, size.log_det, plain if self.first else None
             )
         return statistics
 
     def _factors(self, model: Program, frames: Mapping[str, Frame]) -> dict[str, Factors]:
         rows = Rows(self.stream.source, model, self.sample.samples or self.sample, self.runs)
-        parts = _over_parts(self.stream, _factors_of_part, READING_ROWS, rows, frames)
+        parts = _over_parts(self.stream, _factors_of_part, "Reading the rows", rows, frames)
         factors = {block: Factors.empty(frame.n_column) for block, frame in frames.items()}
         for part in parts:
             factors = {block: factor.joined(part[block]) for block, factor in factors.items()}
@@ -159,16 +136,11 @@ class Whole:
             self._require_same(factors[block], block, 0 if self.first else len(frame.dictionary))
         return factors
 
-    def _first_factors(self, block: str, frame: Frame) -> Factors:
-        before = self.first[block]
-        return self.extent.factors[block].scaled(
-            np.append(before.term_scale / frame.term_scale, before.target_scale / frame.target_scale)
-        )
-
     def _require_same(self, factors: Factors, block: str, n_term: int) -> None:
-        # Terms of rates, and targets, were divided by their RMS over the rows of the first pass.
+        # Terms of rates, and targets, were divided by their RMS over the rows of the first pass. A millionth is far
+        # above rounding errors, and far below what other random rows make of a hundred million.
         squares = np.sum(factors.plain[:, [*range(n_term), -1]] ** 2, axis=0) / self.extent.sizes[block].n_white
-        if not np.all(np.abs(squares - 1.0) <= SAME_WITHIN):
+        if not np.all(np.abs(squares - 1.0) <= 1e-6):
             raise InputError(
                 f"The rows of {self.stream.source.where} were others when they were read again: let nothing write to "
                 "the files during a fit; a function must give the same rows each time, from a seed of the chunk's "
@@ -195,11 +167,12 @@ def whole_of(stream: RowStream, model: Program, sample: Trajectories) -> Whole:
     if not model.rows.linear:
         # Paths cost more than a factor of their terms: another pass may be saved.
         for block, dictionary in _terms(model, sample).items():
-            rows = model.equation_rows(sample, block)
-            scales = Sizes.of(rows, dictionary).scales(rows, dictionary)
+            some = model.equation_rows(sample, block)
+            scales = Sizes.of(some, dictionary).scales(some, dictionary)
             with of_the_sample(measured, stream):
-                frames[block] = scaled_frame(block, dictionary, None, rows.columns, *scales)
-    parts = _over_parts(stream, _extent_of_part, READING_RANGES, Rows(stream.source, model, measured, runs), frames)
+                frames[block] = scaled_frame(block, dictionary, None, some.columns, *scales)
+    rows = Rows(stream.source, model, measured, runs)
+    parts = _over_parts(stream, _extent_of_part, "Reading ranges of the rows", rows, frames)
     return Whole(stream, sample, together(parts), runs, frames)
 
 
@@ -236,18 +209,12 @@ def _factors_of_part(part: int, rows: Rows, frames: Mapping[str, Frame]) -> dict
 
 def _with_rows(factors: Factors, frame: Frame, rows: EquationRows) -> Factors:
     """Add rows to factors: to those of rates twice the same, as each is white by itself."""
-    if rows.operator is None:
-        R = _with_rates(factors.white, frame, rows)
-        return Factors(R, R)
-    if not rows.n_row:
-        return factors
-    table = scaled_table(frame, rows)(np.arange(rows.n_row))
-    return Factors(stacked(factors.white, rows.whiten(table)), stacked(factors.plain, table))
-
-
-def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
-    n_term = len(frame.dictionary)
-    y = rows.target / frame.target_scale
+    if rows.operator is not None:
+        if not rows.n_row:
+            return factors
+        table = scaled_table(frame, rows)(np.arange(rows.n_row))
+        return Factors(stacked(factors.white, rows.whiten(table)), stacked(factors.plain, table))
+    R, n_term, y = factors.white, len(frame.dictionary), rows.target / frame.target_scale
     for start in range(0, rows.n_row, CACHED_ROWS):
         columns = rows.at(slice(start, start + CACHED_ROWS))
         table = np.empty((len(y[start : start + CACHED_ROWS]), len(R)), order="F")
@@ -256,7 +223,7 @@ def _with_rates(R: np.ndarray, frame: Frame, rows: EquationRows) -> np.ndarray:
         table[:, n_term:-1] = frame.plain_features(columns)
         table[:, -1] = y[start : start + CACHED_ROWS]
         R = stacked(R, table)
-    return R
+    return Factors(R, R)
 
 
 def _over_parts(

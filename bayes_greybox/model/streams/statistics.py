@@ -16,16 +16,13 @@ from bayes_greybox.model.algebra.linalg import require_independent
 from bayes_greybox.model.assemble import common_of, feature_design, sums_of_squares
 from bayes_greybox.model.coefficient import by_block
 from bayes_greybox.model.equation import Equation
+from bayes_greybox.model.frame import scaled_frame, with_measure
 from bayes_greybox.model.gp.discrepancy import OrthogonalGP
 from bayes_greybox.model.program import Program
 from bayes_greybox.model.rows.equation_rows import EquationRows
-from bayes_greybox.model.scaling import scaled_frame, with_measure
 from bayes_greybox.physics.coefficient import Coefficient
 from bayes_greybox.physics.terms import Dictionary
 from bayes_greybox.running.errors import InputError
-
-ROWS_AT_ONCE = 1 << 14
-"""Rows whose terms are evaluated at once."""
 
 MOST_LEVELS = 1 << 17
 """Most different measured values of rows that may be rounded: those of a converter of 17 bits. Steps of more of them
@@ -36,6 +33,8 @@ Levels = Float[np.ndarray, " n_level"] | None
 
 Ends = Mapping[str, Float[np.ndarray, "2"]]
 """Least and largest value of each state and input, in the place of their columns."""
+
+Square = Float[np.ndarray, "n_column n_column"]
 
 
 def ends_of(columns: Mapping[str, Float[np.ndarray, " n"]]) -> Ends:
@@ -49,15 +48,9 @@ def _wider(one: Ends, other: Ends) -> Ends:
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
-    """Numbers and sizes of the rows of one equation, or of several that share them.
+    """Numbers and sizes of the rows of one equation, or of several that share them: Σ φ_j², Σ y², and Σ (y + g)².
 
-    Attributes:
-        n_at: Number of samples, or points of a path, that terms are evaluated at.
-        ends: Least and largest value of each state and input there.
-        terms: Σ φ_j² of each term.
-        target: Σ y².
-        measured: Σ (y + g)².
-        levels: Different measured values.
+    Terms are evaluated at `n_at` samples, or points of a path.
     """
 
     n_at: int
@@ -72,22 +65,13 @@ class Sizes:
     @classmethod
     def of(cls, rows: EquationRows, dictionary: Dictionary) -> "Sizes":
         """Measure some rows."""
-        return cls(
-            n_at=rows.n_sample,
-            n_white=rows.n_white,
-            log_det=float(rows.noise.log_det),
-            ends=ends_of(rows.columns),
-            terms=sums_of_squares(rows, dictionary, ROWS_AT_ONCE),
-            target=float(np.sum(rows.target**2)),
-            measured=float(np.sum(rows.measured**2)),
-            levels=_few(rows.measured),
-        )
+        target, measured = float(np.sum(rows.target**2)), float(np.sum(rows.measured**2))
+        terms, log_det = sums_of_squares(rows, dictionary, 1 << 14), float(rows.noise.log_det)
+        numbers = rows.n_sample, rows.n_white, log_det
+        return cls(*numbers, ends_of(rows.columns), terms, target, measured, _few(rows.measured))
 
     def scales(self, rows: EquationRows, dictionary: Dictionary) -> tuple[Float[np.ndarray, " n_term"], float]:
-        """Return the RMS of each term, over the size of forces on its learned state, and of the target.
-
-        Some of the rows are enough to know these sizes.
-        """
+        """Return the RMS of each term, over the size of forces on its learned state in some rows, and of the target."""
         acting = np.array([rows.learned[name].size for name in dictionary.acts_on] or [1.0])
         return np.sqrt(self.terms / self.n_at) / acting, float(np.sqrt(self.target / self.n_white))
 
@@ -103,8 +87,8 @@ class Sizes:
 class Factors(NamedTuple):
     """Triangular factors of the rows [Φ ψ y] of a path, whitened and as they are."""
 
-    white: Float[np.ndarray, "n_column n_column"]
-    plain: Float[np.ndarray, "n_column n_column"]
+    white: Square
+    plain: Square
 
     @classmethod
     def empty(cls, n_column: int) -> "Factors":
@@ -122,13 +106,10 @@ class Factors(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Extent:
-    """Numbers, ranges and sizes of all rows.
+    """Numbers, ranges and sizes of all rows; `dropped` ones have missing values.
 
-    Attributes:
-        dropped: Number of rows with missing values, left out.
-        n_run: Number of runs, each as often as chunks have a part of it.
-        n_telling: Number of those that have a row of an equation.
-        factors: Factors of [Φ y] by equation, where rows are of paths, in the units of a sample.
+    Runs count as often as chunks have a part of them; `n_telling` have a row of an equation. Where rows are of paths,
+    there are factors of [Φ y] by equation, in the units of a sample.
     """
 
     n_row: int
@@ -165,7 +146,7 @@ def _few(values: Float[np.ndarray, " n"]) -> Levels:
 
 @dataclass(frozen=True, eq=False)
 class RowStatistics:
-    """All rows of one equation: a frame and a design are made of them without the rows.
+    """All rows of one equation, of which a frame and a design are made.
 
     Attributes:
         term_scale: RMS of each term, user's units.
@@ -176,14 +157,14 @@ class RowStatistics:
     """
 
     n_row: int
-    ends: Mapping[str, Float[np.ndarray, "2"]]
+    ends: Ends
     term_scale: Float[np.ndarray, " n_term"]
     target_scale: float
     noise_floor: float
-    factor: Float[np.ndarray, "n_column n_column"]
+    factor: Square
     n_white: int
     log_det: float = 0.0
-    plain: Float[np.ndarray, "n_column n_column"] | None = None
+    plain: Square | None = None
 
     @property
     def digest(self) -> str:
@@ -195,12 +176,9 @@ class RowStatistics:
         return f"{self.n_row} rows ({total.hexdigest()[:8]})"
 
     def equation(
-        self,
-        sample: EquationRows,
-        dictionary: Dictionary,
-        discrepancy: OrthogonalGP | None,
+        self, sample: EquationRows, dictionary: Dictionary, discrepancy: OrthogonalGP | None,
         coefficients: Sequence[Coefficient | None],
-    ) -> Equation:
+    ) -> Equation:  # fmt: skip
         """Return the equation as the likelihood sees it, with a design of all rows, and some of them to look at."""
         name, n_term = sample.equation, len(dictionary)
         frame = scaled_frame(name, dictionary, discrepancy, self.ends, self.term_scale, self.target_scale)
@@ -222,9 +200,8 @@ class RowStatistics:
 def equations_of(model: Program, sample: Trajectories, statistics: Mapping[str, RowStatistics]) -> dict[str, Equation]:
     """Return equations by block, in the place of `model.assemble(data)` with all rows in `data`."""
     dictionaries = by_block(model.blocks, model.dictionaries(sample))
-    return {
-        block: statistics[block].equation(
-            model.equation_rows(sample, block), dictionary, model.discrepancy, model.priors_of(block, sample)
-        )
-        for block, dictionary in dictionaries.items()
-    }
+    equations = {}
+    for block, dictionary in dictionaries.items():
+        rows, priors = model.equation_rows(sample, block), model.priors_of(block, sample)
+        equations[block] = statistics[block].equation(rows, dictionary, model.discrepancy, priors)
+    return equations

@@ -11,17 +11,14 @@ from ..estimate.near import nearer
 from ..noise.asked import Noise
 from ..program import Program
 from .passes import Whole, of_the_sample, whole_of
-from .statistics import Extent, equations_of
+from .statistics import equations_of
 
 MOST_PASSES = 5
 """Most times that rows of paths are taken anew near the estimate on all runs: each is a pass over them."""
 
 
 class Taken(NamedTuple):
-    """Model, with the kind of rows and the noise that the data have, and data of a fit.
-
-    Where the data are some of the rows only, `whole` are all.
-    """
+    """Model, with the kind of rows and the noise that the data have, and data of a fit; of a stream all rows too."""
 
     model: Program
     data: Trajectories
@@ -58,8 +55,12 @@ def _runs_taken(model: Program, data: RowStream) -> Taken:
         (equation,) = equations_of(lean, sample, whole.statistics(lean)).values()
         moved = nearer(model, equation, earlier, turn == MOST_PASSES - 1)
         if moved is None:
-            silent = _silent(model, whole.extent)
-            return Taken(model, _remarked(sample, data, whole, "whole runs").remarked(*silent), whole)
+            remarked, n_run = _remarked(sample, data, whole, "whole runs"), whole.extent.n_run
+            if silent := n_run - whole.extent.n_telling:
+                short = "are too short or too coarsely sampled for a test function"
+                why = "have no row" if model.rows.follows_path else short
+                remarked = remarked.remarked(f"{silent:,} of {n_run:,} runs {why} and say nothing")
+            return Taken(model, remarked, whole)
         earlier, model = model, moved
         with of_the_sample(measured, data):
             sample = model.complete(measured)
@@ -78,15 +79,6 @@ def _remarked(sample: Trajectories, data: RowStream, whole: Whole, pieces: str) 
     dropped = whole.extent.dropped
     left_out = (f"{dropped:,} rows with missing values were left out",) if dropped else ()
     return sample.remarked(remark, *left_out)
-
-
-def _silent(model: Program, extent: Extent) -> tuple[str, ...]:
-    """Return a sentence on runs without rows, if there are any."""
-    silent = extent.n_run - extent.n_telling
-    if not silent:
-        return ()
-    why = "have no row" if model.rows.follows_path else "are too short or too coarsely sampled for a test function"
-    return (f"{silent:,} of {extent.n_run:,} runs {why} and say nothing",)
 
 
 def _require_streamed(model: Program) -> None:

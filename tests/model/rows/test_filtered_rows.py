@@ -6,8 +6,7 @@ from scipy.integrate import solve_ivp
 
 from bayes_greybox.data.trajectories import Trajectories
 from bayes_greybox.model.program import Program
-from bayes_greybox.model.rows.derivative_rows import DerivativeRows
-from bayes_greybox.model.rows.row_warnings import row_warnings
+from bayes_greybox.model.rows.derivative_rows import DerivativeRows, row_warnings
 from bayes_greybox.physics.terms import Dictionary, Term
 
 STIFFNESS, COULOMB, QUADRATIC = 40.0, 0.052, 0.0045

@@ -14,23 +14,6 @@ from bayes_greybox.physics.simulation.protocol import Simulation
 from .forced_rate import ForcedRate
 from .path_segments import START_WIDTH
 
-STEP_SHARE = 0.1
-"""Length of a step, over the fastest time scale of the equations along the path."""
-
-PHASE_LOSS = 0.3
-"""Phase that steps may lose over a record, over what samples tell of it."""
-
-LEAST_PHASE = 1e-12
-"""Radians: samples without any noise tell no more of a phase than rounding does."""
-
-UNDAMPED_SHARE = 0.1
-"""Share of a path on which a mode may be undamped and yet forget what it did."""
-
-MOST_STEPS_BETWEEN_SAMPLES = 50
-
-MOST_TRIED = 500
-"""Samples, evenly thinned, at which the time scales of the equations are looked at."""
-
 
 @dataclass(frozen=True)
 class Common:
@@ -39,10 +22,8 @@ class Common:
     Attributes:
         clipped: Values at which the sensor of a state was at its end; looked for where there are further runs.
         slow: Time in which the slowest sensor's signal changes by half its spread.
-        first_sd: Noise of each sensor before there is a path.
-        sd: The same along the path.
-        steps: Number of steps between two samples.
-        step: Usual time between two samples.
+        first_sd: Noise of each sensor before there is a path; `sd` is that along the path.
+        steps: Number of steps between two samples, which are usually a `step` apart.
         ratio: Intensity of the unknown force, λ = q²/σ².
         gain: RMS response of an output to a force of unit RMS.
     """
@@ -74,10 +55,7 @@ def ends_of_sensors(samples: Trajectories) -> dict[str, tuple[float, ...]]:
 
 
 def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str, str]) -> tuple[np.ndarray, float]:
-    """Return the typical size of each state, and the time in which the slowest signal changes by half its spread.
-
-    The size of a state that is at rest where a run starts is that of its column over `START_WIDTH`.
-    """
+    """Return the typical size of each state, and the time in which the slowest signal changes by half its spread."""
     times = []
     for x in samples.states.values():
         spread, lag = float(np.std(x)), 1
@@ -103,13 +81,12 @@ def sizes_of(samples: Trajectories, simulation: Simulation, at_rest: Mapping[str
 def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: np.ndarray) -> int:
     """Return the number of steps between samples that resolve the equations along a path.
 
-    Hidden states that the path lacks are taken to be as the others.
-
     An oscillation of the frequency ω loses the phase (ωh)⁴/120 each radian, for as long as its damping lets it be
-    remembered, and that shall be little against what the samples together tell of it.
+    remembered, and that shall be 0.3 of what the samples together tell of it.
     """
+    # Hidden states that the path lacks are taken to be as the others; a few samples tell the time scales.
     filled = np.where(np.isfinite(path), path, path[:, [rate.names.index(samples.state_names[0])]])
-    some = np.unique(np.linspace(0, samples.n_obs - 1, MOST_TRIED).astype(int))
+    some = np.unique(np.linspace(0, samples.n_obs - 1, 500).astype(int))
     points = np.column_stack([samples.time, filled, samples.matrix(samples.input_names)])[some]
     A = rate.jacobian(points)
     A = A[np.all(np.isfinite(A), axis=(1, 2))]
@@ -121,16 +98,17 @@ def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: n
     spread = np.std(samples.matrix(samples.state_names), axis=0)
     # A sensor that shows no motion tells nothing of a phase.
     seen = spread > 0
-    lost = PHASE_LOSS * float(np.min(np.broadcast_to(s, spread.shape)[seen] / spread[seen], initial=math.inf))
-    lost = max(lost / math.sqrt(samples.n_obs), LEAST_PHASE)
+    lost = 0.3 * float(np.min(np.broadcast_to(s, spread.shape)[seen] / spread[seen], initial=math.inf))
+    # Samples without any noise tell no more of a phase than rounding does.
+    lost = max(lost / math.sqrt(samples.n_obs), 1e-12)
     # Mode by mode, the fastest first: how fast each turns, and how long what it does is remembered. A mode forgets
-    # where it is damped along nearly all of the path.
+    # where it is damped along nine tenths of the path.
     values = np.take_along_axis(values, np.argsort(-np.abs(values.imag), axis=-1), axis=-1)
     turning = np.median(np.abs(values.imag), axis=0)
-    damping = np.quantile(-values.real, UNDAMPED_SHARE, axis=0).clip(0.0)
+    damping = np.quantile(-values.real, 0.1, axis=0).clip(0.0)
     remembered = 1 / np.maximum(damping, 1 / (step * max(samples.run_lengths)))
     phase = float(np.max(turning**5 * remembered))
     longest = (120 * lost / phase) ** 0.25 if phase > 0 else math.inf
     if fastest > 0:
-        longest = min(STEP_SHARE / fastest, longest)
-    return int(np.clip(math.ceil(step / longest), 1, MOST_STEPS_BETWEEN_SAMPLES))
+        longest = min(0.1 / fastest, longest)
+    return int(np.clip(math.ceil(step / longest), 1, 50))

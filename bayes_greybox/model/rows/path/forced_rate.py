@@ -25,8 +25,7 @@ class Force(NamedTuple):
 class ForcedRate:
     """Rate of all states with terms added to some: equal to any other with the same formulas, so compiled once.
 
-    Numbers within a formula, such as the width of a dead zone or how fast a hidden state follows, are arguments of the
-    rate and none of the formula's. `driven` are the indices of the learned states.
+    Numbers within a formula, such as the width of a dead zone, are arguments of the rate and none of the formula's.
     """
 
     def __init__(self, simulation: Simulation, driven: tuple[int, ...], added: Sequence[Force]) -> None:

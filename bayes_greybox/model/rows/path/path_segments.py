@@ -20,14 +20,6 @@ START_WIDTH = 10.0
 MOST_GROWTH = 1e3
 """Growth of a change of its start at which a segment ends: beyond it nothing is linear, nor known."""
 
-STEPS_AT_ONCE = 4096
-"""Steps whose forces are evaluated at once."""
-
-LEAST_DEPARTURE = 1e-3
-"""Share of the size of a path's slope from which on a departure of the rates from it is looked at closely."""
-
-NO_SAMPLES = np.zeros((0, 2), int)
-
 AtEnds = Float[np.ndarray, "n_segment n_end n_state"]
 """States at the ends of the steps of each segment."""
 
@@ -45,17 +37,14 @@ def points_at_nodes(
 
 
 def grid_of(
-    samples: Trajectories,
-    runs: list[np.ndarray],
-    steps: int,
-    interpolation: str | tuple[str, ...] | None,
+    samples: Trajectories, runs: list[np.ndarray], steps: int, interpolation: str | tuple[str, ...] | None,
     usual_gap: float,
-) -> tuple[Grid, np.ndarray]:
-    """Return the nodes of all runs, and the run and the step's end of each sample. Longer gaps have more steps.
+) -> tuple[Grid, np.ndarray]:  # fmt: skip
+    """Return the nodes of all runs, and the run and the step's end of each sample.
 
-    Where an input with a zero-order hold changes, a step of no length leads from the value before to the value after: a
-    step's end is the next one's start, and would have a sixth of its input too early. There are `steps` between two
-    samples that are `usual_gap` apart.
+    There are `steps` between two samples that are `usual_gap` apart, and more in longer gaps. Where an input with a
+    zero-order hold changes, a step of no length leads from the value before to the value after: a step's end is the
+    next one's start, and would have a sixth of its input too early.
     """
     times, inputs, end = [], [], np.zeros((samples.n_obs, 2), int)
     for r, rows in enumerate(runs):
@@ -79,7 +68,8 @@ def grid_of(
         for values in held.values():
             # A straight line from the value before to the value after: what is evaluated on it lies between them.
             values[leap] = (values[leap - 1] + values[leap + 1]) / 2
-        columns = [held.get(k, _between(t, u[:, k], nodes, kind)) for k, kind in enumerate(kinds)]
+        smooth = {k: CubicSpline(t, u[:, k])(nodes) for k, kind in enumerate(kinds) if kind == "cubic"}
+        columns = [{**held, **smooth}.get(k, np.interp(nodes, t, x)) for k, x in enumerate(u.T)]
         inputs.append(np.column_stack(columns) if columns else np.zeros((len(nodes), 0)))
         end[rows, 0], end[rows, 1] = r, place
     return Grid(_padded(times), _padded(inputs)), end
@@ -108,21 +98,12 @@ def _padded(parts: list[np.ndarray]) -> np.ndarray:
     return np.array([np.pad(x, [(0, longest - len(x)), (0, 0)][: x.ndim], mode="edge") for x in parts])
 
 
-def _between(t: np.ndarray, values: np.ndarray, at: np.ndarray, kind: str) -> np.ndarray:
-    if kind == "cubic":
-        return CubicSpline(t, values)(at)
-    return np.interp(at, t, values)
-
-
 @dataclass(frozen=True, eq=False)
 class Segments:
     """Segments of runs with a path along them and their steps of the linear equation near it.
 
-    Attributes:
-        grid: Nodes; shorter segments end in steps of no length.
-        slope: Slope of the path's states at the nodes.
-        outputs: Indices of the measured states.
-        end: Segment and end of a step, segment by segment, of each sample that is a row.
+    Shorter segments end in steps of no length. `slope` is that of the path's states, `driven` and `outputs` are the
+    learned and the measured states, and `end` the segment and end of a step of each sample that is a row.
     """
 
     grid: Grid
@@ -162,7 +143,7 @@ class Segments:
 
     def _respond(self, forced: Callable[[slice], np.ndarray], learned: int) -> np.ndarray:
         n_segment, n_node = self.grid.time.shape
-        n_step, span = (n_node - 1) // 2, max(1, STEPS_AT_ONCE // n_segment)
+        n_step, span = (n_node - 1) // 2, max(1, 4096 // n_segment)
         b = self.response.b[..., self.driven[learned]]
         whole, delta = np.empty(()), None
         for first in range(0, n_step, span):
@@ -178,29 +159,78 @@ class Segments:
             whole[inside] = ends[self.end[inside, 0], self.end[inside, 1] - first][:, list(self.outputs)]
         return np.concatenate([whole[:, k] for k in range(len(self.outputs))])
 
+    def responses_to_unit_starts(self, sizes: np.ndarray) -> Float[np.ndarray, "n_segment n_end n_state n_state"]:
+        """Return the change of the path by one size of each state at the start of its segment."""
+        n_segment, n_step, n_state = self.response.M.shape[:3]
+        start = np.broadcast_to(np.diag(sizes), (n_segment, n_state, n_state))
+        return carried(self.response.M, start, np.zeros((n_segment, n_step, n_state, n_state)))
+
+    def pieces(self, sizes: np.ndarray) -> int:
+        """Return the number of segments of a run in which no change of a start grows by more than `MOST_GROWTH`."""
+        size = np.abs(self.responses_to_unit_starts(sizes) / sizes[:, None]).max(axis=(0, 1, 2, 3))
+        largest = float(np.max(size)) if np.all(np.isfinite(size)) else math.inf
+        if largest <= MOST_GROWTH:
+            return 1
+        return int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(MOST_GROWTH)), 200))
+
+    def responses_to_starts(self, sizes: np.ndarray) -> Float[np.ndarray, "n_row n_start"]:
+        """Return the rows' change by one prior standard deviation of each start of each segment."""
+        rows = self.rows(self.responses_to_unit_starts(START_WIDTH * sizes))
+        segment = np.tile(self.end[:, 0], len(self.outputs))
+        return np.hstack([np.where((segment == k)[:, None], rows, 0.0) for k in range(len(self.grid.time))])
+
+    def gain(
+        self, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray, sizes: Sequence[float]
+    ) -> float:
+        """Return the RMS response of rows, in what starts cannot take, to forces that are powers of the columns."""
+        powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
+        scaled = [(name, k, size) for name, k, size in powers if size > 0]
+
+        def powers_of(at: Mapping[str, np.ndarray]) -> np.ndarray:
+            return np.column_stack([at[name] ** k / size for name, k, size in scaled])
+
+        rows = np.hstack([large * self.respond(powers_of, columns, k) for k, large in enumerate(sizes)])
+        Q, _ = np.linalg.qr(starts / sd[:, None])
+        rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
+        return float(np.sqrt(np.mean(rows**2)))
+
+    def motion(self, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return, sample by sample, transitions, covariances by forces of unit intensity, and which is a first one."""
+        M, end = self.response.M, self.end
+        b = self.response.b[..., list(self.driven)].sum(axis=-2) * np.asarray(sizes)
+        h = np.diff(self.grid.time[:, ::2], axis=1)
+        eye = np.eye(M.shape[-1])
+        fresh = np.diff(end[:, 0], prepend=-1) != 0
+        moved, spread = np.tile(eye, (len(end), 1, 1)), np.zeros((len(end), *eye.shape))
+        # All intervals at once, a step of each at a time.
+        before = np.where(fresh, 0, np.concatenate([[0], end[:-1, 1]]))
+        steps = end[:, 1] - before
+        for k in range(int(steps.max(initial=0))):
+            on = steps > k
+            at = end[on, 0], before[on] + k
+            step, push, length = M[at], b[at], h[at]
+            pushed = push @ push.swapaxes(1, 2) / np.where(length > 0, length, np.inf)[:, None, None]
+            moved[on] = step @ moved[on]
+            spread[on] = step @ spread[on] @ step.swapaxes(1, 2) + pushed
+        return moved, spread, fresh
+
 
 def departures(
     rates: Callable[[np.ndarray], np.ndarray], points: Float[np.ndarray, "n_segment n_node c"],
     slope: Float[np.ndarray, "n_segment n_node n_state"],
 ) -> Float[np.ndarray, "n_segment n_step 3 n_state"]:  # fmt: skip
-    """Return rates less the slope of a path, at the start, the middle and the end of each step.
-
-    What is rough is judged by the size of the difference, not of the rates: a jump that is small beside these, such
-    as dry friction in a machine that is driven hard, is most of what is left.
-    """
-    n, least = points.shape[-1], LEAST_DEPARTURE * np.sqrt(np.mean(slope**2, axis=(0, 1)))
+    """Return rates less the slope of a path, at the start, the middle and the end of each step."""
+    # What is rough is judged by the size of the difference: a jump that is small beside the rates is most of it.
+    n, least = points.shape[-1], 1e-3 * np.sqrt(np.mean(slope**2, axis=(0, 1)))
     both = np.concatenate([points, slope], axis=-1)
     return forces(lambda at: rates(at[:, :n]) - at[:, n:], both, least)
 
 
 def segments_of(
-    rate: ForcedRate,
-    grid: Grid,
-    ends: AtEnds,
-    outputs: tuple[int, ...],
-    end: Int[np.ndarray, "n_sample 2"] = NO_SAMPLES,
+    rate: ForcedRate, grid: Grid, ends: AtEnds, outputs: tuple[int, ...], end: np.ndarray | None = None
 ) -> Segments:
-    """Return the path through given ends of steps, and the linear equation along it."""
+    """Return the path through given ends of steps, and the linear equation along it; `end` are those of the rows."""
+    end = np.zeros((0, 2), int) if end is None else end
     rates = rate.rates(points_at_ends(grid, ends))
     path, _ = hermite(grid.time, ends, rates)
     # Where the path departs from the equations its slope does too: as much as on the steps before and after.
@@ -210,74 +240,6 @@ def segments_of(
     path, slope = hermite(grid.time, ends, rates)
     points = points_at_nodes(grid, path)
     return Segments(grid, points, slope, respond(grid.time, rate.jacobian(points)), rate.driven, outputs, end)
-
-
-def responses_to_unit_starts(
-    segments: Segments, sizes: np.ndarray
-) -> Float[np.ndarray, "n_segment n_end n_state n_state"]:
-    """Return the change of the path by one size of each state at the start of its segment."""
-    n_segment, n_step, n_state = segments.response.M.shape[:3]
-    start = np.broadcast_to(np.diag(sizes), (n_segment, n_state, n_state))
-    return carried(segments.response.M, start, np.zeros((n_segment, n_step, n_state, n_state)))
-
-
-def pieces_of(grown: Float[np.ndarray, "n_segment n_end n_state n_state"], sizes: np.ndarray) -> int:
-    """Return the number of segments of a run in which no change of a start grows by more than `MOST_GROWTH`."""
-    size = np.abs(grown / sizes[:, None]).max(axis=(0, 1, 2, 3))
-    largest = float(np.max(size)) if np.all(np.isfinite(size)) else math.inf
-    if largest <= MOST_GROWTH:
-        return 1
-    return int(min(math.ceil(math.log(min(largest, 1e300)) / math.log(MOST_GROWTH)), 200))
-
-
-def responses_to_starts(segments: Segments, sizes: np.ndarray) -> Float[np.ndarray, "n_row n_start"]:
-    """Return the rows' change by one prior standard deviation of each start of each segment."""
-    rows = segments.rows(responses_to_unit_starts(segments, START_WIDTH * sizes))
-    segment = np.tile(segments.end[:, 0], len(segments.outputs))
-    return np.hstack([np.where((segment == k)[:, None], rows, 0.0) for k in range(len(segments.grid.time))])
-
-
-def gain_of(
-    segments: Segments, columns: Mapping[str, np.ndarray], starts: np.ndarray, sd: np.ndarray, sizes: Sequence[float]
-) -> float:
-    """Return the RMS response, in what starts cannot take, of rows to forces that are powers of the path's columns.
-
-    `sd` is the noise of each row, and `sizes` are those of the forces on each learned state.
-    """
-    powers = [(name, k, float(np.sqrt(np.mean(x ** (2 * k))))) for name, x in columns.items() for k in (1, 2, 3)]
-    scaled = [(name, k, size) for name, k, size in powers if size > 0]
-
-    def powers_of(at: Mapping[str, np.ndarray]) -> np.ndarray:
-        return np.column_stack([at[name] ** k / size for name, k, size in scaled])
-
-    rows = np.hstack([large * segments.respond(powers_of, columns, k) for k, large in enumerate(sizes)])
-    Q, _ = np.linalg.qr(starts / sd[:, None])
-    rows = rows - sd[:, None] * (Q @ (Q.T @ (rows / sd[:, None])))
-    return float(np.sqrt(np.mean(rows**2)))
-
-
-def motion_of(segments: Segments, sizes: Sequence[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return what happens from sample to sample: transitions, covariances by a force of unit intensity, first samples.
-
-    Samples are in order of time within each segment; `sizes` are those of the force on each learned state.
-    """
-    M, end = segments.response.M, segments.end
-    b = segments.response.b[..., list(segments.driven)].sum(axis=-2) * np.asarray(sizes)
-    h = np.diff(segments.grid.time[:, ::2], axis=1)
-    eye = np.eye(M.shape[-1])
-    fresh = np.diff(end[:, 0], prepend=-1) != 0
-    moved, spread = np.tile(eye, (len(end), 1, 1)), np.zeros((len(end), *eye.shape))
-    # All intervals at once, a step of each at a time.
-    before = np.where(fresh, 0, np.concatenate([[0], end[:-1, 1]]))
-    steps = end[:, 1] - before
-    for k in range(int(steps.max(initial=0))):
-        on = steps > k
-        at = end[on, 0], before[on] + k
-        step, push, length = M[at], b[at], h[at]
-        pushed = push @ push.swapaxes(1, 2) / np.where(length > 0, length, np.inf)[:, None, None]
-        moved[on] = step @ moved[on]
-        spread[on] = step @ spread[on] @ step.swapaxes(1, 2) + pushed
-    return moved, spread, fresh
 
 
 def _lacking(time: np.ndarray, ends: np.ndarray, rates: np.ndarray, middles: np.ndarray) -> np.ndarray:

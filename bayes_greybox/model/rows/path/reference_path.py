@@ -20,23 +20,8 @@ from bayes_greybox.running.errors import InputError
 
 from .common import Common, sizes_of, steps_needed
 from .forced_rate import ForcedRate
-from .path_segments import (
-    START_WIDTH,
-    AtEnds,
-    Segments,
-    gain_of,
-    grid_of,
-    motion_of,
-    pieces_of,
-    responses_to_starts,
-    responses_to_unit_starts,
-    segments_of,
-    split,
-)
+from .path_segments import START_WIDTH, AtEnds, Segments, grid_of, segments_of, split
 from .smoothed_path import FORCE_INTENSITIES, NO_PATH, PathSmoother
-
-LEAST_SENSOR_NOISE = 1e-5
-"""Noise of a sensor over the spread of its samples, at least: rounding, and what an integrator leaves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +39,7 @@ class ReferencePath:
         starts: Change of the rows by one prior standard deviation of each start.
         gain: RMS response of an output to a force of unit RMS: rows are over it, in the unit of the force.
         seen: Samples that are rows; where a sensor was at its end there is none.
-        place: Node of each row.
         full_intensity: Intensity of a force as large as the path's own.
-        start_sd: Prior standard deviation of each state at the start of a segment.
-        common: Findings that further runs share with these.
         acting_on: Number of the learned state that the forces of the operator act on.
     """
 
@@ -87,10 +69,9 @@ class ReferencePath:
 
     def motion(self, unit: float) -> Motion:
         """Return the changes of the path from sample to sample, with variances over the square of `unit`."""
-        M, G, fresh = motion_of(self.segments, list(self.learned.values()))
-        return Motion(
-            M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, self.full_intensity * FORCE_INTENSITIES
-        )
+        M, G, fresh = self.segments.motion(list(self.learned.values()))
+        tried = self.full_intensity * FORCE_INTENSITIES
+        return Motion(M, G / unit**2, fresh, self.segments.outputs, self.start_sd / unit, tried)
 
     def __call__(self, table: Float[np.ndarray, "n_node k"]) -> Float[np.ndarray, "n_row k"]:
         """Return the response of the rows to forces."""
@@ -121,10 +102,7 @@ class PathSettings:
 def follow_samples(
     samples: Trajectories, rate: ForcedRate, settings: PathSettings, shared: Common | None = None
 ) -> ReferencePath:
-    """Smooth the samples, and take everything along the smoothed path.
-
-    Findings in `shared` are those of other runs; left out, they are found from these.
-    """
+    """Smooth the samples, and take everything along the smoothed path; findings in `shared` are those of other runs."""
     sensors = _Sensors(samples, rate, settings, seen_samples(samples) if shared is None else shared.seen(samples))
     sensors.require_path(moving=shared is None)
     common = shared or sensors.first_look()
@@ -149,7 +127,7 @@ def follow_samples(
             residual = (sensors.measured - ends[end[:, 0], end[:, 1]][:, list(outputs)])[seen]
             common = replace(common, sd=sensors.pooled(np.sqrt(np.mean(residual**2, axis=0))))
         segments = segments_of(rate, grid, ends, outputs, end[seen])
-        pieces = sensors.pieces(pieces_of(responses_to_unit_starts(segments, sizes), sizes), shared)
+        pieces = sensors.pieces(segments.pieces(sizes), shared)
         if pieces > 1:
             grid, end, ends = split(grid, end, ends, pieces)
             segments = segments_of(rate, grid, ends, outputs, end[seen])
@@ -206,8 +184,8 @@ class _Sensors:
             )
 
     def pooled(self, sd: np.ndarray) -> tuple[float, ...]:
-        """Return the noise of each sensor, or what all have in common, not below the least."""
-        sd = np.maximum(sd, LEAST_SENSOR_NOISE * np.std(self.measured, axis=0))
+        """Return the noise of each sensor, or what all have in common, not below what an integrator leaves."""
+        sd = np.maximum(sd, 1e-5 * np.std(self.measured, axis=0))
         return tuple((np.full(len(sd), np.sqrt(np.mean(sd**2))) if self.settings.same_noise else sd).tolist())
 
     def first_look(self) -> Common:
@@ -296,12 +274,12 @@ def _assembled(
     unforced = segments.response.jumps(segments.departure(rate.known))[..., None]
     moved = carried(segments.response.M, np.zeros((len(states), n_state, 1)), unforced)
     simulated = np.concatenate([at[seen, k] for k in outputs]) + segments.rows(moved)[:, 0]
-    starts = responses_to_starts(segments, sizes)
+    starts = segments.responses_to_starts(sizes)
     # Rates are finite far from the samples too, where changes of a path are not.
     if not (np.all(np.isfinite(simulated)) and np.all(np.isfinite(starts))):
         raise InputError(NO_PATH)
     if math.isnan(gain):
-        gain = gain_of(segments, columns, starts, np.repeat(s, len(end)), list(learned.values()))
+        gain = segments.gain(columns, starts, np.repeat(s, len(end)), list(learned.values()))
     if not 0 < gain < math.inf:
         raise InputError(NO_PATH)
     spread = np.std(sensors.measured[seen], axis=0)

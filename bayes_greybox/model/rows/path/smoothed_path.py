@@ -25,18 +25,6 @@ from .path_segments import AtEnds, points_at_ends, points_at_nodes, segments_of
 FORCE_INTENSITIES = 10.0 ** np.arange(-10.0, 1.1)
 """Intensities of the unknown force that are tried, q² over that of a force as large as the path's own."""
 
-FIRST_INTENSITY = 1e-2
-"""Intensity that a first path is smoothed at, before one is chosen."""
-
-FORCED_PASSES = 3
-"""Passes of the smoother at the chosen intensity."""
-
-UNFORCED_PASSES = 10
-"""Most passes to a path that the model allows, from one near the samples."""
-
-ARRIVED = 1e-8
-"""Change of such a path by a pass, over its size, that ends them: the next one changes it by the square of that."""
-
 NO_PATH = (
     "No path through the samples was found: near them the equations leave their domain, or grow beyond all bounds. "
     "Check the simulation and the units, or give hidden states as data."
@@ -44,10 +32,7 @@ NO_PATH = (
 
 
 class Smoothed(NamedTuple):
-    """A smoothed path at the ends of steps.
-
-    The unknown force has the intensity `ratio` and gains `gained` nats over the least one.
-    """
+    """A smoothed path at the ends of steps; the force of intensity `ratio` gained so many nats over the least."""
 
     ends: AtEnds
     ratio: float
@@ -57,12 +42,7 @@ class Smoothed(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PathSmoother:
-    """Smoother of samples along the equations.
-
-    Attributes:
-        full_intensity: Intensity of a force as large as the path's own.
-        E: Rates of the states by each unknown force.
-    """
+    """Smoother of samples along the equations; E are the rates of the states by each unknown force."""
 
     rate: ForcedRate
     grid: Grid
@@ -77,31 +57,29 @@ class PathSmoother:
         The path `first` to begin with is NaN where there is none. If `process_noise`, the intensity may be more than
         the least. Intensity and passes in `shared` are those of other runs.
         """
-        grid, observed, outputs, full_intensity = self.grid, self.observed, self.outputs, self.full_intensity
+        grid, observed, outputs = self.grid, self.observed, self.outputs
         turn, fewest = 0, 0 if shared is None else shared[1]
-        ends = first
+        intensities = self.full_intensity * FORCE_INTENSITIES
+        # A first path, before an intensity is chosen.
+        ends, ratio, gained = first, self.full_intensity * 1e-2, 0.0
         if not np.all(np.isfinite(first)):
-            ends = filtered(
-                self.rate, grid, observed, outputs, self.E, full_intensity * FIRST_INTENSITY, self.rate.args
-            )
-        ratio, gained = full_intensity * FIRST_INTENSITY, 0.0
-        for turn in range((FORCED_PASSES if process_noise else UNFORCED_PASSES) + 1):
+            ends = filtered(self.rate, grid, observed, outputs, self.E, ratio, self.rate.args)
+        # Three passes at the chosen intensity, and at most ten to a path that the model allows.
+        for turn in range(4 if process_noise else 11):
             near = segments_of(self.rate, grid, ends, outputs)
             steps = steps_along(grid.time, ends, near.response, near.departure(self.rate.rates), self.E)
             if turn == 1 and shared is not None:
                 ratio = shared[0]
             elif turn == 1 and not process_noise:
-                ratio = full_intensity * float(FORCE_INTENSITIES[0])
+                ratio = float(intensities[0])
             elif turn == 1:
-                logs = log_likelihoods(steps, observed, outputs, full_intensity * FORCE_INTENSITIES)
+                logs = log_likelihoods(steps, observed, outputs, intensities)
                 if np.any(np.isfinite(logs)):
-                    ratio = full_intensity * float(FORCE_INTENSITIES[int(np.nanargmax(logs))])
+                    ratio = float(intensities[int(np.nanargmax(logs))])
                     gained = float(np.nanmax(logs) - np.nan_to_num(logs[0], nan=-np.inf))
                     # The best of so many intensities was chosen.
                     gained -= math.log(len(FORCE_INTENSITIES))
-            stronger = (
-                full_intensity * FORCE_INTENSITIES[full_intensity * FORCE_INTENSITIES > ratio] if process_noise else ()
-            )
+            stronger = intensities[intensities > ratio] if process_noise else ()
             paths = (smooth(steps, observed, outputs, each) for each in (ratio, *stronger))
             before, ends = ends, self._inside_domain(ends, paths)
             if not process_noise and turn > 1 and turn >= fewest and _arrived(before, ends):
@@ -113,8 +91,7 @@ class PathSmoother:
     def _inside_domain(self, before: np.ndarray, paths: Iterable[np.ndarray]) -> AtEnds:
         """Return the first of the paths after a pass that the equations are defined on.
 
-        Where there is none, each segment goes as much of the way to the first one as they are defined on. A segment
-        that stays is a beginning: near what is found along it the next path is better.
+        Where there is none, each segment goes as much of the way to the first one as they are defined on, or stays.
         """
         tried = []
         for path in paths:
@@ -136,6 +113,6 @@ class PathSmoother:
 
 
 def _arrived(before: np.ndarray, ends: np.ndarray) -> bool:
-    """Return whether a pass has moved no state by much of its own size."""
+    """Return whether a pass has moved no state by much: the next one moves it by the square of that."""
     moved, size = (np.max(np.abs(x), axis=(0, 1)) for x in (ends - before, ends))
-    return bool(np.all(moved <= ARRIVED * size))
+    return bool(np.all(moved <= 1e-8 * size))
