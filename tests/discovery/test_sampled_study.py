@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fabricated import fabricate
+from fabricated import estimated
 from sampled_oscillator import SIMULATION, sampled
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -103,19 +103,10 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
     assert "closed" not in cubic.sentence or cubic.verdict == "named"
 
 
-def fit_of_draws(model, data, truth):
-    """A fit on rows near its estimate, whose draws are around these coefficients."""
-    near, completed = model.near(data)
-    scale = near.assemble(completed)["v"].frame.coefficient_scale
-    theta = truth / scale * (1 + 0.01 * np.random.default_rng(0).standard_normal((2, 5, len(truth))))
-    made = fabricate(near, completed, draws=5, theta=theta)
-    return bg.Fit(made.model, made.data, made.sampling, made.idata)
-
-
 def test_free_runs_hold_inputs_where_the_rows_do():
     data, rows = sampled(**CUBIC, noise=0.02, n=60), bg.TrajectoryRows(interpolation="zoh")
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=rows, discrepancy=None)
-    fit = fit_of_draws(model, data, np.array([-0.5]))
+    fit = estimated(model, data, draws=5)
     own, held, linear = (
         fit.simulate(data, **given).states["y"].mean
         for given in ({}, {"interpolation": "zoh"}, {"interpolation": "linear"})
@@ -284,7 +275,9 @@ def test_a_fit_to_samples_survives_a_file(tmp_path):
     data = short(**CUBIC)
     terms = {"v": ["y", "y**3"]}
     model = bg.GreyBox(terms, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
-    fit = fit_of_draws(model, data, np.array([1e-3, -0.5]))
+    fit = estimated(model, data, draws=5)
+    table = fit.summary()
+    assert abs(table.loc[("v", "y**3"), "mean"] + 0.5) < 5 * table.loc[("v", "y**3"), "sd"]
     fit.save(tmp_path / "fit.nc")
     again = bg.load(tmp_path / "fit.nc")
     np.testing.assert_array_equal(again.data.samples.states["y"], data.states["y"])
