@@ -47,8 +47,8 @@ def study():
 
 
 LONGEST = (
-    "test_cli.py", "test_sampling.py", "test_long_runs.py", "test_stated_by_terms.py", "test_stated_coefficients.py",
-    "test_refine.py", "test_shared_rows.py", "test_fleet.py", "test_sampled_study.py", "test_cores.py", "test_loo.py",
+    "test_cli.py", "test_refine.py", "test_shared_rows.py", "test_fleet.py", "test_sampled_study.py",
+    "test_long_runs.py", "test_sampling.py", "test_stated_coefficients.py", "test_streams.py", "test_loo.py",
 )  # fmt: skip
 """Files that take longest, or of few long tests; they begin the run, so that no worker waits for one at its end."""
 

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from bayes_greybox.data.trajectories import Trajectories
+from bayes_greybox.greybox import Fit
 from bayes_greybox.inference.kept.groups import data_table
 from bayes_greybox.inference.posterior import Posterior
 from bayes_greybox.inference.settings import Sampling
@@ -61,6 +62,20 @@ def shown(model: Program, data: Trajectories, **given: Any) -> Posterior:
     (name,) = made.equations
     made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[[f"{name}_sigma"]])
     return made
+
+
+def estimated(model: Program, data: Trajectories, draws: int = 50, **given: Any) -> Fit:
+    """A fit of one equation without f, its draws around least squares on its rows, as a flat prior leaves them."""
+    model, data = model.near(data)
+    ((name, equation),) = model.assemble(data).items()
+    Phi, y = np.asarray(equation.design.Phi), np.asarray(equation.design.y)
+    theta = np.linalg.lstsq(Phi, y, rcond=None)[0]
+    sigma = np.sqrt(np.sum((y - Phi @ theta) ** 2) / (equation.rows.n_white - len(theta)))
+    root = np.linalg.cholesky(np.linalg.inv(Phi.T @ Phi))
+    theta = theta + sigma * np.random.default_rng(1).standard_normal((2, draws, len(theta))) @ root.T
+    made = fabricate(model, data, draws=draws, theta=theta, sigma=np.full((2, draws), sigma), **given)
+    made.idata["log_prior"] = xr.DataTree(made.idata["posterior"].dataset[[f"{name}_sigma"]])
+    return Fit(made.model, made.data, made.sampling, made.idata)
 
 
 def _draws(

@@ -9,6 +9,7 @@ from streamed_runs import animals, oscillations, path_of, stream_of, weak
 import bayes_greybox as bg
 from bayes_greybox.cli import main
 from bayes_greybox.criticism.cross_validation.row_densities import pointwise_loo
+from bayes_greybox.greybox import Fit
 from bayes_greybox.running.errors import InputError
 
 FEW = {"draws": 40, "tune": 60, "chains": 2, "progress": False}
@@ -61,7 +62,7 @@ def test_what_needs_all_runs_at_once_says_what_to_do(fit):
     with pytest.raises(InputError, match="path='hsgp'"):
         path_of(discrepancy=bg.OrthogonalGP(path="exact")).fit(stream_of(oscillations()), **FEW)
     with pytest.raises(InputError, match=r"Fit\.refine follows the exact path of every run.*fit\.data\.samples"):
-        path_of(prior=bg.Normal()).fit(stream_of(oscillations()), **FEW).refine(draws=5)
+        Fit(*path_of().near(oscillations()), fit.sampling, fit.idata, whole=fit.whole).refine(draws=5)
     with pytest.raises(InputError, match="GreyBox.fit alone reads"):
         bg.find_missing_effects(weak(), stream_of(animals()))
 

@@ -7,6 +7,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from fabricated import fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.config import load_config
@@ -17,8 +18,6 @@ from bayes_greybox.model.rows.derivative_rows import DerivativeRows
 from bayes_greybox.model.rows.kinds import ROW_KINDS
 from bayes_greybox.model.rows.row_kind import RowKind
 from bayes_greybox.running.limits import Count, Positive, require_limits
-
-SMALL = {"draws": 10, "tune": 10, "chains": 1, "progress": False}
 
 BASE = """
 [data]
@@ -128,7 +127,8 @@ def test_new_kinds_are_saved_and_loaded(lists, data, tmp_path):
         rows=EverySecond(3),
         discrepancy=bg.OrthogonalGP(kernel="rational", features=4),
     )
-    fit = model.fit(data, **SMALL)
+    made = fabricate(model, data, weight=0.1 * np.ones((2, 3, 4)))
+    fit = bg.Fit(made.model, made.data, made.sampling, made.idata)
     fit.save(tmp_path / "run.nc")
     again = bg.load(tmp_path / "run.nc")
     assert (again.model.prior, again.model.rows) == (model.prior, model.rows)

@@ -6,6 +6,7 @@ import os
 import h5py
 import numpy as np
 import pytest
+from fabricated import fabricate
 from streamed import NAMES, chunk, chunks, frame, model, together
 
 import bayes_greybox as bg
@@ -138,7 +139,7 @@ def test_rows_that_do_not_go_together_or_are_others_when_read_again_are_refused(
 
 def test_it_is_not_compared_with_a_fit_of_its_sample_alone(fit):
     with pytest.raises(InputError, match="20,000 rows, of which some are looked at, against 300"):
-        bg.compare({"all": fit, "some": _own().fit(fit.data, **FEW)})
+        bg.compare({"all": fit, "some": fabricate(_own(), fit.data)})
 
 
 def test_chains_of_other_rows_do_not_go_on(tmp_path, monkeypatch):

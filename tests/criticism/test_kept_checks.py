@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from fabricated import fabricate
+from fabricated import estimated, fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.criticism.checks.checks import checks
@@ -19,7 +19,7 @@ from bayes_greybox.inference.kept import netcdf
 def fit():
     data = bg.systems.oscillator().simulate(np.linspace(0.0, 30.0, 60), noise=0.02, seed=1)
     model = bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, simulation={"y": "ydot"}, discrepancy=None)
-    return model.fit(data, draws=50, tune=50, chains=2, progress=False)
+    return estimated(model, data)
 
 
 def test_checks_come_back_with_the_fit(fit, tmp_path, monkeypatch):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fabricated import estimated
 from sampled_oscillator import SIMULATION, sampled
 
 import bayes_greybox as bg
@@ -80,7 +81,7 @@ def test_long_records_have_fewer_paths_followed():
 @pytest.fixture(scope="module")
 def fit():
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
-    return model.fit(sampled(**CUBIC, noise=0.05, n=150), draws=150, tune=150, chains=2, progress=False)
+    return estimated(model, sampled(**CUBIC, noise=0.05, n=150), draws=100)
 
 
 @pytest.mark.slow

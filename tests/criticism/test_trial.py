@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fabricated import estimated
 
 import bayes_greybox as bg
 from bayes_greybox.criticism import trial as module
@@ -22,7 +23,7 @@ def parts():
 @pytest.fixture(scope="module")
 def made(parts):
     model = bg.GreyBox({"ydot": ["y**3", "ydot**3"]}, simulation={"y": "ydot"}, discrepancy=None)
-    return model.fit(parts[0], draws=50, tune=50, chains=2, progress=False)
+    return estimated(model, parts[0])
 
 
 def again(fit, known=True):

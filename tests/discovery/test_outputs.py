@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from fabricated import estimated
 from rich.console import Console
 from static_map import KNOWN, drag_study, few, rig
 
@@ -116,7 +117,7 @@ def test_what_a_study_of_an_output_cannot_use_is_refused():
 def fit():
     """A fit of the extended model."""
     model = bg.GreyBox({"R": ["v*abs(v)"]}, simulation=KNOWN, discrepancy=None)
-    return model.fit(rig(0), draws=60, tune=60, chains=2, progress=False)
+    return estimated(model, rig(0))
 
 
 def test_a_fit_of_an_output_predicts_it_and_is_read_back(fit, tmp_path):

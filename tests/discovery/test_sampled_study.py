@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fabricated import estimated
 from sampled_oscillator import SIMULATION, sampled
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -29,7 +30,11 @@ def only(*slugs, domain="mechanical"):
     return [replace(e, confusions=tuple({*slugs} & {*e.confusions})) for e in effects if e.slug in slugs]
 
 
-MECHANICAL = load_catalogue("mechanical")
+SEVERAL = only(
+    "cubic-stiffness", "quadratic-stiffness", "power-law-stiffness", "dead-zone", "bilinear-stiffness",
+    "viscous-damping", "coulomb-friction", "quadratic-drag", "power-law-drag", "constant-force",
+)  # fmt: skip
+"""What could stand in the place of a cubic spring, nonlinear parameters among it, and what could not."""
 TWO = only("cubic-stiffness", "quadratic-stiffness")
 FEW = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction")
 WITH_FORCE = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction", "constant-force")
@@ -52,7 +57,7 @@ def cubic_and_reads():
     """A study, and how many formulas were read for it."""
     before = read.cache_info().misses
     data = (sampled(**CUBIC, noise=0.03, seed=seed, n=2 * SHORT) for seed in (0, 1))
-    found = study(*data, bg.TrajectoryRows(), catalogue="mechanical", free_runs=True)
+    found = study(*data, bg.TrajectoryRows(), catalogue=SEVERAL, free_runs=True)
     return found, read.cache_info().misses - before
 
 
@@ -63,7 +68,7 @@ def cubic(cubic_and_reads):
 
 def test_formulas_are_read_by_effect_and_not_by_value_of_an_inner_parameter(cubic_and_reads):
     # An effect has at most a few ways to be bound, and a few formulas; values there are hundreds.
-    assert cubic_and_reads[1] < 5 * len(MECHANICAL)
+    assert cubic_and_reads[1] < 5 * len(SEVERAL)
 
 
 def test_a_missing_effect_is_named_with_its_coefficient(cubic):
@@ -101,7 +106,7 @@ def test_the_gap_is_shown_closed_on_held_out_samples(cubic):
 def test_free_runs_hold_inputs_where_the_rows_do():
     data, rows = sampled(**CUBIC, noise=0.02, n=60), bg.TrajectoryRows(interpolation="zoh")
     model = bg.GreyBox({"v": ["y**3"]}, simulation=SIMULATION, rows=rows, discrepancy=None)
-    fit = model.fit(data, draws=10, tune=20, chains=1, progress=False)
+    fit = estimated(model, data, draws=5)
     own, held, linear = (
         fit.simulate(data, **given).states["y"].mean
         for given in ({}, {"interpolation": "zoh"}, {"interpolation": "linear"})
@@ -270,7 +275,7 @@ def test_a_fit_to_samples_survives_a_file(tmp_path):
     data = short(**CUBIC)
     terms = {"v": ["y", "y**3"]}
     model = bg.GreyBox(terms, simulation=SIMULATION, rows=bg.TrajectoryRows(), discrepancy=None)
-    fit = model.fit(data, draws=50, tune=50, chains=1, progress=False)
+    fit = estimated(model, data, draws=5)
     table = fit.summary()
     assert abs(table.loc[("v", "y**3"), "mean"] + 0.5) < 5 * table.loc[("v", "y**3"), "sd"]
     fit.save(tmp_path / "fit.nc")

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from fabricated import fabricate, oscillator
+from fabricated import estimated, fabricate, oscillator
 from sampled_oscillator import SIMULATION, force, sampled
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 
 import bayes_greybox as bg
 from bayes_greybox.equations.of_posterior import estimated_starts
-
-FIT = {"draws": 200, "tune": 200, "chains": 2, "progress": False}
 
 
 def model(**rows):
@@ -24,7 +22,7 @@ def data():
 
 @pytest.fixture(scope="module")
 def fit(data):
-    return model().fit(data, **FIT)
+    return estimated(model(), data, draws=200)
 
 
 def by_integration(data):

@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import threading
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -53,14 +55,27 @@ def interrupted(monkeypatch, pieces: int, run) -> None:
         run()
 
 
+@pytest.fixture(scope="module")
+def stopped_once(data, tmp_path_factory):
+    """A folder in which a run was stopped after so many pieces of its chains; run once for each number."""
+
+    @cache
+    def at(pieces: int) -> Path:
+        folder = tmp_path_factory.mktemp("stopped") / "kept"
+        kept = {"checkpoint": folder, "checkpoint_every": 0}
+        with pytest.MonkeyPatch.context() as patch:
+            interrupted(patch, pieces, lambda: model().fit(data, **SETTINGS, **kept))
+        return folder
+
+    return at
+
+
 @pytest.fixture
-def stopped(data, tmp_path, monkeypatch):
-    """A folder in which a run was stopped, after some pieces of its chains."""
+def stopped(stopped_once, tmp_path):
+    """A copy of such a folder, which a test may go on in."""
 
     def at(pieces: int) -> str:
-        kept = {"checkpoint": tmp_path / "kept", "checkpoint_every": 0}
-        interrupted(monkeypatch, pieces, lambda: model().fit(data, **SETTINGS, **kept))
-        return str(tmp_path / "kept")
+        return str(shutil.copytree(stopped_once(pieces), tmp_path / "kept"))
 
     return at
 
@@ -88,19 +103,16 @@ def test_how_iterations_are_divided_changes_no_draw(data, reference, monkeypatch
     assert same(model().fit(data, **SETTINGS), reference)
 
 
-@pytest.mark.parametrize(
-    ("changes", "settings", "said"),
-    [
+def test_another_run_is_refused_with_what_differs(data, reference, stopped):
+    folder = stopped(5)
+    for changes, settings, said in (
         ({}, {"draws": 70}, "draws is 70 and was 60"),
         ({}, {"seed": 1}, "seed is 1 and was 0"),
         ({"prior": bg.priors.Laplace()}, {}, "model.prior.kind is Laplace and was Normal"),
         ({"discrepancy": None}, {}, "model.discrepancy is null and was"),
-    ],
-)
-def test_another_run_is_refused_with_what_differs(data, reference, stopped, changes, settings, said):
-    folder = stopped(5)
-    with pytest.raises(InputError, match=f"are of another run: {said}.*start anew without resuming"):
-        model(**changes).fit(data, **{**SETTINGS, **settings}, checkpoint=folder, resume=True)
+    ):
+        with pytest.raises(InputError, match=f"are of another run: {said}.*start anew without resuming"):
+            model(**changes).fit(data, **{**SETTINGS, **settings}, checkpoint=folder, resume=True)
     # The draws are still there for who asked for them.
     assert same(model().fit(data, **SETTINGS, checkpoint=folder, resume=True), reference)
 

@@ -70,8 +70,7 @@ def by_quadrature():
     return means, [float(np.sqrt(np.sum(weight * (q - m) ** 2))) for q, m in zip((k, x0, s), means, strict=True)]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["given steps", "steps as they come"])
+@pytest.mark.parametrize("method", ["given steps", pytest.param("steps as they come", marks=pytest.mark.slow)])
 def test_it_is_the_posterior_that_quadrature_finds(bent, method, monkeypatch):
     if method == "steps as they come":
         monkeypatch.setattr(Course, "methods", property(stepwise))
@@ -141,10 +140,10 @@ def test_paths_that_turn_out_inaccurate_are_sampled_again_on_half_steps(monkeypa
 
     monkeypatch.setattr(accurate, "ERROR_MARGIN", 1e12)
     monkeypatch.setattr(accurate.Paths, "_errors", counted)
-    fit = linear().refine(**EXACT, **STATED)
+    fit = linear().refine(**EXACT | {"draws": 250}, **STATED)
     # One step a sample does at the draws of linear rows, where anything does, and not at the exact ones.
     finest = max(steps for _, steps in runs)
-    assert [steps for n, steps in runs if n == 1000] == [2**k for k in range(int(np.log2(finest)) + 1)] and finest > 1
+    assert [steps for n, steps in runs if n == 500] == [2**k for k in range(int(np.log2(finest)) + 1)] and finest > 1
     assert fit.idata["sample_stats"]["path_error"].max() <= 0.01
 
 
@@ -159,7 +158,9 @@ def test_paths_that_no_steps_follow_are_refused(monkeypatch):
     [
         (lambda n: n >= 0, "at the fit's own estimate leave all bounds.*: nothing can be sampled around it"),
         (lambda n: n > 0, "at more than a tenth of the fit's draws leave all bounds.*: state what is known of"),
-        (lambda n: n == 999, "at exact draws leave all bounds.*: state what is known of"),
+        pytest.param(
+            lambda n: n == 499, "at exact draws leave all bounds.*: state what is known of", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_it_is_said_where_there_is_no_path(lost, message, monkeypatch):
@@ -173,8 +174,9 @@ def test_it_is_said_where_there_is_no_path(lost, message, monkeypatch):
     monkeypatch.setattr(methods, "FIRST_TOLERANCE", methods.FINEST_TOLERANCE)
     monkeypatch.setattr(Course, "methods", property(stepwise))
     monkeypatch.setattr(accurate.Paths, "_errors", some)
+    # Of 500 exact draws, more than there are linear ones, the last.
     with pytest.raises(bg.InputError, match=message):
-        linear().refine(**EXACT, **STATED)
+        linear().refine(**EXACT | {"draws": 250}, **STATED)
 
 
 @pytest.mark.slow
@@ -213,6 +215,7 @@ def test_steps_that_are_too_long_for_a_stiff_equation_are_halved_until_they_are_
         assert (np.nanmin(errors) < 1e-6) == few
 
 
+@pytest.mark.slow
 def test_where_rows_are_nearly_linear_it_is_their_posterior_given_the_terms_that_are_in(swinging):
     _, fit, refined = swinging
     group = fit.drawn()

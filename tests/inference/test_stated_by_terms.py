@@ -9,7 +9,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from fabricated import fabricate
+from fabricated import fabricate, shown
 from numpyro.handlers import seed
 from scipy.special import ndtr
 from scipy.stats import norm
@@ -136,8 +136,15 @@ def test_the_posterior_is_that_of_sums_on_a_grid(name, data):
 
 @pytest.fixture(scope="module")
 def fit(data):
+    """Draws within the bounds; the bounded term is in at two in three."""
     model = stating_model(bg.SpikeAndSlab(), simulation={"y": "ydot", "ydot": "0.05*y"})
-    return model.fit(data, **RUN)
+    rng, scale = np.random.default_rng(0), model.assemble(data)["ydot"].frame.coefficient_scale
+    gamma = np.ones((2, 20, 2))
+    gamma[..., ::3, 1] = 0
+    theta = np.stack([rng.uniform(-0.4, CEILING, (2, 20)), rng.uniform(LOW, HIGH, (2, 20))], axis=-1)
+    inclusion = np.tile([1.0, 2 / 3], (2, 20, 1))
+    made = shown(model, data, theta=gamma * theta / scale, gamma=gamma, inclusion=inclusion)
+    return bg.Fit(made.model, made.data, made.sampling, made.idata)
 
 
 def test_what_is_fixed_is_written_exactly_and_marked_as_given(fit):

@@ -76,12 +76,21 @@ def test_normal_priors_give_the_conjugate_posterior(informed, data):
         assert_agree((theta(informed)[..., j] - mean[j]) ** 2, variance[j])
 
 
+def drawn_by_hand(model, data, **given):
+    """A fit of random draws, the same for models with as many terms."""
+    made = fabricate(model, data, draws=10, **given)
+    return bg.Fit(made.model, made.data, made.sampling, made.idata)
+
+
 def test_a_fixed_coefficient_is_a_part_of_the_simulation(data):
     parts = {"simulation": {"y": "ydot", "ydot": "-0.1*y"}, "discrepancy": bg.OrthogonalGP(features=5)}
-    run = RUN | {"draws": 60, "tune": 100}
-    fixed = model_of({"y**3": Coefficient(fixed=-1.0)}, **parts).fit(data, seed=1, **run)
+    weight = {"weight": 0.1 * np.random.default_rng(1).standard_normal((2, 10, 25))}
+    fixed = drawn_by_hand(model_of({"y**3": Coefficient(fixed=-1.0)}, **parts), data, **weight)
     moved = {"y": "ydot", "ydot": "-0.1*y - 1.0*y**3"}
-    known = model_of({}, ["y", "ydot"], **{**parts, "simulation": moved}).fit(data, seed=1, **run)
+    known = drawn_by_hand(model_of({}, ["y", "ydot"], **{**parts, "simulation": moved}), data, **weight)
+    # All that a sampler sees of a model is its design.
+    for one, other in zip(*(jax.tree.leaves(fit.equations["ydot"].design) for fit in (fixed, known)), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(theta(fixed), theta(known), rtol=1e-6)
     for each in ("predict", "simulate"):
         one, other = getattr(fixed, each)(data), getattr(known, each)(data)
@@ -140,8 +149,7 @@ def test_patterns_are_summed_beside_bounds(data):
     assert np.array_equal(sampled == 0, theta(fit) == 0)
 
 
-@pytest.fixture(scope="module")
-def every_kind(data):
+def of_every_kind():
     """Under a spike-and-slab prior one coefficient of each kind that can be stated."""
     stated = {
         "y": Coefficient(mean=-0.2, sd=0.1),
@@ -149,8 +157,12 @@ def every_kind(data):
         "ydot**3": Coefficient(lower=-0.5, upper=-0.3),
         "y**3": Coefficient(fixed=-1.0),
     }
-    model = model_of(stated, ["y", "ydot", "ydot**3", "y**3"], prior=bg.SpikeAndSlab())
-    return model.fit(data, seed=1, **RUN | {"draws": 60, "tune": 100})
+    return model_of(stated, ["y", "ydot", "ydot**3", "y**3"], prior=bg.SpikeAndSlab())
+
+
+@pytest.fixture(scope="module")
+def every_kind(data):
+    return of_every_kind().fit(data, seed=1, **RUN | {"draws": 60, "tune": 100})
 
 
 @pytest.mark.slow
@@ -230,8 +242,11 @@ def test_all_of_criticism_takes_them(signed, informed):
     assert np.all(prior[..., 0] >= 0) and np.all(prior[..., 1] <= 0)
 
 
-def test_a_file_holds_them(every_kind, tmp_path, data):
-    fit = every_kind
+def test_a_file_holds_them(tmp_path, data):
+    model, rng = of_every_kind(), np.random.default_rng(0)
+    drawn = [rng.normal(-0.2, 0.1, (2, 10)), rng.uniform(-1, 0, (2, 10)), rng.uniform(-0.5, -0.3, (2, 10))]
+    scale = model.assemble(data)["ydot"].frame.coefficient_scale
+    fit = drawn_by_hand(model, data, theta=np.stack(drawn, axis=-1) / scale, gamma=np.ones((2, 10, 3)))
     fit.save(tmp_path / "fit.nc")
     loaded = bg.load(tmp_path / "fit.nc")
     assert loaded.model.coefficients == fit.model.coefficients

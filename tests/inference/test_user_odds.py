@@ -10,6 +10,7 @@ import numpyro
 import numpyro.distributions as dist
 import pandas as pd
 import pytest
+from fabricated import fabricate
 from scipy import stats
 from scipy.special import logsumexp
 
@@ -147,7 +148,8 @@ def test_a_file_without_the_odds_is_refused_rather_than_judged_without_them(read
 
 def test_a_program_without_odds_is_read_again_and_judged_as_before(data, tmp_path):
     program = bg.CustomPrior(lambda n: numpyro.sample("sd", dist.HalfCauchy(1.0).expand([n]).to_event(1)))
-    fit = fitted(program, data)
+    made = fabricate(bg.GreyBox({"y": ["y", "y**2", "y**3"]}, prior=program, discrepancy=None), data, draws=20)
+    fit = bg.Fit(made.model, made.data, made.sampling, made.idata)
     fit.save(tmp_path / "run.nc")
     again = bg.load(tmp_path / "run.nc")
     assert SLAB not in again.idata.children and again.summed("y") is None

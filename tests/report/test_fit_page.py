@@ -15,12 +15,13 @@ from bayes_greybox.report.pages.fit_page import fit_html
 from bayes_greybox.report.words.formatting import probability_text
 from bayes_greybox.running.errors import InputError
 
-SHORT = {"draws": 50, "tune": 100, "chains": 2, "progress": False}
+SHORT = {"draws": 50, "tune": 200, "chains": 2, "progress": False}
+"""As long a warm-up, and as many rows, as in the test of ArviZ: both run one program."""
 
 
 @pytest.fixture(scope="module")
 def fit():
-    data = bg.systems.oscillator().simulate(np.linspace(0.0, 20.0, 100), noise=0.02, seed=1)
+    data = bg.systems.oscillator().simulate(np.linspace(0.0, 20.0, 60), noise=0.02, seed=1)
     model = bg.GreyBox({"ydot": ["y", "y**3", "ydot**3"]}, discrepancy=bg.OrthogonalGP(features=8))
     return model.fit(data, **SHORT)
 

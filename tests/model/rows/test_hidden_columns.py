@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fabricated import fabricate
+from fabricated import estimated, fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.data.streams.row_stream import RowStream
@@ -77,7 +77,7 @@ def test_what_was_split_off_goes_on():
 def test_coefficients_beside_a_hidden_state_are_learned_saved_and_predicted(tmp_path):
     data, _ = cell(noise=1e-3)
     train, test = data.split(0.5)
-    fit = model({"V": ["1", "i"]}).fit(train, draws=200, tune=200, chains=2, seed=0, progress=False)
+    fit = estimated(model({"V": ["1", "i"]}), train, draws=100)
     table = fit.summary().loc["V"]
     for name, truth in (("1", 3.0), ("i", -0.1)):
         assert abs(table.loc[name, "mean"] - truth) < 4 * table.loc[name, "sd"] < 0.01

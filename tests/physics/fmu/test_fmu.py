@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from fabricated import fabricate
+from fabricated import estimated, fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.inference.kept.model_record import describe, rebuild
@@ -88,7 +88,7 @@ def test_an_output_that_the_fmu_gives_is_known_and_what_it_lacks_is_found(plant)
     given = bg.FMU(plant, parameters=HELD, states=NAMES, outputs={"a": "der(mass.v)"})
     model = bg.GreyBox({"a": ["v", "s"]}, simulation=given, discrepancy=None)
     np.testing.assert_allclose(model.simulator(data).on(data, "a"), known, rtol=1e-12)
-    fit = model.fit(data, draws=100, tune=100, chains=1, progress=False)
+    fit = estimated(model, data)
     assert fit.summary()["mean"].iloc[0] == pytest.approx(-0.4, abs=0.005)
     with pytest.raises(bg.InputError, match="names 'b', which is no output of the data"):
         bg.GreyBox({"a": ["v"]}, simulation=replace(given, outputs={"b": "der(mass.v)"})).simulator(data)

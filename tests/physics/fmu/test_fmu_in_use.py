@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fabricated import fabricate
+from fabricated import estimated, fabricate
 
 import bayes_greybox as bg
 from bayes_greybox.config.file import load_config
@@ -92,7 +92,7 @@ def test_another_process_reads_the_file_again(plant):
 
 @pytest.fixture(scope="module")
 def fits(plant):
-    """One of an output of the FMU, one of a state, whose draws are made up: nothing is asked of its numbers."""
+    """One of an output of the FMU, one of a state."""
     rng = np.random.default_rng(2)
     t, (s, v) = np.arange(0, 40, 0.2), rng.normal(size=(2, 200))
     a = -10 * (s - 1.1) - 0.4 * v
@@ -106,7 +106,7 @@ def fits(plant):
     output = bg.GreyBox({"a": ["v"]}, simulation=replace(given, outputs={"a": "der(mass.v)"}), discrepancy=None)
     made = fabricate(bg.GreyBox({"v": ["v"]}, simulation=given, discrepancy=None), data)
     return {
-        "a": output.fit(data, draws=50, tune=50, chains=1, progress=False),
+        "a": estimated(output, data),
         "v": bg.Fit(made.model, made.data, made.sampling, made.idata),
     }
 
