@@ -163,10 +163,10 @@ def load(path: str | os.PathLike, simulation: RightHandSide | FMU | None = None)
         simulation: The simulation's function, if the model had one; a file cannot hold code.
 
     Returns:
-        A `Fit`, or a `Study` with its tables and its fit. A study saved by version 0.1.0 holds only the fit.
+        A `Fit`, or a `Study` with its tables and its fit.
 
     Raises:
-        InputError: The file is missing or not of this package, or needs a function.
+        InputError: The file is missing or not of this package, holds a study in an earlier layout, or needs a function.
     """
     tree = netcdf.read(path)
     with made_of(path):

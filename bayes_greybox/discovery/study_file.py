@@ -73,8 +73,8 @@ def lost(data: Trajectories) -> Trajectories:
     )
 
 
-STUDY_FORMAT = 1
-"""Format of the group; of another one the fit alone is read."""
+STUDY_FORMAT = 2
+"""Layout of the group; of a later one the fit alone is read."""
 
 STUDY_CLASSES = (
     Amendment, Band, BoundEffect, ChannelSuspect, Coefficients, Column, Component, Effect, EvaluatedColumns, Explained,
@@ -109,10 +109,20 @@ def save_study(study: StudyResult, path: str | os.PathLike[str], record: Mapping
 
 
 def holds_study(tree: xr.DataTree) -> bool:
-    """Return whether the groups of a file hold a whole study, and not a fit alone, as do files of version 0.1.0."""
+    """Return whether the groups of a file hold a whole study, and not a fit alone.
+
+    Raises:
+        InputError: The study is in an earlier layout.
+    """
     if netcdf.STUDIED not in tree.children:
         return False
-    return json.loads(group_arrays(tree[netcdf.STUDIED].dataset)[0])["format"] == STUDY_FORMAT
+    layout = json.loads(group_arrays(tree[netcdf.STUDIED].dataset)[0])["format"]
+    if layout < STUDY_FORMAT:
+        raise InputError(
+            f"The file holds a study in layout {layout}, and this version reads layout {STUDY_FORMAT}: run the study "
+            "again (find_missing_effects, or bayes-greybox discover) and save it."
+        )
+    return layout == STUDY_FORMAT
 
 
 def study_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None) -> StudyResult:

@@ -128,12 +128,27 @@ def test_the_posterior_alone_is_read_as_that_of_a_fit(study, file):
     assert json.loads(alone.idata.attrs["missing_effects"])["verdict"] == "named"
 
 
-def test_a_layout_that_is_not_known_leaves_the_fit(file, tmp_path):
+@pytest.fixture
+def in_layout(file, tmp_path):
+    """Return the path of a copy of the file in another layout."""
     with xr.open_datatree(file, engine="h5netcdf") as opened:
         tree = opened.load()
     group = tree[netcdf.STUDIED].dataset
     record = json.loads(group.attrs[TEXT])
-    text = json.dumps({**record, "format": study_file.STUDY_FORMAT + 1})
-    tree[netcdf.STUDIED] = xr.DataTree(group.assign_attrs({TEXT: text}))
-    netcdf.write(tree, tmp_path / "other.nc")
-    assert isinstance(bg.load(tmp_path / "other.nc"), bg.Fit)
+
+    def written(layout):
+        text = json.dumps({**record, "format": layout})
+        tree[netcdf.STUDIED] = xr.DataTree(group.assign_attrs({TEXT: text}))
+        netcdf.write(tree, tmp_path / "other.nc")
+        return tmp_path / "other.nc"
+
+    return written
+
+
+def test_a_later_layout_leaves_the_fit(in_layout):
+    assert isinstance(bg.load(in_layout(study_file.STUDY_FORMAT + 1)), bg.Fit)
+
+
+def test_an_earlier_layout_is_to_be_studied_again(in_layout):
+    with pytest.raises(bg.InputError, match="a study in layout 1.*run the study again"):
+        bg.load(in_layout(1))
