@@ -152,12 +152,16 @@ Dictionary = dict[str, Annotated[Terms, BeforeValidator(_as_terms), AlsoAs((str,
 
 def _part(name: str) -> Any:
     """Return a class, or a registry of classes, of the rooms of models, which are imported only where it is needed."""
-    from bayes_greybox.model.gp.discrepancy import OrthogonalGP
-    from bayes_greybox.model.priors import PRIORS
-    from bayes_greybox.model.rows.kinds import ROW_KINDS
-    from bayes_greybox.physics.coefficient import Coefficient
-
-    return {"prior": PRIORS, "rows": ROW_KINDS, "discrepancy": OrthogonalGP, "coefficient": Coefficient}[name]
+    match name:
+        case "prior":
+            from bayes_greybox.model.priors import PRIORS as part
+        case "rows":
+            from bayes_greybox.model.rows.kinds import ROW_KINDS as part
+        case "discrepancy":
+            from bayes_greybox.model.gp.discrepancy import OrthogonalGP as part
+        case _:
+            from bayes_greybox.physics.coefficient import Coefficient as part
+    return part
 
 
 Coefficients = dict[str, dict[str, Annotated[Any, Table(lambda _: section_of(_part("coefficient")))]]]

@@ -50,7 +50,7 @@ def name_of(name: str, modules: tuple[str, ...], identity: Any, leaves: list[Any
             raise Unkept(modules)
         program = (name, modules, stated(identity), structure(tree), tuple(map(_shape, leaves)))
         facts = (*program, sources(), tuple(in_memory(modules)), surroundings())
-    except (Unkept, OSError, RecursionError, PackageNotFoundError):
+    except (Unkept, OSError, RecursionError):
         return None
     return hashlib.sha256(repr(facts).encode()).hexdigest()
 
@@ -212,7 +212,13 @@ def surroundings() -> Any:
     return versions, sys.version_info[:2], jax.default_backend(), settings(), repr(validated)
 
 
-_installed = functools.cache(version)
+@functools.cache
+def _installed(name: str) -> str:
+    """Return the version of a library by its metadata; "" without any."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
 
 
 def settings() -> Any:

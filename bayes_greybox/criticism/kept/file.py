@@ -65,6 +65,9 @@ def checked_of(tree: xr.DataTree, simulation: RightHandSide | FMU | None = None)
     """Return the posterior of the groups of a file, with the results in them; see `netcdf.posterior_of`."""
     results = tree.children.get(netcdf.TRIED)
     posterior = netcdf.posterior_of(tree, simulation)
+    # Files of earlier layouts hold these as text, and they are computed again.
+    for name in ("checks", "plain_trade_offs"):
+        posterior.idata.attrs.pop(name, None)
     if results is not None:
         restore_results(posterior, results.to_dataset())
     return posterior

@@ -128,7 +128,8 @@ def _frame_table(frame: pd.DataFrame, where: str) -> Table:
         # set_index(name, drop=False) leaves the column beside the index.
         if not np.array_equal(frame.index.get_level_values(name), frame[name].to_numpy()):
             raise InputError(f'{capital(where)} has both an index and a column "{name}", which differ; rename one.')
-        frame = frame.reset_index(level=name, drop=True)
+        # A single index with a whole number for its name is no level to pandas.
+        frame = frame.reset_index(level=name if frame.index.nlevels > 1 else None, drop=True)
     counts = isinstance(frame.index, pd.RangeIndex) or (frame.index.nlevels == 1 and frame.index.name is None)
     # Decimal numbers are no count: they are times.
     if not counts or frame.index.dtype.kind in "mMf":

@@ -103,7 +103,8 @@ def _error(suspect: ChannelSuspect, mean: float, sd: float, near: Near, data: Tr
         in_samples = {"lower_samples": low / suspect.step, "upper_samples": high / suspect.step}
         return row | {"unit": time, "samples": steps, **in_samples, "text": text}
     if suspect.kind == GAIN and abs(mean) > LARGE_GAIN:
-        return row | {"text": f"{channel} reads {1 + mean:.3g} times what it should (check its units)"}
+        check = "check its units" if mean > -1 else "check its sign"
+        return row | {"text": f"{channel} reads {1 + mean:.4g} times what it should ({check})"}
     if suspect.kind == GAIN:
         return row | {"text": f"{channel} reads {100 * abs(mean):.3g}\u00a0% too {'large' if mean >= 0 else 'small'}"}
     if suspect.kind in BEND_POWERS:

@@ -53,10 +53,8 @@ class SetPrior:
         shares = np.array([odds.another**k for k in range(max(most, 1))])
         shares = np.log(shares / shares.sum()) + log(odds.effects)
         by_size = (0.0, *(float(shares[k - 1]) - log(sums[k]) for k in range(1, most + 1)))
-        # An error that has no column cannot be ruled out by sets without the others.
-        sure = Counter(each.sure for each in regressors if each.sure)
-        several = tuple(name for name, n in sure.items() if n > 1)
-        return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()}, several)
+        sure = tuple(dict.fromkeys(each.sure for each in regressors if each.sure))
+        return cls(tuple(regressors), odds, by_size, {name: log(n) for name, n in count.items()}, sure)
 
     def logs(self, sets: Sequence[Sequence[int]]) -> Float[np.ndarray, "n_set 2"]:
         """Return the log prior of each set without a discrepancy, and beside one."""

@@ -173,7 +173,10 @@ class Near:
         return sums
 
     def log_weight_alone(self, label: str, reach: Reach) -> float:
-        """Return the log weight of the likeliest hypothesis that leaves nothing, with this effect alone; −∞ without."""
+        """Return the log weight of the likeliest hypothesis that leaves nothing, with this effect alone; −∞ without.
+
+        It has no error of a sensor.
+        """
         columns, of_effect = enumerate(self.regressors.columns), self.regressors.group(label)
         own = [i for i, column in columns if column.effect is None and column.suspect is None]
         members, log_weight = self.weighed.likeliest_among([*own, *of_effect], reach)

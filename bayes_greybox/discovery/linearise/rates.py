@@ -53,13 +53,24 @@ class RateRows(Source):
         # What smoothing, or the integral of a rate, makes of channels whose samples have something besides.
         self._better = {**noisy_inputs(self._measured), **kinematics.departing(self._measured, simulation, noise)}
         self._sure = kinematics.disagreeing(self._measured, simulation, noise)
+        self._decided = False
         self._out = (*self.clipped.values(), *self.misread.values(), *self._beyond(train))
         self._gap = 0.0
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
         delays = channels.delays_of(point.sensors)
-        whole = channels.undone(self._measured, self.equation, delays)
+        gains = {
+            error.channel: 1.0 + size
+            for error, size in point.sensors.items()
+            if error.kind == channels.GAIN and error.key in self._sure
+        }
+
+        def undone(data: Trajectories) -> Trajectories:
+            right = {name: data.column(name) / gain for name, gain in gains.items()}
+            return channels.undone(channels.with_columns(data, right), self.equation, delays)
+
+        whole = undone(self._measured)
         used = _usable(self._measured, self.equation, delays, self._out)
         model = with_hidden_states(self.model.at(point.parameters), point.hidden, whole)
         # Hidden states follow the inputs as these were.
@@ -79,13 +90,16 @@ class RateRows(Source):
 
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         better = channels.with_columns(self._measured, {error.channel: x for error, x in noisy.items()})
-        noise = noise_columns(whole, channels.undone(better, self.equation, delays), noisy, driven)
+        noise = noise_columns(whole, undone(better), noisy, driven)
         others = channels.suspect_columns(whole, self.equation, driven)
         drifting = [replace(error, kind=channels.DRIFT) for error in noisy if error.kind == channels.DEPARTURE]
         drifting += [error for error in self._sure.values() if error.kind == channels.DRIFT]
         for error, column in (*_drifts(whole, drifting, driven), *others, *noise):
             error = self._sure.get(error.key, error)
-            if error.sure and error.kind == channels.GAIN:
+            if error.channel in gains and error.kind in (channels.GAIN, channels.OFFSET, channels.DRIFT):
+                # Per unit of what the sensor shows, x = (measured − o)/(1 + κ).
+                column = column / gains[error.channel]
+            elif error.expected and error.kind == channels.GAIN:
                 column = _secant(whole, driven, error)
             if error.kind == channels.DELAY:
                 # Samples of states and of their rates set a limit to a delay.
@@ -95,12 +109,17 @@ class RateRows(Source):
             if seen and point.weighs(error.key) and error.key not in known:
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [*(error.key for error in point.sensors), *self._sure])
-        # Delays were undone, and each is added again as its size times its column.
-        late = {error.key: size for error, size in point.sensors.items() if error.kind == channels.DELAY}
-        regressors.freed = [*regressors.freed, *late]
+        self._decide(regressors)
+        # Delays and gains were undone, and each is added again as its size times its column.
+        freed = {
+            error.key: size
+            for error, size in point.sensors.items()
+            if error.kind == channels.DELAY or (error.kind == channels.GAIN and error.channel in gains)
+        }
+        regressors.freed = [*regressors.freed, *freed]
         for k, column in enumerate(regressors.columns):
-            if column.called in late:
-                size = late[column.called] * column.scale / regressors.target_scale
+            if column.called in freed:
+                size = freed[column.called] * column.scale / regressors.target_scale
                 regressors.shown = regressors.shown + size * regressors.values[:, k]
         # A memory reaches back to rows that are out, too.
         seen = replace(whole, states={name: x for name, x in whole.states.items() if name not in whole.computed})
@@ -116,6 +135,18 @@ class RateRows(Source):
             point, model, data, regressors, force, rate, np.flatnonzero(used),
             self.train.n_obs, floor, math.log(scale),
         )  # fmt: skip
+
+    def _decide(self, regressors: Regressors) -> None:
+        """Ask for one of two errors only where both have a column, which the first rows tell for all others."""
+        if not self._decided:
+            self._decided, called = True, {column.called for column in regressors.columns}
+            alone = {error.sure for key, error in self._sure.items() if key not in called}
+            for key, error in self._sure.items():
+                self._sure[key] = replace(error, sure="" if error.sure in alone else error.sure)
+        regressors.columns = [
+            replace(column, suspect=self._sure.get(column.called, column.suspect)) if column.suspect else column
+            for column in regressors.columns
+        ]
 
     def quantities(self, rows: Rows) -> dict[str, Float[np.ndarray, " n_row"]]:
         """Return all columns, the modelled rate, and its change, which jitter turns into noise."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_greybox.discovery.grid.sets import SetPrior, Window
 from bayes_greybox.discovery.ties import ranked
+from bayes_greybox.running.errors import InputError
 from bayes_greybox.running.threads import in_threads
 
 from .near import Near, Point
@@ -152,8 +153,11 @@ class Standing:
 
     def step(self, near: Near, window: Window | None) -> Visit | None:
         """Return rows near the likeliest hypothesis; None if no path of it follows the samples."""
-        finer, _ = refined(near.regressors, Ground.of(near.weighed), near.weighed.hypotheses)
-        point = near.point_of(near.likeliest)
+        try:
+            finer, _ = refined(near.regressors, Ground.of(near.weighed), near.weighed.hypotheses)
+            point = near.point_of(near.likeliest)
+        except (InputError, np.linalg.LinAlgError):
+            return None
         there = self.weigher.tried(replace(point, values={**point.values, **finer}, window=window))
         return None if there is None else Visit(there, near.names(near.likeliest), near)
 

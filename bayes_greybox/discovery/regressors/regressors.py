@@ -190,7 +190,8 @@ class Regressors(EvaluatedColumns):
             self._extend([column], scaled[:, None], force[:, None])
             new = len(self.columns) > before and suspect.key not in found
             twin = self._twin(len(self.columns) - 1) if new else None
-            if twin is None:
+            # One whose size is known cannot stand for another of any size.
+            if twin is None or ((known := self.columns[twin].suspect) is not None and known.expected):
                 continue
             other = self.columns[twin]
             if other.suspect is not None and other.sd < column.sd:

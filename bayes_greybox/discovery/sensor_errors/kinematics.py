@@ -8,7 +8,7 @@ as by the play of a follower, is weighed with the model, as an error of the posi
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations
 from typing import NamedTuple, TypeVar
@@ -108,30 +108,27 @@ def departing(
 def disagreeing(data: Trajectories, simulation: Simulation, noise: Mapping[str, float]) -> dict[str, ChannelSuspect]:
     """Return, by their keys, errors of which one at least is there: gains of a state and of its rate that do not agree.
 
-    x₁ − x₀ = (1 + γ) ∫ v dt + o T: the state's gain is γ, or the rate's 1/(1 + γ) − 1; the rate has an offset −o, or
-    the state drifts by o times the time. The samples cannot tell which. A number is there if without it the best of all
-    reasons is less likely than with it by the p-value of departures that need one.
+    x₁ − x₀ = (1 + γ) ∫ v dt + o T: the state's gain is γ, or the rate's 1/(1 + γ) − 1; the rate has the offset
+    −o/(1 + γ), or the state drifts by o times the time. The samples cannot tell which. A gain or an offset is sure if
+    every reason without it is at least a million times less likely. Rates that a filter computed have the same gain.
     """
     found: dict[str, ChannelSuspect] = {}
     span = float(np.ptp(data.time))
-    for pair in _pairs(data, simulation, noise):
-        sizes, every = pair.plain_sizes, []
+    for pair in _pairs(data, simulation, noise) if data.filter is None else ():
+        sizes, errors = pair.plain_sizes, []
+        ratio, offset = 1.0 + sizes.get(channels.GAIN, 0.0), sizes.get(channels.OFFSET, 0.0)
+        # One that does not move with the other has no gain.
+        if not chi2.sf(ratio**2 / pair.ratio_variance, 1) < SURELY_WRONG:
+            continue
         if channels.GAIN in sizes:
-            ratio = 1.0 + sizes[channels.GAIN]
-            every += [
-                (channels.gain_error(pair.state), ratio - 1.0),
-                (channels.gain_error(pair.rate), 1.0 / ratio - 1.0),
-            ]
+            errors += [(channels.GAIN, pair.state, ratio - 1.0), (channels.GAIN, pair.rate, 1.0 / ratio - 1.0)]
         if channels.OFFSET in sizes:
-            offset = ChannelSuspect(channels.OFFSET, pair.rate, 0.0)
-            every += [
-                (offset, -sizes[channels.OFFSET]),
-                (ChannelSuspect(channels.DRIFT, pair.state, 0.0), sizes[channels.OFFSET] * span),
-            ]
-        for error, size in every:
-            kind = channels.GAIN if error.kind == channels.GAIN else channels.OFFSET
-            sure = f"{kind} of {pair.state} and {pair.rate}"
-            found.setdefault(error.key, replace(error, sd=max(error.sd, abs(size)), expected=size, sure=sure))
+            errors += [(channels.OFFSET, pair.rate, -offset / ratio), (channels.DRIFT, pair.state, offset * span)]
+        for kind, name, size in errors:
+            sure = f"{channels.GAIN if kind == channels.GAIN else channels.OFFSET} of {pair.state} and {pair.rate}"
+            sd = max(abs(size), channels.GAIN_SD if kind == channels.GAIN else 0.0)
+            error = ChannelSuspect(kind, name, sd, expected=size, sure=sure)
+            found.setdefault(error.key, error)
     return found
 
 
@@ -263,6 +260,11 @@ class _Pair:
         surely = min(each.cost for each in self._every if not each.errors) + 2 * np.log(SURELY_WRONG)
         enough = [each for each in self._every if each.p >= SURELY_WRONG and (not each.errors or each.cost < surely)]
         return min(enough, key=lambda each: each.cost, default=None)
+
+    @property
+    def ratio_variance(self) -> float:
+        """Return the variance of the state's changes over the integrals of its rate."""
+        return self.variance / max(float(np.sum(self._plain[channels.GAIN] ** 2)), np.finfo(float).tiny)
 
     @property
     def plain_sizes(self) -> dict[str, float]:

@@ -54,6 +54,9 @@ class ChainFile:
                 name, done = str(arrays["name"]), int(arrays["done"])
                 state = [arrays[each] for each in arrays.files if each.startswith("state_")]
                 record = {each[7:]: arrays[each] for each in arrays.files if each.startswith("record_")}
+                whole = len(state) == int(arrays["leaves"]) and (not record or "diverging" in record)
+                if not whole:
+                    raise KeyError("its state or its record is not whole")
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(
                 f'"{self.path}" is damaged ({error}): remove it, and its chain is sampled from the beginning.'
@@ -73,7 +76,7 @@ class ChainFile:
         arrays |= {f"record_{name}": each for name, each in chain.record().items()}
         try:
             with whole_file(self.path) as part, part.open("wb") as opened:
-                np.savez(opened, name=self._name, done=chain.done, **arrays)  # pyright: ignore[reportArgumentType]
+                np.savez(opened, name=self._name, done=chain.done, leaves=len(chain.state), **arrays)  # pyright: ignore[reportArgumentType]
         except OSError as error:
             # Hours of sampling are worth more than a copy of them, and the previous copy is still there.
             if not self._failed:

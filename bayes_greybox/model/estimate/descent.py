@@ -36,7 +36,7 @@ class Standing(NamedTuple):
 
 
 def descended(model: Any, data: Trajectories, most: int) -> Standing | None:
-    """Return the estimate on paths of the model alone, in most steps; None where it does not settle."""
+    """Return the estimate on paths of the model alone, in at most `most` steps; None where it does not settle."""
     start, asked = _standing(replace(model, rows=model.rows.unforced()), data, None), model.rows.segments(data)
     estimate = _settled(start, data, most)
     # Once more where fewer segments do at its end than on its way.

@@ -277,7 +277,7 @@ def _exact_samples(
             if not np.nanmax(moved, initial=0.0) > 0.1:
                 break
     samples = segments.rows(np.moveaxis(ends, 0, -1)).T
-    # Corrections need not shrink further than that: times of jumps are known to parts of a step.
+    # A change up to half the noise will do where corrections no longer shrink: jumps are timed to parts of a step.
     samples[moved > 0.5] = np.nan
     return samples
 

@@ -64,9 +64,12 @@ class _Family:
         frequency = "Hz" if time == "s" else f"1/{time}" if time else None
         # Other fields are values of the input, or whole numbers without a unit.
         units = {"at": time, **dict.fromkeys(("frequency", "low", "high"), frequency)}
-        shown = vars(self).items()
-        fields = {name: f"{value:.3g} {unit_text(units.get(name, unit))}".rstrip() for name, value in shown}
-        fields |= {name: str(value) for name, value in shown if name in ("tones", "seed")}
+        fields = {
+            name: str(value)
+            if name in ("tones", "seed")
+            else f"{value:.3g} {unit_text(units.get(name, unit))}".rstrip()
+            for name, value in vars(self).items()
+        }
         offset = fields.get("offset", "") if getattr(self, "offset", 0.0) else ""
         return self.words.format(**fields) + (f" about {offset}" if offset else "")
 

@@ -72,10 +72,10 @@ def _derivatives(
     expr: sympy.Expr, names: tuple[str, ...]
 ) -> tuple[tuple[sympy.Expr, ...], tuple[tuple[str, sympy.Expr], ...]]:
     """Return the derivatives, and the name of each width in them with the argument that jumps there."""
-    widths, rounded = [], {}
+    widths, replaced = [], {}
     for jump in expr.atoms(sympy.sign, sympy.Heaviside):
         width, argument = symbol(f"width_{len(widths)}"), jump.args[0]
-        rounded[jump] = smooth_jump(jump, width)
+        replaced[jump] = smooth_jump(jump, width)
         widths.append((width.name, argument))
-    smoothed = expr.xreplace(rounded)
+    smoothed = expr.xreplace(replaced)
     return tuple(sympy.diff(smoothed, symbol(name)) for name in names), tuple(widths)

@@ -65,7 +65,7 @@ class Simulation(ABC):
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
-    known: Mapping[str, tuple[tuple[Term, float], ...]] = field(default_factory=dict, kw_only=True)
+    known: Mapping[str, tuple[tuple[Term, float], ...]] = field(default_factory=dict, kw_only=True, hash=False)
 
     @property
     def differentiable(self) -> bool:
@@ -147,6 +147,8 @@ class Simulation(ABC):
 
     def rates(self, t: Times, x: States, u: Inputs) -> States:
         """Return g at many points."""
+        if not self.known:
+            return self._rates(t, x, u)
         rates, columns = np.array(self._rates(t, x, u)), self._columns(x, u)
         for k, term, value in self._known_in_rates:
             rates[..., k] += value * np.asarray(term.evaluate(columns))
@@ -154,6 +156,8 @@ class Simulation(ABC):
 
     def jacobian(self, t: Times, x: States, u: Inputs) -> Jacobians:
         """Return ∂g/∂x at points along paths, neighbours along the last axis of t."""
+        if not self.known:
+            return self._jacobian(t, x, u)
         slopes, columns = np.array(self._jacobian(t, x, u)), self._columns(x, u)
         for k, term, value in self._known_in_rates:
             slopes[..., k, :] += value * gradient(term.expr, self.states, columns)

@@ -228,10 +228,11 @@ def corrections(study: StudyResult) -> Section | None:
 def _maps(study: StudyResult, equation: str) -> list[Picture]:
     gap = study.maps[equation]
     over = f"Gap in {_rate(study, equation)} over {' and '.join(gap.variables)}"
-    parts = gap_parts(study, equation)
-    shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
     if len(gap.variables) == 1:
         shown = [picture(figures.gap_map(study, equation), f"{over}, before and after")]
+    else:
+        parts = gap_parts(study, equation)
+        shown = [picture(figures.gap_map(study, equation, (part,)), f"{over}, {part}") for part in parts]
     if equation not in study.traces:
         return shown
     event = f"P(|gap| > {fmt.quantity(gap.threshold, gap.unit)}) > {SURE_GAP:g}"

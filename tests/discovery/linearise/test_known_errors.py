@@ -6,6 +6,7 @@ import pytest
 import bayes_greybox as bg
 from bayes_greybox.discovery.linearise.near import Point
 from bayes_greybox.discovery.linearise.rates import RateRows
+from bayes_greybox.physics.terms import Term
 
 STEP, N = 0.05, 600
 
@@ -14,7 +15,7 @@ def motion(t):
     return np.sin(t) + 0.4 * np.sin(2.3 * t + 1), np.cos(t) + 0.92 * np.cos(2.3 * t + 1)
 
 
-def rows(late=0.0, bend=0.0, play=0.0, gain=1.0):
+def rows(late=0.0, bend=0.0, play=0.0, gain=1.0, simulation=None):
     rng, t = np.random.default_rng(3), STEP * np.arange(N)
     (x, v), shown = motion(t), motion(t - late * STEP)[0]
     for k in range(1, N) if play else ():
@@ -26,7 +27,7 @@ def rows(late=0.0, bend=0.0, play=0.0, gain=1.0):
         inputs={"F": force},
         derivatives={"v": force - 2 * x - 0.3 * v + 0.01 * rng.standard_normal(N)},
     )
-    model = bg.GreyBox(simulation={"x": "v", "v": "F - 2*x - 0.3*v"})
+    model = bg.GreyBox(simulation=simulation or {"x": "v", "v": "F - 2*x - 0.3*v"})
     return RateRows(model, data, "v", [])
 
 
@@ -48,15 +49,39 @@ def test_a_departure_is_weighed_with_a_drift_of_its_state():
     assert "drift of d(v)/dt" not in called
 
 
-@pytest.mark.parametrize("gain", [1.05, 3.6])
+@pytest.mark.parametrize("gain", [1.05, 3.6, 1 / 3.6, -1.0])
 def test_a_speed_in_other_units_is_weighed_with_its_exact_column(gain):
-    # 0.3 v too much at 1.05 is a damping of 0.3/1.05, and at 3.6 one of 0.3/3.6, which the simulation may have as well.
+    # The damping may as well be wrong: 0.3 of the speed, and 0.3 times the gain of what its sensor shows.
     source = rows(gain=gain)
     near = source.near(Point()).regressors
     (column,) = [c for c in near.columns if c.called == "gain of v"]
     assert column.suspect.expected == pytest.approx(gain - 1, rel=0.01)
     v = motion(source.train.time)[1]
     exact = -0.3 * v - -0.3 * gain * v
-    np.testing.assert_allclose(column.values, exact / np.sqrt(np.mean(exact**2)), atol=0.01)
-    # Times the size it is the whole error.
-    assert column.scale * (gain - 1) == pytest.approx(np.sqrt(np.mean(exact**2)), rel=0.01)
+    values = near.values[:, near.columns.index(column)]
+    np.testing.assert_allclose(values * column.scale * (gain - 1), exact, atol=0.01 * np.max(np.abs(exact)))
+
+
+@pytest.mark.parametrize("gain", [1.05, 3.6, -1.0])
+def test_beside_a_gain_columns_are_those_of_what_is_right(gain):
+    source = rows(gain=gain)
+    suspect = next(c.suspect for c in source.near(Point()).regressors.columns if c.called == "gain of v")
+    point = Point(added=((Term("v**3"), 0.0),), sensors={suspect: gain - 1})
+    rows_near, v = source.near(point), motion(source.train.time)[1]
+    np.testing.assert_allclose(rows_near.data.states["v"], v, atol=1e-9)
+    near = rows_near.regressors
+    at = {column.called: near.values[:, k] * column.scale for k, column in enumerate(near.columns)}
+    # x = (shown − o)/(1 + κ), at the right speed.
+    np.testing.assert_allclose(at["gain of v"], 0.3 * v / gain, atol=1e-6)
+    # The target has the whole error again.
+    shown = np.asarray(near.shown) * near.target_scale
+    np.testing.assert_allclose(shown, 0.3 * v / gain * (gain - 1), atol=1e-6)
+
+
+def test_one_of_two_errors_is_asked_for_only_where_both_have_a_column():
+    # x acts on nothing, so that its gain has no column: the speed's is not sure then.
+    source = rows(gain=1.05, simulation={"x": "v", "v": "F - 0.3*v"})
+    suspects = {c.called: c.suspect for c in source.near(Point()).regressors.columns if c.suspect}
+    assert "gain of x" not in suspects and not suspects["gain of v"].sure
+    both = {c.called: c.suspect for c in rows(gain=1.05).near(Point()).regressors.columns if c.suspect}
+    assert both["gain of x"].sure == both["gain of v"].sure == "gain of x and v"

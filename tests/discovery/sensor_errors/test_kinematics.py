@@ -137,13 +137,17 @@ def test_a_gain_or_an_offset_is_an_error_of_one_of_the_two(gain, offset, about):
     found = asked(disagreeing, rate=lambda v: gain * v + offset, **about)
     span = 40.0 * (about.get("runs", 1) - 1) + STEP * (N - 1)
     gains = {"gain of x": 1 / gain - 1, "gain of v": gain - 1} if gain != 1 else {}
-    # Beside a gain that is the position's, as far as an offset knows.
-    zeros = {"offset of v": offset / gain, "drift of x": -offset / gain * span} if offset else {}
+    zeros = {"offset of v": offset, "drift of x": -offset / gain * span} if offset else {}
     assert {*found} == {*gains, *zeros}
     for key, size in {**gains, **zeros}.items():
         assert found[key].expected == pytest.approx(size, rel=0.02) and found[key].sd >= abs(found[key].expected)
     assert {found[key].sure for key in gains} <= {"gain of x and v"}
     assert {found[key].sure for key in zeros} <= {"offset of x and v"}
+
+
+@pytest.mark.parametrize("stuck", [{"bend": lambda x: 0.0 * x}, {"rate": lambda v: 0.0 * v}])
+def test_one_that_does_not_move_with_the_other_has_no_gain(stuck):
+    assert asked(disagreeing, noise=0.01, shaken=0.01, **stuck) == {}
 
 
 @pytest.mark.parametrize(
