@@ -270,11 +270,21 @@ class Fit(Posterior, Written):
         start at draws of the fit, whose covariance is the metric. Under a spike-and-slab prior the likeliest pattern is
         fixed, and f keeps its orthogonal basis. Each path segment has its own start.
 
-        `starts` has the prior mean and standard deviation at the start of runs, by state, in user's units; by default
-        the start of the reference path, and ten times the state's size. `noise` has the prior median of each sensor's
-        noise and the standard deviation of its logarithm, by state, in user's units: each sensor then has its own
-        noise. By default one noise scales all sensors, in proportion to the path's residuals. The other arguments are
-        those of `GreyBox.fit`.
+        Args:
+            draws: Draws kept in each chain.
+            tune: Warm-up iterations of each chain.
+            chains: Number of chains, run in parallel threads.
+            seed: Seed of everything random in the run.
+            target_accept: Target acceptance probability of NUTS.
+            starts: Prior mean and standard deviation at the start of runs, by state, in user's units; by default the
+                start of the reference path, and ten times the state's size.
+            noise: Prior median of each sensor's noise and standard deviation of its logarithm, by state, in user's
+                units: each sensor then has its own noise. By default one noise scales all sensors, in proportion to the
+                path's residuals.
+            progress: If true, a progress bar is shown.
+            checkpoint: Folder that keeps the chains while they run, for `resume`; removed when they are complete.
+            resume: If true, continue the chains in that folder; draws equal those of an uninterrupted run.
+            checkpoint_every: Seconds between two checkpoints of a chain.
 
         Returns:
             A fit whose posterior has `e_start` [segment, state], and `e_sensor_sigma` if each sensor has its own noise.

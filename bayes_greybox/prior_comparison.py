@@ -84,9 +84,21 @@ def compare_priors(
 ) -> PriorComparison:
     """Fit a model under the four priors and any others, and compare them by cross-validation.
 
-    Each prior takes the place of the model's own, with the same training data. `priors` are further ones by name: one
-    named like one of the four ("SpikeAndSlab", "RegularisedHorseshoe", "Laplace", "Normal") replaces it, and None
-    leaves it out. The other arguments are those of `compare` and of `GreyBox.fit`.
+    Args:
+        model: The model; its own prior is replaced.
+        data: Training data, the same for all.
+        priors: Further priors by name. One named like one of the four ("SpikeAndSlab", "RegularisedHorseshoe",
+            "Laplace", "Normal") replaces it, and None leaves it out.
+        scheme: As for `compare`.
+        block: As for `compare`.
+        start: As for `compare`.
+        max_refits: As for `compare`.
+        draws: As for `GreyBox.fit`, as are the settings that follow.
+        tune: Warm-up iterations of each chain.
+        chains: Number of chains.
+        seed: Seed of each run.
+        target_accept: Target acceptance probability of NUTS.
+        progress: If true, each prior is named as its fit begins, and progress bars are shown.
 
     Raises:
         InputError: Something that is not a prior, fewer than two priors, or anything that `fit` or `compare` refuses.

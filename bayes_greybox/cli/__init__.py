@@ -328,7 +328,7 @@ def datasets() -> int:
 
 @contextmanager
 def _starting(progress: bool, text: str = "Starting") -> Iterator[None]:
-    """Show that a command starts, while its modules are imported."""
+    """Show what a command does, by default that it starts, while its modules are imported."""
     from bayes_greybox.running.stages import stage, stages
 
     with stages(progress), stage(text, said=False):

@@ -26,7 +26,8 @@ SHORT_SHARE = 0.75
 is then at most 15 % larger than at `MIN_ESS`."""
 
 NEGLIGIBLE_AMPLITUDE, QUANTILE = 0.1, 0.05
-"""Multiple of σ below which length scales of f follow their prior and are not judged; else their resolved quantile."""
+"""Multiple of σ below which length scales of f follow their prior and are not judged; quantile of the others that
+the basis must resolve."""
 
 UNSEEN_SQUARE, FINER_FACTOR, THINNED = 1.0, 4, 200
 """Mean square that finer features would add to f, over σ² and summed over the rows, below which the rows cannot show

@@ -16,7 +16,8 @@ from bayes_greybox.running.errors import InputError
 from .bands import Band
 
 PREDICTION_DRAWS, PREDICTED_AT_ONCE = 500, 4096
-"""Most posterior draws behind a prediction, beyond which bands change by less than their Monte Carlo error; block."""
+"""Most posterior draws behind a prediction, beyond which bands change by less than their Monte Carlo error; rows
+that are predicted at once."""
 
 PREDICTIVE_ROWS, PREDICTIVE_DRAWS = 2000, 1000
 """Most rows for which the posterior predictive group is stored, and most draws of it after thinning."""

@@ -128,6 +128,7 @@ def _free_run(study: StudyResult) -> Finding:
     if not summary.added(study).size and study.verdict in STOPS and study.verdict != "recalibrate":
         # Where nothing was added, only the sensors, or f of any shape, changed the model.
         change = "by sensors" if study.verdict == "instrument" else "by f"
+        # A free run may change by so much where nothing but the integrator differs.
         least = np.maximum(1e-3 * errors["before"], study.criteria.integrator)
         moved = np.abs(errors["after"] - errors["before"]) > least
         change = "nothing added" if set(idle) == set(errors.index) or not np.any(moved) else change

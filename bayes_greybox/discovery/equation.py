@@ -206,6 +206,7 @@ def _of_one_memory(
         # Of many values drawn around a mode none is common.
         share = dict(zip(map(int, columns), count / np.max(count), strict=True))
         of_path = {i for i, own in states.items() if all(hidden.get(state.name) == state for state in own)}
+        # The path's own values stay unless next to no draw has them.
         on_path = [i for i in states if share[i] >= 0.1 and i in of_path]
         chosen = on_path[0] if on_path else int(columns[np.argmax(count)])
         hidden |= {state.name: state for state in states[chosen]}

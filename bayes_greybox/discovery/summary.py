@@ -275,6 +275,7 @@ def by_common_factor(study: StudyResult, off: Sequence[Mapping[str, Any]]) -> It
         ratios = [row["mean"] / row["nominal"] for row in rows]
         mean = sum(ratios) / len(ratios)
         whole = count == len(rows_of(study.corrections, name)) > 1
+        # Within a tenth, relative changes are by one factor.
         if not whole or max(ratios) - min(ratios) > 0.1 * abs(mean):
             yield from rows
             continue

@@ -123,6 +123,7 @@ def with_rounding(measured: Float[np.ndarray, " n_obs"], relative: float) -> flo
 def with_steps(levels: Float[np.ndarray, " n_level"], n_obs: int, relative: float) -> float:
     """Return `with_rounding` of `n_obs` values from their different levels, in increasing order."""
     steps = np.diff(levels)
+    # Fewer steps are no lattice.
     if steps.size < 8 or steps.size == n_obs - 1:
         return relative
     multiples = steps / steps.min()

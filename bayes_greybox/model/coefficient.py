@@ -177,6 +177,7 @@ class CoefficientPriors:
         if shared is None:
             return Scales(self.sd, None, self.mean)
         index = np.array(self.shared, int)
+        # Log odds of a term that is in whatever the data say.
         odds, certainly = None, 1e3
         if shared.log_odds is not None:
             odds = jnp.full(self.mean.shape, certainly).at[index].set(shared.log_odds)

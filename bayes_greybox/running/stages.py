@@ -140,7 +140,7 @@ def stage(text: str, total: int | None = None, said: bool = True) -> Iterator[St
 
 
 def announce(text: str, answer: bool = False) -> None:
-    """Print a remark above the lines of the open display; one that is asked for no answers prints no `answer`."""
+    """Print a remark above the lines of the open display; one that was opened without answers prints no `answer`."""
     display = _DISPLAY.get()
     if display is not None and (display.answers or not answer):
         display.console.print(text, highlight=False, markup=False)

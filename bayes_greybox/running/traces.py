@@ -133,6 +133,7 @@ def _stored(file: Path, key: str) -> Any:
 
     try:
         content = file.read_bytes()
+        # A SHA-256 digest has 32 bytes.
         digest, trace = content[:32], content[32:]
         return export.deserialize(bytearray(trace)) if digest == _digest(key, trace) else None
     except Exception:  # noqa: BLE001 - a file that is damaged costs a trace, and nothing else

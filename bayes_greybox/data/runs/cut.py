@@ -34,7 +34,11 @@ class CutRuns(Runs):
         return self._restrict([(0, n if i == index else 0) for i, n in enumerate(self.run_lengths)])
 
     def leave_out(self: AnyRuns, runs: str | Sequence[str]) -> AnyRuns:
-        """Return the other runs, as in `run_names`; a run that there is not, and no other, are refused."""
+        """Return the other runs, as in `run_names`.
+
+        Raises:
+            InputError: There is no such run, or no other is left.
+        """
         names = [runs] if isinstance(runs, str) else [*runs]
         for name in names:
             if name not in self.run_names:
@@ -111,7 +115,10 @@ class CutRuns(Runs):
     def trim(self: AnyRuns, start: float | None = None, end: float | None = None) -> AnyRuns:
         """Keep the rows from one time to another, both included, of every run; a run that has none is left out.
 
-        None as a limit is the first or last time of each run. No limit, and no row within, are refused.
+        None as a limit is the first or last time of each run.
+
+        Raises:
+            InputError: There is no limit, or no row within.
         """
         if start is None and end is None:
             raise InputError("trim needs start, end or both, in the unit of the time.")

@@ -90,6 +90,7 @@ def answering(near: Near, verdict: Verdict) -> list[Hypothesis]:
         )
 
     kept = [h for h in near.weighed.hypotheses if answers(h)] or [without_sensors(near, verdict)]
+    # No draw in ten thousand is of the others.
     return [h for h in kept if h.log_weight > kept[0].log_weight + np.log(1e-4)]
 
 

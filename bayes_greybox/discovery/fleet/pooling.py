@@ -56,6 +56,7 @@ def pooled(mean: Sequence[float], sd: Sequence[float]) -> Pooled:
     if not (np.all(np.isfinite(b)) and np.all(s > 0) and np.all(np.isfinite(s))):
         raise InputError("Every asset needs a finite mean and a standard deviation above zero to be pooled.")
     scale = DIFFER * max(float(np.sqrt(np.mean(b**2))), float(np.min(s)))
+    # From far below the smallest s_i to far beyond the prior's scale.
     tau = np.concatenate([[0.0], np.geomspace(1e-4 * float(np.min(s)), 8.0 * scale, 800)])
     variance = s**2 + tau[:, None] ** 2
     precision = np.sum(1 / variance, axis=1)

@@ -69,6 +69,7 @@ class Shared:
     @property
     def differing(self) -> tuple[str, ...]:
         """Return nonlinear parameters that differ too much for the coefficients beside them to be of one kind."""
+        # Up to a quarter apart, coefficients beside them are of one kind.
         return tuple(name for name, (low, high) in self.inner.items() if high > 1.25 * low)
 
     @property

@@ -98,6 +98,7 @@ class ForcedPath(LatentForce):
             steps = self.steps._replace(b=np.zeros_like(self.steps.b)) if sensor else self.steps
             moved = _discretised(steps, self.fresh, scale)
             # Other threads take from it meanwhile.
+            # Transitions of more time scales than these are not kept.
             if len(self._moved) > 12:
                 self._moved.clear()
             self._moved[key] = moved

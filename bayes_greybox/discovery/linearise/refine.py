@@ -198,9 +198,10 @@ class _Search:
                 # At a peak the best of a cloud is nearer to its top than to the cloud's middle.
                 if cloud is not None and 2 * np.max(logs) - np.median(inside) < self._rival - KEPT_NATS:
                     break
-                # Values that were refined before are in no cloud yet: one around these, or this one, comes first.
+                # Values that were refined before are in no cloud yet: one around them comes first.
                 centre = known[int(np.argmax(tabled))] if behind else shares[int(np.argmax(posterior))]
                 if cloud is None and behind:
+                    # They may lie on a line, or be one: the cloud is at least a thousandth of the range wide.
                     away = known - centre
                     covariance = 1.5**2 * (away.T * _shares(tabled)) @ away + 1e-3**2 * unit
                 elif cloud is None:

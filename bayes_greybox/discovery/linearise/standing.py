@@ -23,7 +23,7 @@ from .refine import Ground, refined
 from .visits import MOST_OUTER_ITERATIONS, SMALL_TABLE, Visit, Weigher
 
 LIKELIER = 1.0
-"""Nats of log evidence that make a difference to a search, of which it decides no name."""
+"""Nats of log evidence below which a search gains nothing; it ends searches, and decides no name."""
 
 FOLLOWED_TOGETHER = 4
 """Number of effects that are followed before the next are compared with them, whatever the cores are."""

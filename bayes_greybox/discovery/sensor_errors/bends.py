@@ -59,6 +59,7 @@ class Curve:
         while self.shown(ends)[1] < np.max(reading[finite], initial=-np.inf):
             ends[1] += reach
         low, high = (np.full(len(reading), end) for end in ends)
+        # Halvings of the interval that holds the state, then Newton's steps for the last digits.
         for _ in range(30):
             middle = 0.5 * (low + high)
             above = self.shown(middle) > reading

@@ -104,7 +104,7 @@ def suspect_columns(data: Trajectories, equation: str, rate: Rate) -> ErrorColum
     apart = tuple(name for name in states if name not in same_sensor)
 
     def delay(channel: str, names: tuple[str, ...], early: bool = False) -> tuple[ChannelSuspect, np.ndarray]:
-        """Return a delay for which channels, and of a late rate the clock in G with them, are taken later, or earlier.
+        """Return a delay with its column: other channels are taken later or, if `early`, earlier with the clock of G.
 
         An input that leaps goes in straight lines, with a kink at each sample: beside a leap the column of a delay
         above zero is not that of one below. It is whichever explains more of what G lacks.

@@ -75,6 +75,7 @@ def triangular_factor(
     norms = np.linalg.norm(sample, axis=0)
     ridge = np.diag(1e-12 * np.where(norms > 0, norms, 1.0))
     R = np.linalg.qr(np.vstack([sample, ridge]), mode="r") * np.sqrt(n_row / len(sample))
+    # More than one pass only where the sample does not represent the rest.
     for _ in range(3):
         G = _preconditioned_gram(rows, n_row, chunk, R)
         # With unit diagonal, a column that the sample missed, huge after preconditioning, cannot drown the others.
@@ -82,6 +83,7 @@ def triangular_factor(
         G = G / np.outer(size, size)
         G[np.diag_indices_from(G)] += 10 * np.finfo(float).eps * len(G)
         R = (scipy.linalg.cholesky(G) * size) @ R
+        # So well conditioned, one pass over the rows is enough.
         if np.linalg.eigvalsh(G)[0] > 1e-4:
             break
     return R

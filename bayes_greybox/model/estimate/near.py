@@ -1,4 +1,7 @@
-"""Rows that are linear near a model only, taken anew near its estimate: the Gauss–Newton method."""
+"""Rows that are linear near a model only, taken anew near its estimate: the Gauss–Newton method.
+
+Tangents of named parameters are taken anew with them.
+"""
 
 import math
 from collections.abc import Callable
@@ -263,6 +266,7 @@ def _stepped(model: Model, before: dict[str, float], found: dict[str, float], ne
         try:
             return near(model.at({name: before[name] + share * (found[name] - before[name]) for name in found}))
         except (InputError, np.linalg.LinAlgError):
+            # Half a step, at most six times, to where formulas have values and parameters may be.
             share /= 2
             if share < 0.5**6:
                 raise

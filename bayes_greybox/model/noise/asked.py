@@ -126,6 +126,7 @@ def find_noise(
         residual = y - both @ ridge(R)[1]
         return _held_at_mode(noise, residual, plain, rows, quantities, prior, evidence)
 
+    # Residuals and noise in turn.
     for _ in range(4):
         before, model = model, found_under(model.noise)
         if _settled(before, model):
@@ -215,6 +216,7 @@ def _settled(before: NoiseModel, after: NoiseModel) -> bool:
     if before.names != after.names:
         return False
     pairs = [(before.about[name][key], b) for name in after.names for key, b in after.about[name].items()]
+    # Every parameter to 2 %.
     return all(abs(a - b) <= 0.02 * max(abs(a), abs(b)) for a, b in pairs if isinstance(b, float))
 
 

@@ -1,6 +1,7 @@
 """Rows of measured or filtered rates: the rate at a time stamp is g + Φθ + f there, or the filter's mean around it.
 
-An output takes the place of a rate: its equation is the same, without a derivative in it.
+An output takes the place of a rate: its equation is the same, without a derivative in it. Hidden states with a known
+start follow from the columns.
 """
 
 import math

@@ -33,7 +33,8 @@ Share = Annotated[NotNegative, Lt(1)]
 """Share of a variance; all of it would leave no covariance."""
 
 FIRST_WHITE_SHARES = (0.5, 0.2, 0.05, 0.01)
-"""White shares of the first outer iterations: the frozen model may be far off, and some sums of rows exact under it."""
+"""White shares of the first outer iterations: the frozen model may be far off, and some sums of rows
+are exact under it alone."""
 
 
 @dataclass(frozen=True)

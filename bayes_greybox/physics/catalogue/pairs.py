@@ -21,6 +21,7 @@ def pairs_in_data(simulation: Simulation, data: Trajectories) -> dict[str, str]:
     for state in data.state_names:
         rates = [simulation.on(data, state), *([data.derivatives[state]] if state in data.derivatives else [])]
         others = [name for name in data.state_names if name != state]
+        # Columns that differ by rounding are one.
         exact = [name for name in others if any(_apart(data.states[name], rate) < 1e-9 for rate in rates)]
         distance = {name: _from_slope(data, state, name, within) for name in others}
         near = [name for name in sorted(others, key=lambda name: distance[name]) if distance[name] < SAME_SLOPE]

@@ -119,6 +119,7 @@ def forces(
     size = np.maximum(np.sqrt(np.mean(values**2, axis=(0, 1))), least)
     departure = np.abs(in_steps[:, :, 0] - 2 * in_steps[:, :, 1] + in_steps[:, :, 2])
     rough = np.any(departure > ROUGH * size, axis=-1)
+    # Points within a step at first, and again where these show something else.
     for n_point in (8, 64):
         if not np.any(rough):
             break

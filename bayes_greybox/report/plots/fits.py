@@ -51,10 +51,16 @@ def fit_figures(fit: Posterior) -> dict[str, Figure]:
 
 
 def coefficients(fit: Posterior, truth: Mapping | None = None, level: float = 0.9, least: float = 0.0) -> Figure:
-    """Draw the coefficients with their intervals of probability `level`, and true values, {equation: {term: value}}.
+    """Draw the coefficients with their probabilities, beside the true values if they are known.
+
+    Args:
+        fit: Fit.
+        truth: True coefficients, {equation: {term: value}}.
+        level: Probability of the intervals.
+        least: Terms that are less probable are not drawn.
 
     Raises:
-        InputError: No term is as probable as `least`.
+        InputError: No term is as probable as that.
     """
     table: Any = inclusion(fit, level)
     return plot_coefficients(table[table[probability_column(table)] >= least], truth=truth)
@@ -77,7 +83,13 @@ def predicted(fit: Posterior, equation: str | None = None, level: float = 0.9) -
 
 
 def simulated(run: FreeRun, state: str, width: float = 9.0) -> Figure:
-    """Draw a state as measured and as the fitted model runs it from its start alone, by `fit.simulate(data)`."""
+    """Draw a state as measured and as the fitted model runs it from its start alone.
+
+    Args:
+        run: Result of `fit.simulate(data)`.
+        state: Name of the state.
+        width: Width of the figure in inches.
+    """
     data = run.data
     return plot_free_run(
         data.time, data.states[state], None, band_rows(run.states[state]),

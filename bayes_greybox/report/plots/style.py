@@ -157,9 +157,14 @@ def with_unit(label: str, unit: str | None) -> str:
 
 
 def save_figures(figures: Mapping[str, Figure], folder: str | os.PathLike[str]) -> dict[str, Path]:
-    """Write each figure as `folder/name.png`, beside its final name first and then renamed, and return their paths.
+    """Write each figure as `folder/name.png`, beside its final name first and then renamed.
 
-    A name is a file name without its ending; the folder is made where it is missing.
+    Args:
+        figures: figures by name; a name is a file name without its ending.
+        folder: where to; made where it is missing.
+
+    Returns:
+        The path of each figure.
 
     Raises:
         InputError: a name is not a plain file name, or the folder cannot be written to.

@@ -110,5 +110,6 @@ def steps_needed(rate: ForcedRate, samples: Trajectories, path: np.ndarray, s: n
     phase = float(np.max(turning**5 * remembered))
     longest = (120 * lost / phase) ** 0.25 if phase > 0 else math.inf
     if fastest > 0:
+        # A tenth of the fastest time scale of the equations along the path.
         longest = min(0.1 / fastest, longest)
     return int(np.clip(math.ceil(step / longest), 1, 50))

@@ -43,10 +43,19 @@ def plot_gap_over_time(
 ) -> Figure:
     """Draw the gap along the record before and after, with the times at which it surely exceeds the threshold.
 
-    `before` and `after` are mean, lower and upper end of the gap, in `unit`, that the simulation and the extended model
-    leave; from the threshold on a gap counts as one, and `probability` is that it does so before. `run` numbers the run
-    of each row from 0, all one by default; at most six are drawn, on axes of their own. `width` is the figure's in
-    inches.
+    Args:
+        time: time of each row, in `time_unit`.
+        before: mean, lower and upper end of the gap that the simulation leaves, in `unit`.
+        after: the same of the extended model.
+        equation: name of the state whose derivative the equation gives.
+        threshold: size from which on a gap counts as one, in `unit`.
+        probability: probability that `|gap|` exceeds the threshold, before.
+        run: run of each row; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        time_unit: unit of time.
+        unit: unit of the gap.
+        width: width of the figure in inches.
+        axes: axes to draw into, one a drawn run.
     """
     rows, note = rows_of_runs(len(time), run)
     panels = _panels(rows, width, axes)
@@ -95,10 +104,20 @@ def plot_free_run(
     a run that leaves it was far off. The end of a single long run, where errors have had most time to grow, is shown
     again close up.
 
-    `before` and `after` are mean, lower and upper end of the free run, in `unit`, NaN from where it failed; without
-    `before` there is one model. For the legend, `holds` are the sources of uncertainty in the band after, and `seen_as`
-    names the curve that runs are compared with. `run` numbers the run of each row from 0, all one by default; at most
-    six are drawn, on axes of their own. `width` is that of the figure in inches.
+    Args:
+        time: time of each row, in `time_unit`.
+        measured: the measured state, in `unit`.
+        before: mean, lower and upper end of the free run before; NaN from where it failed. None: there is one model.
+        after: the same of the extended model.
+        state: name of the state.
+        holds: sources of uncertainty in the band after, for the legend.
+        seen_as: name of the curve that the runs are compared with, for the legend.
+        run: run of each row; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        time_unit: unit of time.
+        unit: unit of the state.
+        width: width of the figure in inches.
+        axes: axes to draw into, one a drawn run.
     """
     rows, note = rows_of_runs(len(time), run)
     closer = axes is None and len(rows) == 1 and len(rows[0]) > _LONG_RUN

@@ -37,11 +37,19 @@ def plot_gap_map(
 ) -> Figure:
     """Draw the posterior mean of the gap over two variables, outlined where it surely exceeds the threshold.
 
-    `grid` are positions along both variables; `maps`, by titles such as "before" and "after", the posterior mean of the
-    gap, in `unit`, and the probability that `|gap|` exceeds the threshold, from which on a gap counts as one. Colours
-    reach to `limit`, by default the largest `|gap|`. Where there are no data, not `inside`, a map is hatched and pale.
-    Positions of data rows, `samples`, are marked. `colours` are those of titles and frames, one a map, as curves of the
-    same models have them elsewhere.
+    Args:
+        grid: positions along the first and the second variable.
+        maps: by title, such as "before" and "after": posterior mean of the gap, in `unit`, and the probability that
+            `|gap|` exceeds the threshold.
+        variables: names of the two variables.
+        units: their units.
+        threshold: size from which on a gap counts as one, in `unit`.
+        unit: unit of the gap.
+        limit: end of the colour range; the largest `|gap|` of all maps by default.
+        inside: where there are data; elsewhere a map is hatched and pale.
+        samples: positions of the data rows, to mark.
+        colours: colours of titles and frames, one a map, as curves of the same models have them elsewhere.
+        axes: axes to draw into, one a map.
     """
     panels = style.panels_of(axes, len(maps), "one a map", (5.4 * len(maps), 4.5), nrows=1, ncols=len(maps))
     seen = _seen(inside, (len(grid[0]), len(grid[1])))
@@ -87,9 +95,20 @@ def plot_gap_curve(
 ) -> Figure:
     """Draw the posterior mean of the gap over one variable, before and after; thick where it is surely there.
 
-    The gap, in `unit`, is that of the simulation, and that of the extended model; the probabilities are that
-    `|gap|` exceeds the threshold, which is drawn as a pair of lines. Where there are no data, not `inside`, curves are
-    dotted. Positions of data rows, `samples`, are marked.
+    Args:
+        grid: positions along the variable.
+        before: posterior mean of the gap that the simulation leaves, in `unit`.
+        after: the same of the extended model.
+        probability: probability that `|gap|` exceeds the threshold, before.
+        after_probability: the same after.
+        variable: name of the variable.
+        variable_unit: its unit.
+        title: title of the curves.
+        threshold: size from which on a gap counts as one, in `unit`: drawn as a pair of reference lines.
+        unit: unit of the gap.
+        inside: where there are data; elsewhere the curves are dotted.
+        samples: positions of the data rows, to mark.
+        axes: one axes to draw into.
     """
     (ax,) = style.panels_of(axes, 1, "the curves", (6.6, 3.9))
     ax.axhline(0.0, color=style.GREY, linewidth=0.8, zorder=0)

@@ -29,9 +29,14 @@ def plot_hypotheses(
 ) -> Figure:
     """Draw the probability of each hypothesis, and the share of the gap that it leaves open.
 
-    Names are best first; probabilities sum to one over all hypotheses; `share_left` is the share of the gap that f has
-    to carry under each. Those `chosen`, on which the study settled, are drawn dark, and those `tied` with one of these,
-    which these data do not tell apart, pale and marked.
+    Args:
+        names: the hypotheses, best first.
+        probability: probability of each; they sum to one over all hypotheses.
+        share_left: share of the gap that f has to carry under each.
+        chosen: names that the study settled on: drawn dark.
+        tied: names that these data do not tell from a chosen one: drawn pale and marked.
+        title: title of the bars.
+        axes: one axes to draw into.
     """
     colours = [style.BLUE if name in chosen else style.SKY if name in tied else style.LIGHT for name in names]
     labels = [f"{name}  (tied)" if name in tied else name for name in names]
@@ -50,7 +55,14 @@ def plot_rounds(
     title: str = "Likeliest sets of each size",
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the share of the gap that the likeliest set with no effect, with one, with two leaves, in this order."""
+    """Draw the share of the gap that the likeliest set with no effect, with one, with two leaves.
+
+    Args:
+        labels: names of the sets, in order.
+        share_left: share of the gap that it leaves.
+        title: title of the bars.
+        axes: one axes to draw into.
+    """
     columns = {"left by columns": [share_text(value) for value in share_left]}
     return _bars(labels, share_left, [style.BLUE] * len(labels), columns, title, "share of the gap left", axes)
 
@@ -106,9 +118,17 @@ def plot_responses(
 ) -> Figure:
     """Draw bands of one sensor under each explanation, and their difference from the likeliest one's median.
 
-    Bands are lower end, median and upper end for each explanation, without noise, in the `unit` of the `channel`.
-    Explanations are likeliest first, and the first four are drawn. `noise` is the standard deviation of the sensor,
-    `width` that of the figure in inches; `axes` are those of the response, and of the difference.
+    Args:
+        time: times of the rows, in `time_unit`.
+        bands: lower end, median and upper end for each explanation, without noise, in `unit`.
+        names: explanations, likeliest first; the first four are drawn.
+        probability: probability of each.
+        noise: standard deviation of the sensor.
+        channel: measured quantity.
+        unit: unit of the channel.
+        time_unit: unit of time.
+        width: width of the figure in inches.
+        axes: two axes to draw into: the response, and the difference.
     """
     order = "the response, then the difference"
     above, below = style.panels_of(axes, 2, order, (width, 5.4), sharex=True, height_ratios=[1.2, 1.0])
@@ -135,9 +155,17 @@ def plot_responses(
 
 @dataclass(frozen=True)
 class Coefficient:
-    """A coefficient to draw, in `unit`, with the heading of its panel and the ends of its credible interval.
+    """A coefficient to draw.
 
-    Without posterior draws the interval alone is drawn.
+    Attributes:
+        name: Heading of the panel.
+        term: The term it multiplies.
+        mean: Posterior mean, in `unit`.
+        sd: Posterior standard deviation, in `unit`.
+        lower: Lower end of the credible interval.
+        upper: Upper end of it.
+        unit: Unit.
+        draws: Posterior draws; None where there are none, and only the interval is drawn.
     """
 
     name: str
@@ -156,7 +184,10 @@ def plot_posteriors(
 ) -> Figure:
     """Draw a histogram of the draws of each coefficient, with its mean and interval, one panel each.
 
-    Intervals hold the probability `level`.
+    Args:
+        coefficients: Coefficients to draw.
+        level: Probability that the intervals hold.
+        axes: Axes to draw into, one a coefficient.
 
     Raises:
         InputError: There are no coefficients.

@@ -37,11 +37,23 @@ def plot_discrepancy_over_time(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the posterior of the discrepancy f along time, against the noise standard deviation `sigma`.
+    """Draw the posterior of the discrepancy f along time, against the noise standard deviation.
 
-    f is in `unit`: its mean, and the ends of the credible interval of probability `level`. `run` numbers the run of
-    each row from 0, all one by default; at most six are drawn, on axes of their own. A long record is thinned for
-    drawing to the extremes of neighbouring rows, so peaks stay. `equation` is the state whose derivative it gives.
+    A long record is thinned for drawing to the extremes of neighbouring rows, so peaks stay.
+
+    Args:
+        time: time of each row, in `time_unit`.
+        mean: posterior mean of f at each row, in `unit`.
+        lower: lower end of the credible interval.
+        upper: upper end of the credible interval.
+        equation: name of the state whose derivative the equation gives.
+        run: run of each row, 0..n_run-1; all one run by default. At most six runs are drawn.
+        run_names: name of each run.
+        sigma: noise standard deviation, in `unit`: drawn as a pair of reference lines.
+        level: probability that the credible interval holds.
+        time_unit: unit of time.
+        unit: unit of f.
+        axes: axes to draw into, one a drawn run.
     """
     rows, note = rows_of_runs(len(time), run)
     values = np.stack([mean, lower, upper])
@@ -133,12 +145,25 @@ def plot_predicted(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw predicted and measured derivative of the state `equation` along time, and predicted against measured.
+    """Draw predicted and measured derivative along time, and beside it predicted against measured.
 
-    All are in `unit`: what was measured, the posterior predictive mean, and the ends of the interval of probability
-    `level`. `label` names another predicted quantity, such as an output. The scatter holds every row; along time at
-    most six runs are drawn, thinned to the extremes of neighbouring rows where they are long. `run` numbers the run of
-    each row from 0, all one by default; `axes` are one a drawn run, then the scatter.
+    The scatter holds every row; along time at most six runs are drawn, thinned to the extremes of
+    neighbouring rows where they are long.
+
+    Args:
+        time: time of each row, in `time_unit`.
+        measured: measured derivative, in `unit`.
+        mean: posterior predictive mean, in `unit`.
+        lower: lower end of the predictive interval.
+        upper: upper end of the predictive interval.
+        equation: name of the state whose derivative is predicted.
+        label: name of another predicted quantity, such as an output.
+        level: probability that the interval holds.
+        run: run of each row, 0..n_run-1; all one run by default.
+        run_names: name of each run.
+        time_unit: unit of time.
+        unit: unit of the derivative.
+        axes: axes to draw into: one a drawn run, then the scatter.
     """
     rows, note = rows_of_runs(len(time), run)
     values = np.stack([mean, lower, upper])

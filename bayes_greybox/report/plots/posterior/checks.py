@@ -27,10 +27,16 @@ def plot_predictive(
     unit: str | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw distribution functions of the measured derivative, and of data sets drawn from prior and posterior.
+    """Draw distribution functions of the measured derivative, and of data drawn from prior and posterior.
 
-    All are in `unit`, of the state `equation` unless `label` names another quantity, such as an output. `axes` are
-    those of prior and posterior.
+    Args:
+        measured: measured derivative, in `unit`.
+        posterior: posterior predictive data sets.
+        prior: prior predictive data sets.
+        equation: name of the state whose derivative is drawn.
+        label: name of another drawn quantity, such as an output.
+        unit: unit of the derivative.
+        axes: axes to draw into: prior, posterior.
     """
     panels = style.panels_of(axes, 2, "prior, posterior", (9.0, 3.6), nrows=1, ncols=2)
     steps = (np.arange(len(measured)) + 0.5) / len(measured)
@@ -58,11 +64,17 @@ def plot_loo_pit(
     p: float | np.floating,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the distribution function of the LOO-PIT values of one equation less the uniform one, with its band.
+    """Draw the distribution function of the LOO-PIT values less the uniform one, with its band.
 
     A curve that rises on the left and falls on the right comes from predictions that are too narrow, the opposite from
-    predictions that are too wide. `band` is the half-width of the band that holds the whole curve in 99 % of
-    well-specified data sets, `p` the p-value of uniformity.
+    predictions that are too wide.
+
+    Args:
+        value: LOO-PIT values.
+        equation: name of the state whose derivative is predicted.
+        band: half-width of the band that holds the whole curve in 99 % of well-specified data sets.
+        p: p-value of uniformity.
+        axes: axes to draw into, one.
     """
     (ax,) = style.panels_of(axes, 1, "the curve", (5.6, 3.4))
     # The distribution function jumps at each value, and less uniform it falls between them.
@@ -89,10 +101,17 @@ def plot_autocorrelation(
     by_frequency: bool = False,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the autocorrelation of the whitened residuals of one equation with the bound that white noise keeps.
+    """Draw the autocorrelation of the whitened residuals with the bound that white noise keeps.
 
-    It is the mean over posterior draws at each lag, a step of frequency if `by_frequency`; the lags `standing_out` are
-    marked, and `p` is the p-value of whiteness.
+    Args:
+        lag: lags.
+        autocorrelation: at each lag, mean over posterior draws.
+        bound: bound of each.
+        equation: name of the state whose derivative is modelled.
+        p: p-value of whiteness.
+        standing_out: lags to mark.
+        by_frequency: if true, the lags are steps of frequency.
+        axes: axes to draw into, one.
     """
     (ax,) = style.panels_of(axes, 1, "the bars", (5.6, 3.4))
     ax.fill_between(lag, -bound, bound, color=style.LIGHT, alpha=0.6, linewidth=0, label="white noise, all lags 99 %")
@@ -117,10 +136,13 @@ def plot_sensitivity(
     labels: Mapping[str, str] | None = None,
     axes: Sequence[Axes] | np.ndarray | None = None,
 ) -> Figure:
-    """Draw the sensitivity of each quantity to prior and likelihood, which is worth a look above the threshold.
+    """Draw the sensitivity of each quantity to prior and likelihood, against the threshold.
 
-    The table is indexed by (equation, quantity), with columns prior and likelihood. `labels` are left-hand sides of
-    equations, by default the derivative of a state.
+    Args:
+        table: indexed by (equation, quantity), with columns prior and likelihood.
+        threshold: sensitivities above it are worth a look.
+        labels: left-hand side of each equation; by default the derivative of a state.
+        axes: axes to draw into, one.
     """
     (ax,) = style.panels_of(axes, 1, "the dots", (6.4, 1.4 + 0.26 * len(table)))
     equations, labels = table.index.unique(0), labels or {}
@@ -152,9 +174,13 @@ def plot_calibration(
 
     A curve that leaves the band, drawn in orange where its test failed, says that the posterior is wrong: an arch above
     zero that the draws are too large, one below that they are too small, an S that they are too wide or too narrow.
-    `differences` are the ECDF of the ranks less that of uniform values, one column a quantity, by place, between
-    the ends of their simultaneous band; `tests` have adjusted p and passed by quantity; `reliability` low, high, count,
-    predicted and observed share of included terms, lower and upper, by equation.
+
+    Args:
+        differences: ECDF of the ranks less that of uniform values, one column a quantity, indexed by where.
+        lower: Least difference inside the simultaneous band.
+        upper: Largest.
+        tests: By quantity: adjusted p and passed.
+        reliability: By equation: low, high, count, predicted and observed share of included terms, lower and upper.
 
     Raises:
         InputError: Nothing to draw, or a column is missing.

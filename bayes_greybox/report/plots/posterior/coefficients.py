@@ -31,11 +31,16 @@ def plot_coefficients(
     `inclusion` where the table has it, and otherwise `outside_rope` under its own name; without either column there
     are no bars.
 
-    The table is indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
-    outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text). True
-    coefficients are `{(equation, term): value}` or `{equation: {term: value}}`, and so are units, which go before the
-    table's own. The scale `auto` is linear unless the clear coefficients span orders of magnitude. `axes` are, per
-    equation, those of the coefficients, whatever their units, and, where there are probabilities, of the bars.
+    Args:
+        table: indexed (equation, term) with columns mean, sd, lower, upper and, where known, inclusion or
+            outside_rope (probabilities), given (true where the coefficient was given), unit (text) and latex (text).
+        equation: draw this equation only.
+        truth: true coefficients, `{(equation, term): value}` or `{equation: {term: value}}`; terms without
+            one get no marker.
+        units: units of the coefficients, keyed as `truth`; they go before the table's own column.
+        scale: axis of the coefficients; `auto` is linear unless the clear ones span orders of magnitude.
+        axes: axes to draw into, in reading order: per equation the coefficients, whatever their units, and, where
+            there are probabilities, the bars.
 
     Raises:
         InputError: a column is missing, the table is empty, or it does not hold the equation.

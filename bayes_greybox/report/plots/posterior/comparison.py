@@ -22,8 +22,10 @@ def plot_comparison(table: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | 
 
     Models whose worst Pareto k is above the table's threshold are marked, because their elpd may be off.
 
-    The table is indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and worst_k;
-    what `compare` puts into its `attrs` ("folds", "threshold") is shown. `axes` are those of elpd and difference.
+    Args:
+        table: indexed by model name, best first, with columns elpd, se, elpd_diff (≤ 0), diff_se, weight and
+            worst_k; what `compare` puts into its `attrs` ("folds", "threshold") is shown.
+        axes: axes to draw into: elpd, difference.
 
     Raises:
         InputError: a column is missing or the table is empty.
@@ -76,8 +78,10 @@ def _draw_intervals(ax: Axes, value: np.ndarray, half: np.ndarray, suspect: np.n
 def plot_confounding(terms: pd.DataFrame, *, axes: Sequence[Axes] | np.ndarray | None = None) -> Figure:
     """Draw errors of posterior means with mean posterior SDs, and coverage of the 90 % intervals.
 
-    `terms` are indexed by (situation, kernel, measure, term), with columns bias, sd, projection, coverage and
-    coverage_projection. `axes` are those of bias and coverage for each situation in turn.
+    Args:
+        terms: indexed by (situation, kernel, measure, term), with columns bias, sd, projection, coverage and
+            coverage_projection.
+        axes: axes to draw into: bias and coverage for each situation in turn.
     """
     situations = terms.index.unique("situation")
     parts = [terms.xs(name, level="situation") for name in situations]

@@ -35,8 +35,14 @@ def plot_discrepancy_over_states(
     """Draw the posterior of f over one variable (curve with band) or two (maps of mean and sd).
 
     Where the grid lies outside the data's support, f is extrapolated: a curve is dashed and pale there, a map
-    is hatched and pale, and the colour range ignores it. Rows of `data`, by default the grid's own, are marked. Colours
-    reach to the standard deviation of the `noise`, in the unit of f, at least: what is small beside it is pale.
+    is hatched and pale, and the colour range ignores it.
+
+    Args:
+        grid: the posterior of f on the grid.
+        data: positions of the data rows to mark, one column a variable; the grid's own points by default.
+        noise: noise standard deviation, in the unit of f: colours of maps reach to it at least, so that what is small
+            beside the noise is pale.
+        axes: axes to draw into: one for one variable; mean and sd for two.
 
     Raises:
         InputError: the grid spans neither one variable nor two.

@@ -28,10 +28,17 @@ def plot_tradeoff(
 ) -> Figure:
     """Draw posterior pairs of a coefficient θ and of the amount of its term that the discrepancy f imitates.
 
-    Both axes have the same `unit` and the same width. A discrepancy that steals from the term shows as a cloud
-    along the line θ + f = constant; one that is orthogonal to it as a flat line at zero. `projection` are the same
-    draws of the coefficient f amounts to along the term, `correlation` is that of both, NaN where one does not vary.
-    `axes` are those of the pairs, of the distribution of θ (above), and of that of f (right).
+    Both axes have the same unit and the same width. A discrepancy that steals from the term shows as a cloud
+    along the line θ + f = constant; one that is orthogonal to it as a flat line at zero.
+
+    Args:
+        theta: draws of the coefficient, in `unit`.
+        projection: the same draws of the coefficient f amounts to along the term, in `unit`.
+        term: name of the term.
+        equation: name of the state whose derivative the equation gives.
+        correlation: posterior correlation of the two, to print; NaN where one of them does not vary.
+        unit: unit of the coefficient.
+        axes: axes to draw into: the pairs, the distribution of θ (above), that of f (right).
     """
     if axes is None:
         figure = style.new_figure(5.8, 5.8)
