@@ -24,7 +24,7 @@ TRIED_SHARES = (1.0, 0.5, 0.25, 0.1, 0.0)
 
 
 class Observed(NamedTuple):
-    """Samples at the ends of steps, NaN where there is none; noise variances over σ²; mean and SD of the first state."""
+    """Samples at the ends of steps, NaN where there is none; noise variances over σ²; mean, SD of the first state."""
 
     values: Float[Any, "n_segment n_end n_output"]
     variances: Float[Any, " n_output"]
