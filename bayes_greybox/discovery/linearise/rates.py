@@ -76,18 +76,16 @@ class RateRows(Source):
         # Hidden states follow the inputs as these were.
         whole = model.rows.complete(whole, self.equation, model.simulator(whole))
         data = whole.keep(used)
-        added = (*point.added, *self.model.named.slopes(self.equation, point.parameters))
+        slopes = self.model.named.slopes(self.equation, point.parameters)
+        added = (*point.added, *slopes)
         effects = [effect for effect in self.effects if point.weighs(effect.label)]
         regressors = regressors_of(model, data, self.equation, effects, point.values, whole=whole, kept=used)
         # Errors of sensors act on what the user's own terms do, too, before any hypothesis is at hand.
         own = () if point.added else regressors.own_terms()
         rate = modelled_rate(model, whole, self.equation, (*added, *own))
+        bare = modelled_rate(model, whole, self.equation, slopes)
         columns, known = [], {error.key for error in self.known}
-
-        def driven(at: Trajectories) -> np.ndarray:
-            """Return the rate with hidden states that follow the columns."""
-            return rate(model.rows.complete(at, self.equation, model.simulator(at)) if model.starts else at)
-
+        driven, bare = _driven(rate, model, self.equation), _driven(bare, model, self.equation)
         noisy = {error: x for error, x in self._better.items() if point.weighs(error.key)}
         better = channels.with_columns(self._measured, {error.channel: x for error, x in noisy.items()})
         noise = noise_columns(whole, undone(better), noisy, driven)
@@ -96,11 +94,12 @@ class RateRows(Source):
         drifting += [error for error in self._sure.values() if error.kind == channels.DRIFT]
         for error, column in (*_drifts(whole, drifting, driven), *others, *noise):
             error = self._sure.get(error.key, error)
-            if error.channel in gains and error.kind in (channels.GAIN, channels.OFFSET, channels.DRIFT):
+            if error.expected and error.kind == channels.GAIN:
+                # A large one with the shape of an effect in it would stand for the effect.
+                column = _gain_column(whole, bare, error, gains.get(error.channel))
+            elif error.channel in gains and error.kind in (channels.OFFSET, channels.DRIFT):
                 # Per unit of what the sensor shows, x = (measured − o)/(1 + κ).
                 column = column / gains[error.channel]
-            elif error.expected and error.kind == channels.GAIN:
-                column = _secant(whole, driven, error)
             if error.kind == channels.DELAY:
                 # Samples of states and of their rates set a limit to a delay.
                 error = replace(error, sd=min(error.sd, self._in_step.get(error.channel, np.inf)))
@@ -195,10 +194,20 @@ def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) ->
     return [(each, -channels.slope_along(data, rate, each.channel, along)) for each in errors]
 
 
-def _secant(data: Trajectories, rate: Rate, error: ChannelSuspect) -> np.ndarray:
-    """Return the change of the rate per unit of a gain, between none and the expected one: units may be mistaken."""
-    right = data.column(error.channel) / (1.0 + error.expected)
+def _gain_column(data: Trajectories, rate: Rate, error: ChannelSuspect, gain: float | None) -> np.ndarray:
+    """Return the change of the measured rate per unit of a gain: at data that are free of it, or all the way there."""
+    values = data.column(error.channel)
+    if gain is not None:
+        return -channels.slope_along(data, rate, error.channel, values) / gain
+    right = values / (1.0 + error.expected)
     return (rate(channels.with_columns(data, {error.channel: right})) - rate(data)) / error.expected
+
+
+def _driven(rate: Rate, model: Program, equation: str) -> Rate:
+    """Return a rate whose hidden states follow the columns that it is asked at."""
+    if not model.starts:
+        return rate
+    return lambda data: rate(model.rows.complete(data, equation, model.simulator(data)))
 
 
 def _gap(regressors: Regressors, floor: float) -> float:
