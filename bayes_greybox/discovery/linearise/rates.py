@@ -1,6 +1,7 @@
 """Rows of measured rates, or of an output: delays are undone in the data, all else is linear."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -59,6 +60,7 @@ class RateRows(Source):
 
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
+        point = replace(point, sensors=self._as_pairs_say(point.sensors))
         delays = channels.delays_of(point.sensors)
         gains = {
             error.channel: 1.0 + size
@@ -135,6 +137,14 @@ class RateRows(Source):
             self.train.n_obs, floor, math.log(scale),
         )  # fmt: skip
 
+    def _as_pairs_say(self, sizes: Sizes) -> Sizes:
+        """Return sizes of errors; of a gain that is there alone of two the size of the samples, which rates know less."""
+        sure = {
+            error: self._sure[error.key] for error in sizes if error.kind == channels.GAIN and error.key in self._sure
+        }
+        count = Counter(each.sure for each in sure.values() if each.sure)
+        return {**sizes, **{error: each.expected for error, each in sure.items() if count[each.sure] == 1}}
+
     def _decide(self, regressors: Regressors) -> None:
         """Ask for one of two errors only where both have a column, which the first rows tell for all others."""
         if not self._decided:
@@ -163,7 +173,7 @@ class RateRows(Source):
         self, data: Trajectories, point: Point, sensors: Sizes, clock: Trajectories, hidden: Sequence[HiddenState] = ()
     ) -> Trajectories:
         """See `Source.put_right`."""
-        delays = channels.delays_of(point.sensors)
+        delays, sensors = channels.delays_of(point.sensors), self._as_pairs_say(sensors)
         out: tuple[np.ndarray, ...] = ()
         if self.equation in data.derivatives:
             data, slips = _mended(data, self.equation, self._bare) if self.misread else (data, {})

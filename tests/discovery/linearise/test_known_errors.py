@@ -66,16 +66,17 @@ def test_a_speed_in_other_units_is_weighed_with_its_exact_column(gain):
 def test_beside_a_gain_columns_are_those_of_what_is_right(gain):
     source = rows(gain=gain)
     suspect = next(c.suspect for c in source.near(Point()).regressors.columns if c.called == "gain of v")
-    point = Point(added=((Term("v**3"), 0.0),), sensors={suspect: gain - 1})
+    point = Point(added=((Term("v**3"), 0.0),), sensors={suspect: 0.9 * (gain - 1)})
     rows_near, v = source.near(point), motion(source.train.time)[1]
-    np.testing.assert_allclose(rows_near.data.states["v"], v, atol=1e-9)
+    # Its size is that of the samples, whatever the rates say of it.
+    np.testing.assert_allclose(rows_near.data.states["v"], v, rtol=1e-3)
     near = rows_near.regressors
     at = {column.called: near.values[:, k] * column.scale for k, column in enumerate(near.columns)}
     # x = (shown − o)/(1 + κ), at the right speed.
-    np.testing.assert_allclose(at["gain of v"], 0.3 * v / gain, atol=1e-6)
+    np.testing.assert_allclose(at["gain of v"], 0.3 * v / gain, rtol=2e-3)
     # The target has the whole error again.
     shown = np.asarray(near.shown) * near.target_scale
-    np.testing.assert_allclose(shown, 0.3 * v / gain * (gain - 1), atol=1e-6)
+    np.testing.assert_allclose(shown, 0.3 * v / gain * (gain - 1), rtol=5e-3)
 
 
 def test_one_of_two_errors_is_asked_for_only_where_both_have_a_column():
