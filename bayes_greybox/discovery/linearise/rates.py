@@ -138,7 +138,7 @@ class RateRows(Source):
         )  # fmt: skip
 
     def _as_pairs_say(self, sizes: Sizes) -> Sizes:
-        """Return sizes of errors; of a gain that is there alone of two the size of the samples, which rates know less."""
+        """Return sizes of errors; of a gain that is alone of two the size of the samples, which rates know less."""
         sure = {
             error: self._sure[error.key] for error in sizes if error.kind == channels.GAIN and error.key in self._sure
         }
