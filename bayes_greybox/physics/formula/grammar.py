@@ -325,7 +325,7 @@ def _from_float(value: float) -> sympy.Expr:
 
 
 def _finite(value: float | int) -> bool:
-    return abs(value) <= MAX_NUMBER
+    return bool(abs(value) <= MAX_NUMBER)
 
 
 def _shown(text: str) -> str:
