@@ -286,7 +286,7 @@ class _Builder:
         numbers = [value for arg in args if (value := _number_value(arg)) is not None]
         if len(numbers) == len(args):
             with np.errstate(all="ignore"):
-                result = function.array(np, *numbers)
+                result = float(function.array(np, *numbers))
             if not _finite(result):
                 shown = ", ".join(f"{v:g}" for v in numbers)
                 self.refuse(f"contains {name}({shown}), which is not a finite real number")
@@ -325,7 +325,7 @@ def _from_float(value: float) -> sympy.Expr:
 
 
 def _finite(value: float | int) -> bool:
-    return bool(abs(value) <= MAX_NUMBER)
+    return abs(value) <= MAX_NUMBER
 
 
 def _shown(text: str) -> str:
