@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -133,14 +134,14 @@ class GreyBox(Program):
         return fit
 
 
-class Written:
+class Written(ABC):
     """The learned equations of a fit, or of a study's extended model, written in four ways.
 
     Those of a study have the coefficients of its tables, free runs and figures; for those of NUTS ask `study.fit`.
     """
 
-    def _system(self) -> LearnedSystem:
-        raise NotImplementedError
+    @abstractmethod
+    def _system(self) -> LearnedSystem: ...
 
     def to_sympy(self) -> dict[str, sympy.Expr]:
         """Return the right-hand sides by state or output, over real symbols with the names of the columns.

@@ -236,7 +236,7 @@ def test_verbose_says_on_stderr_what_is_done_and_only_where_it_is_asked_for(caps
 
 
 COLOURED = "from bayes_greybox.cli.ending import show; from rich.text import Text; show(Text('shown', style='bold'))"
-"""What every command prints goes this way."""
+"""Program that prints a bold word as every command prints."""
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a terminal that can be made up")

@@ -34,7 +34,7 @@ SEVERAL = only(
     "cubic-stiffness", "quadratic-stiffness", "power-law-stiffness", "dead-zone", "bilinear-stiffness",
     "viscous-damping", "coulomb-friction", "quadratic-drag", "power-law-drag", "constant-force",
 )  # fmt: skip
-"""What could stand in the place of a cubic spring, nonlinear parameters among it, and what could not."""
+"""Effects that could stand in the place of a cubic spring, with nonlinear parameters too, and others that could not."""
 TWO = only("cubic-stiffness", "quadratic-stiffness")
 FEW = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction")
 WITH_FORCE = only("cubic-stiffness", "quadratic-stiffness", "coulomb-friction", "constant-force")

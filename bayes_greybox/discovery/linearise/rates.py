@@ -1,4 +1,4 @@
-"""Rows of measured rates, or of an output: delays are undone in the data, all else is linear."""
+"""Rows of measured rates, or of an output: delays and sure gains are undone in the data, all else is linear."""
 
 import math
 from collections import Counter
@@ -61,12 +61,14 @@ class RateRows(Source):
     def near(self, point: Point) -> Rows:
         """See `Source.near`."""
         point = replace(point, sensors=self._as_pairs_say(point.sensors))
-        delays = channels.delays_of(point.sensors)
-        gains = {
-            error.channel: 1.0 + size
+        # Delays, and gains that samples tell, are undone in the data; all other errors are linear.
+        freed = {
+            error: size
             for error, size in point.sensors.items()
-            if error.kind == channels.GAIN and error.key in self._sure
+            if error.kind == channels.DELAY or (error.kind == channels.GAIN and error.key in self._sure)
         }
+        delays = channels.delays_of(freed)
+        gains = {error.channel: 1.0 + size for error, size in freed.items() if error.kind == channels.GAIN}
 
         def undone(data: Trajectories) -> Trajectories:
             right = {name: data.column(name) / gain for name, gain in gains.items()}
@@ -111,17 +113,7 @@ class RateRows(Source):
                 columns.append((error, column[used]))
         regressors.add_sensor_errors(columns, [*(error.key for error in point.sensors), *self._sure])
         self._decide(regressors)
-        # Delays and gains were undone, and each is added again as its size times its column.
-        freed = {
-            error.key: size
-            for error, size in point.sensors.items()
-            if error.kind == channels.DELAY or (error.kind == channels.GAIN and error.channel in gains)
-        }
-        regressors.freed = [*regressors.freed, *freed]
-        for k, column in enumerate(regressors.columns):
-            if column.called in freed:
-                size = freed[column.called] * column.scale / regressors.target_scale
-                regressors.shown = regressors.shown + size * regressors.values[:, k]
+        _show_again(regressors, {error.key: size for error, size in freed.items()})
         # A memory reaches back to rows that are out, too.
         seen = replace(whole, states={name: x for name, x in whole.states.items() if name not in whole.computed})
         elements = chain(memory_columns(seen, point.weighs), drift_columns(seen, point.weighs))
@@ -202,6 +194,15 @@ def _drifts(data: Trajectories, errors: Iterable[ChannelSuspect], rate: Rate) ->
         return []
     along = (data.time - np.mean(data.time)) / span
     return [(each, -channels.slope_along(data, rate, each.channel, along)) for each in errors]
+
+
+def _show_again(regressors: Regressors, freed: Mapping[str, float]) -> None:
+    """Add what was undone in the data again, as its size times its column: a coefficient is a whole error."""
+    regressors.freed = [*regressors.freed, *freed]
+    for k, column in enumerate(regressors.columns):
+        if column.called in freed:
+            size = freed[column.called] * column.scale / regressors.target_scale
+            regressors.shown = regressors.shown + size * regressors.values[:, k]
 
 
 def _gain_column(data: Trajectories, rate: Rate, error: ChannelSuspect, gain: float | None) -> np.ndarray:
