@@ -30,7 +30,7 @@ class SetPrior:
 
     P(which) is shared equally by names, and the share of a name by its places, whose log number is in `ways`. `by_size`
     is the log prior of each number of effects, over the summed weights of the sets of that size. `sure` are names of
-    errors of which one at least is there: sets without any are as unlikely as such samples of sensors that are right.
+    errors of which one at least is there: sets without any have a millionth of their prior.
     """
 
     regressors: tuple[Regressor, ...]
